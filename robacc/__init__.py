@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from robacc.api.check import Checked as Checked
     from robacc.api.check import check as check
     from robacc.api.compare import Compared as Compared
+    from robacc.api.compare import ComparedTargets as ComparedTargets
     from robacc.api.compare import compare as compare
-    from robacc.api.compare_paired import ComparedTargets as ComparedTargets
-    from robacc.api.compare_paired import compare_paired as compare_paired
+    from robacc.api.compare import compare_paired as compare_paired
     from robacc.api.correct import Corrected as Corrected
     from robacc.api.correct import correct as correct
     from robacc.api.estimate import Estimate as Estimate
@@ -62,7 +62,7 @@ _HOMES = {
     "Calibrated": "api.calibrate",
     "Checked": "api.check",
     "Compared": "api.compare",
-    "ComparedTargets": "api.compare_paired",
+    "ComparedTargets": "api.compare",
     "Corrected": "api.correct",
     "Estimate": "api.estimate",
     "Exported": "api.export",
@@ -82,7 +82,7 @@ _HOMES = {
     "calibrate": "api.calibrate",
     "check": "api.check",
     "compare": "api.compare",
-    "compare_paired": "api.compare_paired",
+    "compare_paired": "api.compare",
     "correct": "api.correct",
     "estimate": "api.estimate",
     "export": "api.export",

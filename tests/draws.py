@@ -29,7 +29,7 @@ from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.candidates import Candidate, named_candidates, order_grids
 from robacc.tracing.detection import decisive_test
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace
 
 FRAMES = "base_frame,tool_frame"
 GEOMETRY = f"{FRAMES},joint_offset,link_geometry"

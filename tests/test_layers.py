@@ -43,16 +43,16 @@ LAYERS = (
 )
 """From the ground up. A package stands for all of its modules."""
 PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}
-READS_PACKAGE_DATA = {"robacc.accuracy.grade_scale", "robacc.robots.library"}
+READS_PACKAGE_DATA = {"robacc.accuracy.grade", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
-    "robacc.documents.gate_files",
+    "robacc.documents.gate",
     "robacc.documents.identity",
-    "robacc.documents.many",
+    "robacc.documents.estimate",
     "robacc.documents.read_result",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",
-    "robacc.poses.column_map",
+    "robacc.poses.reading",
     "robacc.api.",
     "robacc.cli.",
 )

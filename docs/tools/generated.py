@@ -109,7 +109,7 @@ def _paragraphs(text: str) -> str:
 
 def _gate_keys() -> str:
     """Return the keys that a criterion may name; the four statistics of a figure share a row."""
-    from robacc.gates.keys import KEYS, LARGER_IS_BETTER
+    from robacc.gates.gate_file import KEYS, LARGER_IS_BETTER
 
     rows = [
         f"| `{key}` | {kind}{', larger is better' if key in LARGER_IS_BETTER else ''} |"
@@ -134,7 +134,7 @@ def _folded(keys: dict[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _rules() -> str:
-    from robacc.gates.criteria import RULES
+    from robacc.gates.gate_file import RULES
 
     return "| rule | decides |\n| --- | --- |\n" + "\n".join(f"| `{k}` | {_prose(v)} |" for k, v in RULES.items())
 

@@ -1,4 +1,4 @@
-"""Error at each measured pose: equations (3)-(5) of Wu and Lee.
+"""Error at each measured pose, by (3)-(5) of Wu and Lee, its metrics, and its axes.
 
 Source: C. H. Wu and C. C. Lee, "Estimation of the Accuracy of a Robot Manipulator" (IEEE TAC, 1985). Their attained
 pose is T + dT = T (I + δT) with δT built of the translation d and the rotation δ in the target's frame, to first order.
@@ -24,9 +24,53 @@ from robacc.geometry import Array, log_between, rotate_back, transpose
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
-    from robacc.accuracy.metrics import PoseMetrics
     from robacc.fitting.registration import Alignment
     from robacc.robots.description import Robot
+
+
+# RMS, mean, 95th percentile and maximum of the error's length: the metrics that every comparison uses.
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorMetrics:
+    """Metrics of the error's length over poses, m or rad."""
+
+    rms: float
+    mean: float
+    p95: float
+    """Interpolated linearly between order statistics."""
+    max: float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMetrics:
+    """Metrics of position and, where it was measured, of orientation."""
+
+    position: ErrorMetrics
+    orientation: ErrorMetrics | None
+
+
+def pose_metrics(residual: Array) -> PoseMetrics:
+    """Return the metrics of residuals ``(3 or 6, N)`` in m and rad."""
+    orientation = _error_metrics(residual[3:]) if residual.shape[0] == 6 else None
+    return PoseMetrics(_error_metrics(residual[:3]), orientation)
+
+
+def _error_metrics(errors: Array) -> ErrorMetrics:
+    return length_metrics(np.sqrt(np.sum(np.square(errors), axis=0)))
+
+
+def length_metrics(length: Array) -> ErrorMetrics:
+    """Return the metrics of lengths ``(N,)``, m or rad; NaN without any."""
+    if length.size == 0:
+        return ErrorMetrics(float("nan"), float("nan"), float("nan"), float("nan"))
+    return ErrorMetrics(
+        float(np.sqrt(np.mean(np.square(length)))),
+        float(np.mean(length)),
+        float(np.percentile(length, 95.0)),
+        float(np.max(length)),
+    )
+
 
 ErrorFrame = Literal["tool", "base"]
 CommandSource = Literal["robot", "file"]
@@ -66,8 +110,6 @@ class PoseErrors:
 
     def metrics(self) -> PoseMetrics:
         """Return RMS, mean, 95th percentile and maximum of the lengths."""
-        from robacc.accuracy.metrics import pose_metrics
-
         return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
 
 
@@ -103,7 +145,7 @@ def registered_poses(data: Measurements, robot: Robot | None, alignment: Alignme
 def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
     if not robot.effects and not robot.targets and len(q) == len(robot.variables):
         # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
-        from robacc.robots.assembly import build_chain
+        from robacc.robots.arm import build_chain
 
         chain = build_chain(robot)
 
@@ -146,3 +188,35 @@ def lengths(errors: Array) -> Array:
     """Return the lengths ``(N,)`` of errors ``(3, N)``."""
     result: Array = np.sqrt(np.einsum("in,in->n", errors, errors))
     return result
+
+
+# Position errors in the axes of the tool and of the measuring frame, with their mean and covariance in each.
+#
+# A cloud that is round in one frame may be long in the other: errors of the tool turn with the tool, errors of the
+# base stay fixed in the room.
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStatistics:
+    """Position errors in one frame, their mean and covariance."""
+
+    errors: Array
+    """``(3, N)`` m"""
+    mean: Array
+    """``(3,)`` m"""
+    covariance: Array
+    """``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee (1985), m²."""
+    centred: Array
+    """``(3, 3)`` about the mean, divisor N, m²."""
+
+
+def position_statistics(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, FrameStatistics]:
+    """Return the statistics in the measuring frame, and in the tool's where a commanded orientation is known."""
+    frames: tuple[ErrorFrame, ...] = ("tool", "base") if commanded.oriented else ("base",)
+    statistics = {}
+    for frame in frames:
+        errors = pose_errors(data, commanded, frame).position
+        mean = errors.mean(axis=1)
+        covariance = errors @ errors.T / data.n
+        statistics[frame] = FrameStatistics(errors, mean, covariance, covariance - np.outer(mean, mean))
+    return statistics

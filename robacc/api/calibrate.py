@@ -8,14 +8,13 @@ from typing import Any, ClassVar
 
 from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
 from robacc.api.inputs import PosesSource, StrPath, path_of
-from robacc.api.model_use import CampaignUse
-from robacc.api.result import Provenance, check_range, options_of
+from robacc.api.result import CampaignUse, Provenance, check_range, options_of
 from robacc.calibration.calibrating import Calibration
 from robacc.calibration.calibrating import calibrate as fit_effects
 from robacc.effects.request import parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
-from robacc.fitting.tolerances import tolerance_priors
+from robacc.fitting.priors import tolerance_priors
 from robacc.robots.description import Robot
 from robacc.threads import single_threaded
 
@@ -30,7 +29,7 @@ class Calibrated(FitResult, Calibration):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.calibrate import calibration_payload
+        from robacc.documents.fit import calibration_payload
 
         inputs = self.fit_inputs
         return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)

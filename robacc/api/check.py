@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from robacc.api.inputs import StrPath, load_result
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.documents.gate_files import read_gate
+from robacc.documents.gate import read_gate
 from robacc.documents.read_result import StoredResult, understood
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 

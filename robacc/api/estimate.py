@@ -17,10 +17,19 @@ from robacc.api.inputs import (
     load_grade_scale,
     load_optional_robot,
     load_poses,
+    with_measured_targets,
 )
-from robacc.api.measured_targets import with_measured_targets
-from robacc.api.model_use import CampaignUse, use_model
-from robacc.api.result import Provenance, Result, check_choice, check_range, effect_names, fields_of, options_of
+from robacc.api.result import (
+    CampaignUse,
+    Provenance,
+    Result,
+    check_choice,
+    check_range,
+    effect_names,
+    fields_of,
+    options_of,
+    use_model,
+)
 from robacc.measurements import Measurements
 from robacc.threads import single_threaded
 
@@ -49,8 +58,7 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.accuracy.error_frames import position_statistics
-        from robacc.accuracy.pose_errors import registered_poses
+        from robacc.accuracy.pose_errors import position_statistics, registered_poses
         from robacc.documents.estimate import payload, pose_payload
 
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
@@ -153,7 +161,7 @@ def _rounding(body: EstimateResult, robot: Robot | None, data: Measurements) -> 
     import numpy as np
 
     from robacc.accuracy.pose_errors import commanded_poses
-    from robacc.diagnostics.rounded_joints import rounding_in_errors
+    from robacc.diagnostics.joint_readings import rounding_in_errors
 
     some = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64)))
     registered = robot if body.alignment is None else body.alignment.robot

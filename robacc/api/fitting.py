@@ -10,20 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.api.arrays import check_targets
 from robacc.api.inputs import (
     STDIN,
     PosesSource,
     StrPath,
+    check_targets,
     fitted_pose_warnings,
     load_poses,
     load_robot,
     path_of,
     with_fitted_poses,
+    with_measured_targets,
 )
-from robacc.api.measured_targets import with_measured_targets
-from robacc.api.model_use import CampaignUse, ModelUse, use_model
-from robacc.api.result import Result, fields_of
+from robacc.api.result import CampaignUse, ModelUse, Result, fields_of, use_model
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
@@ -89,7 +88,7 @@ class FitResult(Result):
         It has the units, comments and order of the robot file that was fitted; m and rad for a URDF. Suspected data
         mistakes stand in comments at its head, and in its part ``fit:``.
         """
-        from robacc.modelling.model_file import model_text
+        from robacc.modelling.robot_file import model_text
 
         source = self.fit_inputs.names["poses"]
         origin = "arrays" if source is None else PurePath(source).name

@@ -1,4 +1,4 @@
-"""Inputs of calls: a file by its path, or an object read before; with the record of each for the result."""
+"""Inputs of calls: files by their paths, objects read before, or arrays, with the record of each."""
 
 from __future__ import annotations
 
@@ -6,20 +6,345 @@ import dataclasses
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
-from robacc.api.arrays import check_targets, checked_poses
+import numpy as np
+from numpy.typing import NDArray
+
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Problem, UsageError
-from robacc.measurements import Measurements
-from robacc.poses.reading import PoseFile, SupportsColumns
-from robacc.robots.description import Robot
+from robacc.geometry import Array, rotation_from_quaternion
+from robacc.measurements import Measurements, commanded_groups
+from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.poses.reading import PoseFile, Reading, SupportsColumns, reading_of
+from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
+from robacc.robots.description import Frame, Robot
 
 if TYPE_CHECKING:
-    from robacc.accuracy.grade_scale import Scale
+    from robacc.accuracy.grade import Scale
+
+
+# Targets that the poses name and the robot lacks.
+
+
+def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
+    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
+
+    Each starts at the tool. The poses carry a warning.
+    """
+    names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
+    if len(names) < 2:
+        return robot, data
+    text = (
+        f"targets {', '.join(names)} are not in the robot file: each starts at its tool, and tool_frame fits its place"
+    )
+    warned = replace(data, warnings=(*data.warnings, text))
+    return replace(robot, tool=Frame(), targets=dict.fromkeys(names, robot.tool)), warned
+
+
+# Checks of poses that were made of arrays, as the reader of pose files checks columns.
+
+_LEADING_AXES: dict[str, tuple[int, ...]] = {
+    "position": (3,),
+    "rotation": (3, 3),
+    "commanded_position": (3,),
+    "commanded_rotation": (3, 3),
+    "sigma_position": (3,),
+    **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
+}
+"""Lengths of all axes but the last, which is over poses, for each field of numbers."""
+_JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
+_TEXT_FIELDS = ("pose", "cycle", "visit", "target", "payload_group")
+_ROTATION_TOLERANCE = 1e-3
+"""Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
+
+
+def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units: bool = True) -> Measurements:
+    """Return poses made of arrays or lists with every field as a float array of the right shape; ids become text.
+
+    Args:
+        data: The arrays.
+        robot: Robot whose joints they are.
+        check_units: Raise an error for values that cannot be in m and rad.
+
+    Raises:
+        InputError: An array has the wrong shape or a value that is not finite, a matrix is not a rotation, or the
+            number of joints is not the robot's; with every problem.
+    """
+    columns = {name: getattr(data, name) for name in (*_LEADING_AXES, *_JOINT_FIELDS, *_TEXT_FIELDS)}
+    arrays = {name: np.asarray(column) for name, column in columns.items() if column is not None}
+    n = _pose_count(arrays["position"])
+    problems: list[Problem] = []
+    for name, array in arrays.items():
+        leading = _LEADING_AXES.get(name, () if name in _TEXT_FIELDS else _joint_axis(name, array, robot))
+        if array.shape != (*leading, n):
+            expected = ", ".join(map(str, (*leading, n)))
+            message = f"expected an array of shape ({expected}), found {array.shape}"
+            problems.append(_problem(data, name, message, _transposed(name, array, (n, *leading))))
+        elif name not in _TEXT_FIELDS:
+            problems += _number_problems(data, name, array)
+    if check_units and not problems and data.source is None:  # columns of a file were checked with their units
+        problems = _unit_problems(data, arrays, robot)
+    if problems:
+        raise InputError(problems)
+    changes: dict[str, Any] = {
+        name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
+    }
+    return dataclasses.replace(data, **changes)
+
+
+def check_targets(data: Measurements, robot: Robot) -> None:
+    """Raise InputError unless every target is the robot's; a robot with one tool has one target."""
+    names = [] if data.target is None or data.q is None else np.unique(data.target).tolist()
+    unknown = [name for name in names if name not in robot.targets]
+    if robot.targets and unknown:
+        message = f"found {unknown[0]!r}, expected a target of the robot ({', '.join(robot.targets)})"
+        raise InputError(_problem(data, "target", message))
+    if not robot.targets and len(names) > 1:
+        message = f"found several targets ({', '.join(names)}), but the robot has one tool"
+        fix = (
+            "fit tool_frame, which finds their places, list them under targets: in the robot file instead of tool, or "
+            "keep the rows of one target"
+        )
+        raise InputError(_problem(data, "target", message, fix))
+
+
+def _joint_axis(name: str, array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
+    """Return the expected number of joints."""
+    if robot is not None and name == "branches":
+        return (len(robot.branch_variables),)
+    if robot is not None:
+        return (len(robot.variables),)
+    return (array.shape[0],) if array.ndim == 2 else (1,)
+
+
+def _number_problems(data: Measurements, name: str, array: NDArray[Any]) -> list[Problem]:
+    if array.dtype.kind not in "fiu":
+        return [_problem(data, name, f"expected numbers, found {array.dtype}")]
+    if not np.all(np.isfinite(array)):
+        pose = int(np.argmin(np.isfinite(array).reshape(-1, array.shape[-1]).all(axis=0)))
+        return [_problem(data, name, f"pose {pose + 1} has a value that is not finite")]
+    if name.endswith("rotation") and array.ndim == 3:
+        deviation = np.abs(np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]).max(axis=(0, 1))
+        invalid = (deviation > _ROTATION_TOLERANCE) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
+        if np.any(invalid):
+            return [_problem(data, name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix")]
+    if name.startswith("sigma") and np.any(array <= 0):
+        return [_problem(data, name, "expected standard deviations above 0")]
+    return []
+
+
+def _pose_count(position: NDArray[Any]) -> int:
+    """Return the number of poses, also of an array whose poses come first."""
+    if position.ndim == 2 and position.shape[1] == 3 != position.shape[0]:
+        return int(position.shape[0])
+    return int(position.shape[-1]) if position.ndim else 0
+
+
+def _transposed(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str | None:
+    """Return the advice for an array whose poses come first, where its shape is ``shape``."""
+    if array.shape != shape or array.ndim < 2:
+        return None
+    call = f"{name}.T" if array.ndim == 2 else f"numpy.moveaxis({name}, 0, -1)"
+    return f"components come first and poses last, so give {call}"
+
+
+def _unit_problems(data: Measurements, arrays: dict[str, NDArray[Any]], robot: Robot | None) -> list[Problem]:
+    """Return a problem for each array that is in mm or degrees, as far as its values show it."""
+    problems = []
+    if not arrays["position"].size:
+        return []
+    for name in ("position", "commanded_position"):
+        if name in arrays and lengths_too_large(arrays[name]):
+            largest = f"{np.max(np.abs(arrays[name])):.4g}"
+            problems.append(_problem(data, name, f"found positions up to {largest}, which cannot be m", "give metres"))
+    joints = () if robot is None else robot.variables
+    for i, q in enumerate(arrays.get("q", ())):
+        revolute = i >= len(joints) or joints[i].type == "revolute"
+        if revolute and robot is not None and degrees_likely(q, joints[i].limits):
+            largest = f"{np.max(np.abs(arrays['q'])):.4g}"
+            message = f"found joint angles up to {largest}, which cannot be rad"
+            problems.append(_problem(data, "q", message, "give radians: numpy.radians(q)"))
+            break
+    for name, kind in (("sigma_position", "length"), ("sigma_rotation", "angle")):
+        if name in arrays and doubtful_sigma(arrays[name], kind)[0]:
+            typical = f"{np.median(arrays[name]):.3g} {'m' if kind == 'length' else 'rad'}"
+            problems.append(_problem(data, name, f"found a typical uncertainty of {typical}, which no instrument has"))
+    return problems
+
+
+def _problem(data: Measurements, name: str, message: str, fix: str | None = None) -> Problem:
+    return Problem(message, data.source, column=name, fix=fix)
+
+
+# Commands of measured poses from another file: a robot program, or a table of joints or commanded poses.
+
+_SHOWN = 6
+"""Names that a message lists."""
+
+
+def read_with_commands(
+    path: str, commands: str, robot: Robot | None, *, ordered: bool, ignore_limits: bool
+) -> tuple[Measurements, InputFile]:
+    """Return measured poses with the commands of another file, and the record of that file.
+
+    Rows are joined by the names of their poses; without names in one of the files, by their order.
+
+    Raises:
+        InputError: A file is wrong, has no commands, or does not fit the other.
+    """
+    from robacc.poses.csv_file import read_poses
+    from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
+
+    planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
+
+    def known_orientations(names: NDArray[Any] | None, count: int) -> Array | None:
+        try:
+            rows, _ = _joined(names, count, planned, commands, path)
+        except InputError:
+            return None  # raised below, after the questions of the file of measured poses
+        orientations = _orientations(planned, robot)
+        return None if orientations is None else orientations[..., rows]
+
+    known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
+    measured = read_poses(path, robot=known, commands=False, known_orientations=known_orientations)
+    if measured.commands is not None:
+        message = "the measured poses have commands of their own"
+        raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
+    if robot is not None:
+        check_targets(measured, robot)
+    rows, remark = _joined(measured.pose, measured.n, planned, commands, measured.source)
+    data = _with_rows(measured, planned, rows, ordered)
+    if robot is not None:
+        from robacc.diagnostics.robot_poses import check_size
+
+        data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
+    warnings = (*data.warnings, *planned.warnings, f"{measured.source}: {remark}")
+    return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
+
+
+def _is_program(path: str) -> bool:
+    from robacc.programs.reading import is_program
+
+    return is_program(path)
+
+
+def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
+    """Return a table of commands; the units and angles stated for the measured poses hold for its names too."""
+    from robacc.diagnostics.robot_poses import read_robot_poses
+    from robacc.poses.csv_file import read_poses
+
+    path = PoseFile(path, units=reading.units, angles=reading.angles)
+    if robot is None:
+        return read_poses(path, attained=False)
+    return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
+
+
+def _program(path: str) -> Measurements:
+    """Return the targets of a robot program in the order of its motions."""
+    from robacc.io.files import sha256_of
+    from robacc.programs.reading import read_program
+
+    program = read_program(path)
+    targets = [program.targets[move.target] for move in program.moves] or list(program.targets)
+    kinds = {target.kind for target in targets}
+    if len(kinds) != 1:
+        message = "the program has no targets in numbers" if not kinds else "the program mixes joints and poses"
+        raise InputError(Problem(message, path, fix="list the commanded joints or poses in a CSV"))
+    names = np.array([target.name for target in targets])
+    values = np.array([target.values for target in targets]).T
+    none = np.zeros((3, names.size))
+    digest = sha256_of(path)
+    if kinds == {"joint"}:
+        return Measurements(none, q=values, pose=names, source=path, sha256=digest)
+    based = sorted({target.base.name for target in targets if target.base is not None and target.base.name})
+    warning = f"{path}: commanded poses are in the program's base frame{' ' + ', '.join(based) if based else ''}"
+    return Measurements(
+        none,
+        commanded_position=values[:3],
+        commanded_rotation=rotation_from_quaternion(values[3:]),
+        pose=names,
+        source=path,
+        sha256=digest,
+        warnings=(warning,),
+    )
+
+
+def _orientations(planned: Measurements, robot: Robot | None) -> Array | None:
+    """Return the commanded orientations ``(3, 3, N)``; None where the commands have none."""
+    if planned.q is None or robot is None:
+        return planned.commanded_rotation
+    from robacc.robots.arm import build_chain
+
+    rotation: Array = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q).rotation
+    return rotation
+
+
+def _joined(
+    names: NDArray[Any] | None, count: int, planned: Measurements, path: str, source: str | None
+) -> tuple[NDArray[np.int64], str]:
+    """Return the row of ``planned`` for each measured row, and how the rows were joined.
+
+    Args:
+        names: Names of the measured poses, if there are any.
+        count: Number of measured rows.
+        planned: Commands.
+        path: Their file.
+        source: File of the measured poses.
+
+    Raises:
+        InputError: A name is missing or has two commands, or the numbers of rows differ.
+    """
+    if names is not None and planned.pose is not None:
+        rows = {str(name).casefold(): i for i, name in reversed(list(enumerate(planned.pose)))}
+        missing = [str(name) for name in dict.fromkeys(names.tolist()) if str(name).casefold() not in rows]
+        if not missing:
+            _check_unique(planned, path)
+            index = np.array([rows[str(name).casefold()] for name in names], dtype=np.int64)
+            return index, f"commands of {path} joined by the names of the poses"
+        if len(missing) < len(set(names.tolist())) or count != planned.n:
+            listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
+            message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
+            raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
+    if count != planned.n:
+        message = f"found {count} measured rows and {planned.n} commands in {path}, which share no names"
+        raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
+    return np.arange(count), f"commands of {path} joined by the order of rows: the files share no names"
+
+
+def _check_unique(planned: Measurements, path: str) -> None:
+    grouping = commanded_groups(planned.pose, planned.commands)
+    if grouping is not None and grouping.contradicted is not None and planned.pose is not None:
+        name = planned.pose[np.argmax(grouping.contradicted)]
+        raise InputError(Problem(f"pose {name} has two different commands", path, fix="give each pose its own name"))
+
+
+def _with_rows(measured: Measurements, planned: Measurements, rows: NDArray[np.int64], ordered: bool) -> Measurements:
+    def at(values: NDArray[Any] | None) -> NDArray[Any] | None:
+        return None if values is None else values[..., rows]
+
+    data = dataclasses.replace(
+        measured,
+        q=at(planned.q),
+        commanded_position=at(planned.commanded_position),
+        commanded_rotation=at(planned.commanded_rotation),
+        pose=measured.pose if measured.pose is not None else at(planned.pose),
+        direction=at(planned.direction),
+        speed=at(planned.speed),
+        branches=at(planned.branches),
+        branch_names=planned.branch_names,
+        ordered=ordered,
+    )
+    if not ordered or data.q is None or data.direction is not None:
+        return data
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    motion: tuple[Array, Array] = motion_between_visits(data.q, visits)
+    return dataclasses.replace(data, direction=motion[0], speed=motion[1])
+
 
 StrPath = str | os.PathLike[str]
 PosesSource = StrPath | Measurements | SupportsColumns | Mapping[str, Any]
@@ -51,7 +376,7 @@ def load_robot(
     if isinstance(source, Robot):
         if base_link is not None or tip_link is not None:
             raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
-        from robacc.effects.entry_units import with_effect_units
+        from robacc.effects.specification import with_effect_units
         from robacc.robots.yaml_writer import robot_to_yaml
 
         text = robot_to_yaml(with_effect_units(source))
@@ -139,8 +464,6 @@ def load_poses(
 
     path = pose_path(source)
     if isinstance(path, PoseFile) and path.reading.commanded is not None and attained:
-        from robacc.api.commanded import read_with_commands
-
         data, commands = read_with_commands(
             path, path.reading.commanded, robot, ordered=ordered, ignore_limits=ignore_limits
         )
@@ -180,7 +503,7 @@ def record_of(data: Measurements, kind: str) -> InputFile:
     """Return the record of the file that the poses come from, else of the CSV that they would make."""
     if data.sha256 is not None:
         return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
-    from robacc.poses.csv_text import format_poses
+    from robacc.poses.csv_file import format_poses
 
     return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
 
@@ -193,7 +516,7 @@ def load_grade_scale(path: StrPath | None) -> tuple[Scale | None, tuple[InputFil
     """
     if path is None:
         return None, ()
-    from robacc.accuracy.grade_scale import load_scale
+    from robacc.accuracy.grade import load_scale
     from robacc.io.files import read_text, sha256_of
 
     name = os.fspath(path)

@@ -16,8 +16,16 @@ from robacc.api.inputs import (
     load_poses,
     path_of,
 )
-from robacc.api.model_use import CampaignUse, use_model
-from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
+from robacc.api.result import (
+    CampaignUse,
+    Provenance,
+    Result,
+    check_range,
+    effect_names,
+    fields_of,
+    options_of,
+    use_model,
+)
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.iso_9283.records import Iso9283Result

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from robacc.accuracy.grade_scale import default_scale
+from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import (
     STDIN,
     PosesSource,
@@ -20,28 +20,41 @@ from robacc.api.inputs import (
     load_robot,
     path_of,
 )
-from robacc.api.model_use import CampaignUse, use_model
-from robacc.api.result import Provenance, Result, check_range, effect_names, fields_of, options_of
+from robacc.api.result import (
+    CampaignUse,
+    Provenance,
+    Result,
+    check_range,
+    effect_names,
+    fields_of,
+    options_of,
+    use_model,
+)
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.prediction import DEFAULT_SAMPLES
-from robacc.prediction.allocation import Allocation
-from robacc.prediction.allocation import allocate as allocate_tolerances
-from robacc.prediction.calibrated import calibrated_accuracy
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
-from robacc.prediction.configurations import Configurations, configurations_of, sampled_configurations
-from robacc.prediction.coverage import Coverage, coverage
 from robacc.prediction.model_fit import model_fit
-from robacc.prediction.parameters import NORMAL, uncertain_parameters
-from robacc.prediction.predicting import Prediction, predict_accuracy, step_limits
+from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
+from robacc.prediction.predicting import (
+    Allocation,
+    Configurations,
+    Prediction,
+    configurations_of,
+    predict_accuracy,
+    sampled_configurations,
+    step_limits,
+)
+from robacc.prediction.predicting import allocate as allocate_tolerances
+from robacc.prediction.tolerances import NORMAL, uncertain_parameters
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
-    from robacc.prediction.parameters import Tolerances
+    from robacc.prediction.tolerances import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -96,7 +109,7 @@ class Predicted(Result, Prediction):
             UsageError: The edge is no length above zero.
         """
         from robacc.prediction.warranty_map import warranty_map
-        from robacc.robots.assembly import build_chain
+        from robacc.robots.arm import build_chain
 
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
@@ -275,7 +288,7 @@ def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tu
     if path is None:
         return None, ()
     from robacc.io.files import read_text, sha256_of
-    from robacc.prediction.tolerance_file import parse_tolerances
+    from robacc.prediction.tolerances import parse_tolerances
 
     name = os.fspath(path)
     return parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)

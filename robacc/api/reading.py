@@ -6,8 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from robacc.api.arrays import checked_poses
-from robacc.api.inputs import StrPath, load_poses, load_robot
+from robacc.api.inputs import StrPath, checked_poses, load_poses, load_robot
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -78,7 +77,7 @@ def write_poses(path: StrPath, data: Measurements) -> None:
         InputError: An array is wrong, or the file cannot be written.
     """
     from robacc.io.files import write_pieces
-    from robacc.poses.csv_text import pose_pieces
+    from robacc.poses.csv_file import pose_pieces
 
     write_pieces(path, pose_pieces(checked_poses(data, check_units=False)))
 
@@ -89,7 +88,7 @@ def write_robot(path: StrPath, robot: Robot) -> None:
     Raises:
         InputError: The robot's effects cannot be read, or the file cannot be written.
     """
-    from robacc.effects.entry_units import with_effect_units
+    from robacc.effects.specification import with_effect_units
     from robacc.io.files import write_text
     from robacc.robots.yaml_writer import robot_to_yaml
 

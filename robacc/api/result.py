@@ -1,4 +1,4 @@
-"""Members that every result of a call has, and checks that calls share."""
+"""Members that every result of a call has, checks that calls share, and the use of a model on poses."""
 
 from __future__ import annotations
 
@@ -9,10 +9,14 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from robacc.documents.envelope import InputFile, envelope
 from robacc.errors import UsageError
+from robacc.measurements import Measurements
+from robacc.modelling.campaign import resolve_campaign
+from robacc.modelling.validity import OutsideValidity, outside_validity
+from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -20,9 +24,69 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
-    from robacc.api.model_use import ModelUse
-    from robacc.documents.gate_files import LoadedGate
+    from robacc.documents.gate import LoadedGate
     from robacc.gates.evaluate import GateOutcome
+
+
+# Use of a model on poses: the campaign's effects that apply to them, and the poses outside its validity ranges.
+
+CampaignUse = Literal["auto", "keep", "drop"]
+
+
+@dataclass(frozen=True, slots=True)
+class ModelUse:
+    """A robot as it applies to some poses."""
+
+    robot: Robot | None
+    """The robot, with the effects of its campaign if they apply."""
+    outside: OutsideValidity | None
+    """Poses outside the validity ranges; None if the model has none."""
+    warnings: tuple[str, ...]
+
+    def document(self) -> dict[str, Any]:
+        """Return the key ``outside_validity`` of a result; nothing without a robot."""
+        from robacc.documents.parts import outside_document
+
+        return {} if self.robot is None else {"outside_validity": outside_document(self.outside)}
+
+
+def use_model(
+    robot: Robot | None,
+    data: Measurements | None,
+    records: Sequence[InputFile] = (),
+    *,
+    campaign: CampaignUse = "auto",
+    strict_range: bool = False,
+    measured: bool = True,
+) -> ModelUse:
+    """Return the robot with what applies to ``data``.
+
+    Args:
+        robot: Robot as read; None gives an empty result.
+        data: The poses; None if there are none, as for configurations over the joint ranges.
+        records: Records of the files of the poses, with their digests.
+        campaign: ``keep`` or ``drop`` the facts of the campaign that the model was fitted in; ``auto`` keeps its
+            effects for its own poses, and for measured poses that agree better with them than without.
+        strict_range: Refuse poses outside the validity ranges.
+        measured: The positions of ``data`` were measured.
+
+    Raises:
+        InputError: ``strict_range``, and a pose is outside.
+        UsageError: ``campaign`` is none of the three.
+    """
+    if campaign not in ("auto", "keep", "drop"):
+        raise UsageError(f"`campaign`: expected auto, keep or drop, found {campaign!r}")
+    if robot is None:
+        return ModelUse(None, None, ())
+    digests = [record.sha256 for record in records]
+    robot, notes = resolve_campaign(robot, data if measured else None, digests, campaign)
+    outside = None if data is None else outside_validity(robot, data)
+    if outside is not None and data is not None:
+        if strict_range:
+            outside.refuse(data)
+        notes = (*notes, *outside.warnings())
+    return ModelUse(robot, outside, notes)
+
 
 _RECORDED_APART = frozenset({"poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"})
 """Parameters that are not among the options: files stand among the inputs, the seed has a key of its own."""
@@ -82,7 +146,7 @@ class Result(ABC):
         """
         if gate is None:
             return self._document(self.made.inputs)
-        from robacc.documents.gate_files import read_gate
+        from robacc.documents.gate import read_gate
 
         return self.gated(read_gate(os.fspath(gate)))[0]
 
@@ -151,9 +215,8 @@ class Result(ABC):
         Raises:
             UsageError: The result has no such chart, or the extra ``report`` is not installed.
         """
-        from robacc.render.plots.canvas import as_figure
+        from robacc.render.plots.canvas import as_figure, need
         from robacc.render.plots.catalogue import chart_of, charts_of
-        from robacc.render.plots.optional_dependencies import need
 
         need("matplotlib")
         document = self._plain()
@@ -169,7 +232,7 @@ class Result(ABC):
 
         The names are those of the columns of :meth:`to_pandas`. A result without poses gives an empty dictionary.
         """
-        from robacc.documents.pose_table import pose_columns
+        from robacc.documents.read_result import pose_columns
 
         return pose_columns(self._plain())
 

@@ -9,16 +9,13 @@ from dataclasses import dataclass
 from hashlib import sha256
 from typing import Any, ClassVar, Literal
 
-from robacc.api.arrays import checked_poses
-from robacc.api.inputs import PosesSource, StrPath, load_robot, pose_path, record_of, require_poses
-from robacc.api.model_use import CampaignUse, use_model
-from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of
+from robacc.api.inputs import PosesSource, StrPath, checked_poses, load_robot, pose_path, record_of, require_poses
+from robacc.api.result import CampaignUse, Provenance, Result, check_choice, check_range, fields_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
 from robacc.measurements import Measurements
-from robacc.poses.csv_file import read_poses
-from robacc.poses.csv_text import pose_pieces
+from robacc.poses.csv_file import pose_pieces, read_poses
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation

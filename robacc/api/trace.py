@@ -10,18 +10,16 @@ import numpy as np
 
 from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
 from robacc.api.inputs import PosesSource, StrPath
-from robacc.api.model_use import CampaignUse
-from robacc.api.result import Provenance, check_range, options_of
-from robacc.effects.baseline import Baseline, default_baseline
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.places import places
+from robacc.api.result import CampaignUse, Provenance, check_range, options_of
+from robacc.effects.request import Baseline, build, default_baseline, parse_requests
+from robacc.fitting.visits import places
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.threads import single_threaded
+from robacc.tracing.trace import Trace
 from robacc.tracing.trace import trace as trace_effects
-from robacc.tracing.trace_result import Trace
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -36,7 +34,7 @@ class Traced(FitResult, Trace):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.trace import baseline_payload, trace_payload
+        from robacc.documents.fit import baseline_payload, trace_payload
 
         inputs = self.fit_inputs
         document = trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)

@@ -6,27 +6,96 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from robacc.accuracy.stages import Stage
-from robacc.calibration.plan import CalibrationPlan, is_searched
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
-from robacc.effects.base import Effect
-from robacc.effects.request import Request
+from robacc.effects.base import Effect, effect_class
+from robacc.effects.request import Request, build
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import with_gravity_direction
+from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.identifiability import Identifiability
-from robacc.fitting.leverage import high_leverage
-from robacc.fitting.parameters import Correlation, correlations
-from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.masses import DeflectionChoice, choose_deflection
+from robacc.fitting.parameters import Correlation, correlations, high_leverage
+from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import ShrunkKind
+from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal, without_idle_rotations
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.directional_weights import with_directional_weights
-from robacc.tracing.judging import Judged, Progress, judge
+from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
+from robacc.tracing.refitting import refit
+from robacc.tracing.search import search
+
+# Effects that a calibration fits, and its fits with and without shrinkage to the nominal values.
+
+_CONSTANTS = ("joint_offset", "link_geometry")
+"""Effects whose coefficients all have a nominal value in the robot file."""
+
+
+@dataclass(frozen=True)
+class CalibrationPlan:
+    """Requested effects: fixed effects are fitted as given, searched effects on the joints with evidence."""
+
+    robot: Robot
+    requests: Sequence[Request]
+    priors: Mapping[str, float]
+    """Standard deviation about zero, rad or m, by coefficient name; empty without priors."""
+    shrink: bool
+    """Constants that are requested for all joints are shrunk to nominal where there are no priors."""
+
+    def searched(self, data: Measurements) -> tuple[Effect, ...]:
+        """Return the searched effects on the joints with evidence."""
+        requests = [request for request in self.requests if is_searched(request)]
+        if not requests:
+            return ()
+        build(requests, Arm.of(self.robot), data)
+        return search(Model.of(self.robot, self.fixed(data)), data, only=[r.name for r in requests]).effects
+
+    def fixed(self, data: Measurements) -> tuple[Effect, ...]:
+        """Return the effects that are fitted as requested."""
+        return build([request for request in self.requests if not is_searched(request)], Arm.of(self.robot), data)
+
+    def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:
+        """Return ``options`` with the priors, infinite for coefficients without a prior."""
+        if not self.priors:
+            return options
+        arm = Arm.of(self.robot)
+        names = [term.name for effect in effects for term in effect.terms(arm, data)]
+        return dataclasses.replace(options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
+
+    @property
+    def all_joint_constants(self) -> tuple[str, ...]:
+        """Names of constants that are requested for all joints."""
+        return tuple(request.name for request in self.requests if request.name in _CONSTANTS and request.joints is None)
+
+    def unshrunk(
+        self, effects: tuple[Effect, ...], data: Measurements, options: Options, near: Fit | None = None
+    ) -> tuple[Fit, DeflectionChoice | None]:
+        """Return the fit of all effects, with the torque model of elastic effects that the data support.
+
+        Without explicit priors, idle rotations are removed. ``near`` is a fit of the same effects to start from.
+        """
+        model, options = Model.of(self.robot, effects), self.with_priors(options, effects, data)
+        fitted = fit(model, data, options) if near is None else refit(near, effects, data, options)
+        chosen, model, deflection = choose_deflection(fitted, model, data, options)
+        if self.priors:
+            return chosen, deflection
+        return without_idle_rotations(chosen, model, data, options), deflection
+
+    def shrunk(self, chosen: Fit, data: Measurements, options: Options) -> tuple[Fit, tuple[ShrunkKind, ...]]:
+        """Return the fit with constants shrunk to nominal, unless there are priors or the plan has no shrinkage."""
+        if self.priors or not self.shrink:
+            return chosen, ()
+        return shrink_to_nominal(chosen, data, options, self.all_joint_constants)
+
+
+def is_searched(request: Request) -> bool:
+    """Return whether the joints of the requested effect are chosen by evidence."""
+    cls = effect_class(request.name)
+    return request.joints is None and cls.per_joint and not cls.is_constant
 
 
 @dataclass(frozen=True)
@@ -61,7 +130,7 @@ def calibrate(
 
     A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
     `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
-    coefficient name, in SI units (as :mod:`robacc.fitting.tolerances` gives them). Without them, ``shrink`` applies
+    coefficient name, in SI units (as :mod:`robacc.fitting.priors` gives them). Without them, ``shrink`` applies
     shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
     Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
 

@@ -25,7 +25,7 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     if parameters.get("junit") is not None and parameters.get("gate") is None:
         raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
     if parameters.get("report") is not None:
-        from robacc.render.plots.optional_dependencies import need
+        from robacc.render.plots.canvas import need
 
         need("matplotlib", "plotly", "jinja2")
     texts = [text for name, value in parameters.items() if name not in OUTPUTS for text in _texts(value)]
@@ -34,7 +34,7 @@ def check_call(parameters: Mapping[str, Any]) -> None:
     inputs = [text for text in texts if _is_file(text)]
     # A gate from a pipe can be read only once, which happens when there is a result to check.
     if (gate := parameters.get("gate")) is not None and not _is_stream(gate):
-        from robacc.documents.gate_files import baseline_path, read_gate
+        from robacc.documents.gate import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
     _check_outputs(parameters, inputs)

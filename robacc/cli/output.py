@@ -1,10 +1,12 @@
-"""Write a result to standard output or to files; commands share it."""
+"""Write a result to standard output or to files, as a page too, with a progress bar meanwhile; commands share it."""
 
 from __future__ import annotations
 
 import io
+import os
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
@@ -14,7 +16,69 @@ from robacc.cli.options import Format, PlainFormat
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
     from robacc.api.result import Result
+    from robacc.documents.read_result import StoredResult
     from robacc.gates.evaluate import GateOutcome
+
+
+# HTML page of results, for the command ``report`` and the option ``--report``.
+
+
+def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str] | None = None) -> str:
+    """Return the page of stored results, with the identity of what was tested if it is given.
+
+    Raises:
+        InputError: a result does not follow the schema of its command.
+        UsageError: the extra ``report`` is not installed.
+    """
+    from robacc.documents.read_result import understood
+    from robacc.render.html.page import page_of, result_of
+
+    sections = []
+    for number, result in enumerate(results, 1):
+        with understood(result.name, result.command):
+            sections.append(result_of(result.document, number))
+    names = [result.record.name for result in results]
+    return page_of(sections, [result.document for result in results], _unique(names), identity or {})
+
+
+def page_of_document(document: Mapping[str, Any]) -> str:
+    """Return the page of a result that was just computed, from the JSON text that would be stored."""
+    import json
+
+    from robacc.io.json_text import json_text
+    from robacc.render.html.page import render
+
+    return render([json.loads(json_text(document))], [str(document["command"])])
+
+
+def _unique(names: Sequence[str]) -> list[str]:
+    """Return the names with a number after each repeated name."""
+    return [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]
+
+
+# Progress bar on standard error.
+
+
+@contextmanager
+def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function that shows progress on a terminal: label of the work, steps done, all steps."""
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        yield lambda label, done, total: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+    # The spinner and the clock move while a search, the longest step of all, is at work.
+    shown = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
+    with Progress(*shown, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task("starting", total=None)
+
+        def show(label: str, done: int, total: int) -> None:
+            bar.update(task, description=label, completed=done, total=total)
+
+        yield show
 
 
 class Outlets(NamedTuple):
@@ -48,7 +112,7 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
                 outlets, result.command, document=document, table=table, outcome=None, warnings=result.warnings
             )
         return
-    from robacc.documents.gate_files import read_gate
+    from robacc.documents.gate import read_gate
 
     gated_document, outcome = result.gated(read_gate(outlets.gate))
     conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
@@ -114,7 +178,7 @@ def conclude(
     with warnings_below(warnings):
         if outlets.junit is not None:
             from robacc.io.files import write_text
-            from robacc.render.text.junit import junit
+            from robacc.render.text.gate import junit
 
             write_text(outlets.junit, junit(command, outcome, clock.started(), clock.elapsed()))
         write_result(
@@ -170,7 +234,6 @@ def write_result(
         InputError: a file cannot be written.
     """
     if outlets.report is not None:
-        from robacc.cli.pages import page_of_document
         from robacc.io.files import write_text
 
         write_text(outlets.report, page_of_document(document()))
@@ -178,11 +241,11 @@ def write_result(
 
     texts = tuple(map(as_options, warnings))
     if outlets.form is Format.markdown:
-        from robacc.render.text.markdown import markdown
+        from robacc.render.text.gate import markdown
 
         write(outlets.output, (markdown(command, page_text(table), outcome, texts),))
     elif outlets.form is Format.github:
-        from robacc.render.text.annotations import github_annotations
+        from robacc.render.text.gate import github_annotations
 
         write(outlets.output, (github_annotations(command, page_text(table), outcome, texts),))
     else:

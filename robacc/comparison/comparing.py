@@ -1,20 +1,282 @@
-"""Results side by side: shared figures, differences to the baseline, a ranking, grades, notes and warnings."""
+"""Results side by side: differences, a ranking, grades, and warnings where they were made differently."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Literal
 
-from robacc.accuracy.grade_scale import Scale
-from robacc.comparison.compared_result import ComparedFigure, ComparedResult, split_key
-from robacc.comparison.differences import RESAMPLED, VECTORIAL, Difference, difference
-from robacc.comparison.from_intervals import from_intervals
-from robacc.comparison.grade_status import GradeStatus, common_scale, grade_statuses
-from robacc.comparison.pairing import Pairing, PoseMatch, pair_poses
-from robacc.comparison.ranking import group_letters, indistinguishable_groups, significant_pairs
-from robacc.comparison.warning import notes, provenance_warnings
+from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.grade import Grade, Scale, default_scale, grade
+from robacc.comparison.differences import (
+    RESAMPLED,
+    VECTORIAL,
+    Difference,
+    Pairing,
+    PoseMatch,
+    difference,
+    from_intervals,
+    pair_poses,
+    unpaired_sample,
+)
+from robacc.comparison.reading import ComparedFigure, ComparedResult, split_key
 from robacc.errors import UsageError
+from robacc.statistics.records import ErrorStatistics, Unit
+
+# Tests of every pair of results, corrected for their number, and groups of results that do not differ.
+#
+# Sources: S. Holm, "A simple sequentially rejective multiple test procedure", Scandinavian Journal of Statistics 6
+# (1979) 65-70; H.-P. Piepho, "An algorithm for a letter-based representation of all-pairwise comparisons", Journal of
+# Computational and Graphical Statistics 13 (2004) 456-466 (insert and absorb).
+
+
+def holm(p_values: Sequence[float | None]) -> list[float | None]:
+    """Return p-values corrected for their number, which bounds the probability of any false difference.
+
+    None stands for a pair without a test, stays None and does not count.
+    """
+    tested = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
+    corrected: list[float | None] = [None] * len(p_values)
+    largest = 0.0
+    for rank, (p, i) in enumerate(tested):
+        largest = max(largest, min(1.0, (len(tested) - rank) * p))
+        corrected[i] = largest
+    return corrected
+
+
+def indistinguishable_groups(count: int, different: Set[tuple[int, int]]) -> list[tuple[int, ...]]:
+    """Return the largest groups of ``count`` members without a pair of ``different`` (first index below the second).
+
+    Members with a common group do not differ; members without a common group do. The group of the first member comes
+    first.
+    """
+    groups: list[frozenset[int]] = [frozenset(range(count))]
+    for first, second in sorted(different):
+        split: list[frozenset[int]] = []
+        for group in groups:
+            if first in group and second in group:
+                split += [group - {second}, group - {first}]
+            else:
+                split.append(group)
+        groups = [group for group in dict.fromkeys(split) if not any(group < other for other in split)]
+    return sorted(tuple(sorted(group)) for group in groups)
+
+
+def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
+    """Return the letters of each member: a for the first group, b for the second …; past z, a1, b1 …."""
+    names = [chr(ord("a") + i % 26) + (str(i // 26) if i >= 26 else "") for i in range(len(groups))]
+    return ["".join(name for name, group in zip(names, groups, strict=True) if i in group) for i in range(count)]
+
+
+def significant_pairs(
+    pairs: Sequence[tuple[int, int, Difference]], level: float
+) -> tuple[list[float | None], set[tuple[int, int]]]:
+    """Return the corrected p-value of each pair, and the pairs that differ at ``level``."""
+    corrected = holm([difference.p_value for _, _, difference in pairs])
+    different = {
+        (min(i, j), max(i, j)) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level
+    }
+    return corrected, different
+
+
+# Status of several results against a required grade: confirmed, met but not confirmed, or not met.
+
+Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
+"""Verdicts as results store them."""
+_UNITS: dict[str, Unit] = {"position": "m", "orientation": "rad"}
+
+
+@dataclass(frozen=True, slots=True)
+class GradeStatus:
+    """Status of one result against the required grade."""
+
+    name: str
+    verdict: Verdict
+    grade: str
+    """The result's own grade on the scale."""
+    probability: float | None
+    """Probability that the limits of the required grade are truly met, given the data."""
+    position: float
+    """Statistic of the scale, m."""
+    position_bound: float | None
+    """Upper bound at the scale's confidence."""
+    orientation: float | None
+    """rad"""
+    orientation_bound: float | None
+    poses_to_demonstrate: int | None
+    """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
+    why: str | None
+    """Reason why the grade is not confirmed, or why the probability is unknown."""
+
+
+def common_scale(results: Sequence[ComparedResult]) -> Scale:
+    """Return the grade scale of the results.
+
+    Raises:
+        UsageError: The results have different scales, or a scale that no result stores completely.
+    """
+    names = {result.scale_name for result in results if result.scale_name is not None}
+    scales = {result.scale for result in results if result.scale is not None}
+    default = default_scale()
+    if len(names) > 1 or len(scales) > 1:
+        conflict = " and ".join(sorted(names)) if len(names) > 1 else f"different scales with the name {min(names)}"
+        raise UsageError(f"the results were graded on {conflict}; choose the scale with `scale`")
+    if scales:
+        return next(iter(scales))
+    if names <= {default.name}:
+        return default
+    raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
+
+
+def grade_statuses(
+    results: Sequence[ComparedResult], scale: Scale, required_grade: str, seed: int = 0
+) -> tuple[GradeStatus, ...]:
+    """Return the status of every result, in the order of the results.
+
+    Args:
+        results: The results.
+        scale: Grade scale to apply.
+        required_grade: A step of the scale.
+        seed: Seed of the bootstrap.
+
+    Raises:
+        UsageError: The scale has no such step, or a result has no position errors to grade.
+    """
+    names = [step.grade for step in scale.steps]
+    if required_grade not in names:
+        raise UsageError(f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}")
+    rank = names.index(required_grade)
+    return tuple(
+        _status_by_errors(result, scale, rank, seed)
+        if "position" in result.errors
+        else _status_by_figures(result, scale, rank)
+        for result in results
+    )
+
+
+def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
+    position = _statistics(result, "position", scale, seed)
+    orientation = _statistics(result, "orientation", scale, seed) if "orientation" in result.errors else None
+    assessed = grade(position, orientation, scale)
+    names = [step.grade for step in scale.steps]
+    best_confirmed = assessed.demonstrated_grade
+    confirmed = best_confirmed is not None and names.index(best_confirmed) <= rank
+    met = assessed.grade in names and names.index(assessed.grade) <= rank
+    probability = assessed.probability_within(names[rank])
+    angle = assessed.orientation
+    return GradeStatus(
+        result.name,
+        "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
+        assessed.grade,
+        probability,
+        assessed.position.value,
+        assessed.position.upper_bound,
+        None if angle is None else angle.value,
+        None if angle is None else angle.upper_bound,
+        assessed.poses_needed(rank) if met and not confirmed else None,
+        None if confirmed or not met else _why_not_confirmed(assessed),
+    )
+
+
+def _statistics(result: ComparedResult, quantity: str, scale: Scale, seed: int) -> ErrorStatistics:
+    errors = result.errors[quantity]
+    sample = unpaired_sample(errors)
+    share = (errors.independent_poses or sample.n_groups) / sample.n_groups
+    return error_statistics(
+        sample.vectors, _UNITS[quantity], groups=sample.groups, share=share, confidence=scale.confidence, seed=seed
+    )
+
+
+def _why_not_confirmed(assessed: Grade) -> str:
+    quantities = (("position", assessed.position), ("orientation", assessed.orientation))
+    missing = [
+        f"no upper bound of {name}: {quantity.why}" for name, quantity in quantities if quantity and quantity.why
+    ]
+    return "; ".join(missing) or f"the upper {100 * assessed.scale.confidence:g} % bound is beyond the limit"
+
+
+def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
+    """Return the status by the figures alone, for a prediction or a result without errors; they confirm nothing."""
+    statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
+    position, orientation = (result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS)
+    if position is None:
+        raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
+    names = [*(step.grade for step in scale.steps), scale.otherwise]
+    angle = None if orientation is None else orientation.value
+    own_rank = next(
+        (
+            i
+            for i, step in enumerate(scale.steps)
+            if _meets(step.position, position.value) and _meets(step.orientation, angle)
+        ),
+        len(scale.steps),
+    )
+    why = "the result does not list the error of every pose"
+    if not result.measured:
+        why = "predicted from tolerances, not measured"
+    verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
+    return GradeStatus(result.name, verdict, names[own_rank], None, position.value, None, angle, None, None, why)
+
+
+def _meets(limit: float | None, value: float | None) -> bool:
+    return limit is None or value is None or value <= limit
+
+
+# Warnings of a comparison, where results were made differently, and notes on what its figures do not say.
+
+_CONSEQUENCES = {
+    "frame": "lengths are compared; components are not, because their axes differ",
+    "alignment": "a registration removes a part of the error that the other result still contains",
+    "held out": "errors of calibration poses are smaller than errors of held-out poses",
+    "robot file": "errors of the poses that it was fitted to are smaller than errors of other poses",
+    "confidence": "the intervals are not comparable",
+}
+
+
+def provenance_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> tuple[str, ...]:
+    """Return a line for each aspect in which the results were made differently, and for poses that differ."""
+    lines = []
+    for aspect in dict.fromkeys(aspect for result in results for aspect in result.provenance):
+        names_by_value: dict[str, list[str]] = {}
+        for result in results:
+            if aspect in result.provenance:
+                names_by_value.setdefault(result.provenance[aspect], []).append(result.name)
+        if len(names_by_value) > 1:
+            listed = "; ".join(f"{', '.join(names)}: {value}" for value, names in names_by_value.items())
+            consequence = _CONSEQUENCES.get(aspect)
+            lines.append(f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else ""))
+    return (*lines, *_pose_warnings(results, pairing))
+
+
+def _pose_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> Iterator[str]:
+    with_errors = {result.name for result in results if "position" in result.errors}
+    for match in pairing:
+        if match.first not in with_errors or match.second not in with_errors:
+            continue
+        names, most = f"{match.first} and {match.second}", max(match.n_first, match.n_second)
+        if not match.paired:
+            yield f"made differently, poses: {names} have different poses, so their difference cannot be paired"
+        elif match.shared < most:
+            yield f"made differently, poses: {names} share {match.shared} of {most} poses; only these are compared"
+
+
+def notes(
+    results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
+) -> tuple[str, ...]:
+    """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
+    lines = []
+    if tested:
+        lines.append(
+            "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)"
+        )
+        lines.append("the tests apply to other poses of the same robots, not to other robots")
+    if any(result.command in ("calibrate", "trace") for result in results):
+        lines.append("position and orientation of calibrate and trace are those after the fit, on held-out poses")
+    if scale is not None and sum(status.verdict == "demonstrated" for status in statuses) > 1:
+        lines.append(f"each grade by itself is confirmed at {100 * scale.confidence:g} % confidence, not all together")
+    return tuple(lines)
+
 
 RANKED_BY = "position.rms"
 _SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")

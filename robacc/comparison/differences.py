@@ -1,4 +1,4 @@
-"""Difference of one statistic between two sets of errors, with its interval and p-value.
+"""Difference of one statistic between two results, paired by commanded pose, with interval and p-value.
 
 A smooth statistic is a function of sums over commanded poses, so each pose has an influence on its value (F. R. Hampel,
 "The influence curve and its role in robust estimation", JASA 69, 1974). If both sets have the same poses, the two
@@ -20,10 +20,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.comparison.reading import ComparedFigure, ComparedPoses, ErrorSet
 from robacc.geometry import Array
-from robacc.statistics.distributions import f_sf, student_quantile
-from robacc.statistics.intervals import FEWEST_FOR_BOOTSTRAP, MOST_FOR_BOOTSTRAP, interpolated
-from robacc.statistics.resampling import resampled_counts
+from robacc.measurements import commanded_groups
+from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
+from robacc.statistics.intervals import FEWEST_FOR_BOOTSTRAP, MOST_FOR_BOOTSTRAP, interpolated, resampled_counts
 
 DRAWS = 2000
 FEWEST_FOR_PERCENTILE = 30
@@ -270,3 +271,162 @@ def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
         ranks = np.searchsorted(cumulative, [low, min(low + 1, cumulative[-1] - 1)], side="right")
         percentiles[i] = lengths[ranks[0]] + (position - low) * (lengths[ranks[1]] - lengths[ranks[0]])
     return percentiles
+
+
+# Difference of two numbers that have only intervals.
+#
+# The method of variance estimates recovery takes each limit of the difference from the distances of the limits that
+# face each other (G. Y. Zou, A. Donner, "Construction of confidence limits about effect measures", Statistics in
+# Medicine 27, 2008). It assumes independence, which is conservative for results on the same poses.
+
+METHOD = "from the intervals of the two results, assumed independent (Zou and Donner)"
+
+
+def from_intervals(first: ComparedFigure, second: ComparedFigure, confidence: float) -> Difference:
+    """Return ``second`` minus ``first``; ``confidence`` is recorded where there is no interval."""
+    value = second.value - first.value
+    limits = (first.lower, first.upper, second.lower, second.upper)
+    if any(limit is None for limit in limits) or first.confidence is None or second.confidence is None:
+        why = "the results have no interval for this figure"
+        return Difference(value, None, None, confidence, None, "none", False, None, why)
+    if first.confidence != second.confidence:
+        why = f"the intervals of the results have different confidences, {first.confidence:g} and {second.confidence:g}"
+        return Difference(value, None, None, confidence, None, "none", False, None, why)
+    first_low, first_high, second_low, second_high = (limit or 0.0 for limit in limits)
+    below = math.hypot(max(second.value - second_low, 0.0), max(first_high - first.value, 0.0))
+    above = math.hypot(max(second_high - second.value, 0.0), max(first.value - first_low, 0.0))
+    p_value = _p_value(value, below if value > 0.0 else above, first.confidence)
+    return Difference(value, value - below, value + above, first.confidence, p_value, METHOD, False, None)
+
+
+def _p_value(value: float, distance: float, confidence: float) -> float:
+    """Return the p-value as if the limit that faces zero, at ``distance`` from the value, were a Gaussian's."""
+    if value == 0.0 or distance == 0.0:
+        return float(value == 0.0)
+    return 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * confidence) * abs(value) / distance)
+
+
+# Pairing of two results by commanded pose.
+
+_SAME_JOINT = 1e-6
+"""Largest difference of equal joint commands, rad or m: below any encoder's step, above the rounding of a file."""
+_SAME_POSITION = 1e-4
+"""Largest distance of equal commanded positions, m, for arms or alignments that differ."""
+_ENOUGH = 0.5
+"""Smallest share of common poses, of either result's poses, for a paired comparison."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pairing:
+    """Two sets of errors as samples for :func:`robacc.comparison.differences.difference`."""
+
+    first: ErrorSample
+    second: ErrorSample
+    paired: bool
+    n_first: int
+    """Commanded poses of the complete set."""
+    n_second: int
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMatch:
+    """Match of the poses of two results."""
+
+    first: str
+    second: str
+    """Names of the results."""
+    paired: bool
+    shared: int
+    """Common commanded poses; 0 without pairs."""
+    n_first: int
+    """Commanded poses of each result."""
+    n_second: int
+
+
+def pair_poses(first: ErrorSet, second: ErrorSet) -> Pairing:
+    """Pair the errors of common commanded poses; with too few common poses, return both complete sets unpaired."""
+    samples = [unpaired_sample(errors) for errors in (first, second)]
+    sizes = [sample.n_groups for sample in samples]
+    keys = _common_keys(first.poses, second.poses)
+    if keys is not None:
+        common = np.intersect1d(keys[0], keys[1])
+        if common.size >= max(2, _ENOUGH * max(np.unique(numbers).size for numbers in keys)):
+            samples = []
+            for errors, numbers in zip((first, second), keys, strict=True):
+                rows = np.isin(numbers, common)
+                samples.append(ErrorSample(errors.vectors[:, rows], np.searchsorted(common, numbers[rows])))
+            return Pairing(samples[0], samples[1], True, *sizes)
+    return Pairing(samples[0], samples[1], False, *sizes)
+
+
+def unpaired_sample(errors: ErrorSet) -> ErrorSample:
+    """Return a complete set of errors, grouped by its commanded poses."""
+    return ErrorSample(errors.vectors, _numbered(_pose_numbers(errors.poses)))
+
+
+def _numbered(keys: NDArray[np.int64]) -> NDArray[np.int64]:
+    return np.unique(keys, return_inverse=True)[1].astype(np.int64)
+
+
+def _pose_numbers(poses: ComparedPoses) -> NDArray[np.int64]:
+    """Return the number of each row's commanded pose: by id, else by joints, else by position, as measurements do."""
+    groups = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
+    return np.arange(poses.n, dtype=np.int64) if groups is None else groups.numbers
+
+
+def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+    """Return numbers of commanded poses with the same meaning in both results; None if nothing relates the poses.
+
+    Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
+    same positions.
+    """
+    same_joints = first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
+    if first.n == second.n and _same_targets(first, second):
+        close = same_joints and _close(first.q, second.q, _SAME_JOINT)
+        if close or _close(first.commanded, second.commanded, _SAME_POSITION):
+            # A pose repeated in one result is one pose in both.
+            keys = _numbered(_pose_numbers(first))
+            return keys, keys
+    if same_joints and first.q is not None and second.q is not None:
+        return _numbers_by_joints(np.round(first.q / _SAME_JOINT), np.round(second.q / _SAME_JOINT))
+    if first.pose is not None and second.pose is not None and _same_positions(first, second):
+        return _numbers_by_id(first.pose, second.pose)
+    return None
+
+
+def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
+    return (
+        first is not None
+        and second is not None
+        and first.shape == second.shape
+        and bool(np.all(np.abs(first - second) <= tolerance))
+    )
+
+
+def _same_targets(first: ComparedPoses, second: ComparedPoses) -> bool:
+    if first.target is None or second.target is None:
+        return first.target is second.target
+    return bool(np.array_equal(first.target, second.target))
+
+
+def _numbers_by_joints(first: Array, second: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    numbers = np.unique(np.concatenate((first, second), axis=1), axis=1, return_inverse=True)[1]
+    numbers = numbers.ravel().astype(np.int64)
+    return numbers[: first.shape[1]], numbers[first.shape[1] :]
+
+
+def _numbers_by_id(first: NDArray[np.str_], second: NDArray[np.str_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    numbers = np.unique(np.concatenate((first, second)), return_inverse=True)[1].astype(np.int64)
+    return numbers[: first.size], numbers[first.size :]
+
+
+def _same_positions(first: ComparedPoses, second: ComparedPoses) -> bool:
+    """Return whether equal ids have equal commanded positions, as far as both results list positions."""
+    if first.commanded is None or second.commanded is None or first.pose is None or second.pose is None:
+        return True
+    positions = dict(zip(first.pose.tolist(), first.commanded.T, strict=True))
+    return all(
+        float(np.max(np.abs(positions[name] - position))) <= _SAME_POSITION
+        for name, position in zip(second.pose.tolist(), second.commanded.T, strict=True)
+        if name in positions
+    )

@@ -1,4 +1,4 @@
-"""Targets that were measured before and after a correction: gain, remaining error, and whether the promise holds.
+"""Targets that were measured before and after a correction: gain, remaining error, and whether a promise was kept.
 
 With e the measured position less the wanted one, the gain is the fall of its RMS. A target's planned displacement
 follows from the model; the measured displacements are regressed on it, and the slope is 1 where the correction was
@@ -12,16 +12,115 @@ the model's coefficients, which all targets share, D that of repeatability, unex
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robacc.accuracy.metrics import ErrorMetrics, pose_metrics
+from robacc.accuracy.pose_errors import ErrorMetrics, pose_metrics
 from robacc.accuracy.stages import Gain, paired_gain
+from robacc.errors import InputError, Problem, UsageError
+from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_uncertainty
+from robacc.quantities import size
+from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile
+
+# Targets that two files of measured poses have in common, and the means of their rows.
+
+_FEWEST = 3
+"""Smallest number of shared targets."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetRows:
+    """Measured poses of one file, and the rows of each shared target in it."""
+
+    data: Measurements
+    rows: tuple[NDArray[np.int64], ...]
+
+    @property
+    def first_rows(self) -> NDArray[np.int64]:
+        """First row of each target."""
+        return np.array([index[0] for index in self.rows])
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number of rows of each target."""
+        return np.array([index.size for index in self.rows])
+
+    def means(self, values: Array) -> Array:
+        """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
+        return np.stack([values[:, index].mean(axis=1) for index in self.rows], axis=1)
+
+
+@dataclass(frozen=True, slots=True)
+class SharedTargets:
+    """T targets measured before and after."""
+
+    names: tuple[str, ...]
+    before: TargetRows
+    after: TargetRows
+
+    def wanted(self, nominal: Robot | None) -> Array:
+        """Return the wanted positions ``(3, T)``, measuring frame, m: of the file after, else before, else nominal.
+
+        Raises:
+            UsageError: Neither file has wanted poses, and there is no nominal robot.
+        """
+        for file in (self.after, self.before):
+            if file.data.commanded_position is not None:
+                return file.means(file.data.commanded_position)
+        before = self.before.data
+        if nominal is None or before.q is None:
+            raise UsageError("the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints")
+        return self.before.means(predict(dataclasses.replace(nominal, effects=()), before).translation)
+
+
+def shared_targets(first: Measurements, second: Measurements) -> SharedTargets:
+    """Return the targets of both files, paired by their ``pose``, or by their order without such a column.
+
+    Raises:
+        InputError: The files share fewer than three targets.
+    """
+    if (first.pose is None) != (second.pose is None):
+        raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
+    rows: Sequence[Sequence[NDArray[np.int64]]]
+    if first.pose is None or second.pose is None:
+        if first.n != second.n:
+            message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
+            raise InputError(Problem(message, second.source, fix="add a column pose to both files"))
+        rows = [[np.array([i]) for i in range(first.n)]] * 2
+        names = tuple(str(i + 1) for i in range(first.n))
+    else:
+        rows_of = [rows_of_targets(data) for data in (first, second)]
+        common = [key for key in rows_of[0] if key in rows_of[1]]
+        rows = [[np.array(file[key]) for key in common] for file in rows_of]
+        names = tuple(" ".join(key) for key in common)
+    if len(names) < _FEWEST:
+        fix = "give the files of the same targets before and after the correction"
+        raise InputError(Problem(f"the files share {len(names)} targets, {_FEWEST} are needed", second.source, fix=fix))
+    before, after = (TargetRows(data, tuple(index)) for data, index in zip((first, second), rows, strict=True))
+    return SharedTargets(names, before, after)
+
+
+def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
+    """Return the rows of each target by its name: its pose, and the measured target if the file has that column."""
+    assert data.pose is not None
+    columns = (data.pose,) if data.target is None else (data.pose, data.target)
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
+        rows.setdefault(key, []).append(i)
+    return rows
+
 
 Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
 
@@ -184,3 +283,87 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
     dof = residual.size
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
     return PromiseTest(chi_square, dof, chi2_sf(chi_square, float(dof)), expected, promise.noise)
+
+
+# What a model promises of the targets that it corrected, for the test of the error that remains.
+
+
+def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) -> Promise:
+    """Return what the model predicts at the commands of both files.
+
+    Args:
+        robot: Robot with the model of the correction.
+        targets: The targets, with the commanded joints of both files.
+        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of the file after.
+
+    Raises:
+        UsageError: The files have no joints, or neither the noise nor the model leaves a measurement any error.
+        InputError: The model has no record of its fit.
+        MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
+    """
+    fit = model_fit(robot)
+    if fit is None:
+        fix = "give a file that `write_model` of a trace or a calibration wrote"
+        raise InputError(Problem("the model has no record of its fit", robot.name, column="fit", fix=fix))
+    before, after = targets.before, targets.after
+    if before.data.q is None or after.data.q is None:
+        raise UsageError("`model` needs the joints q1, q2, … that were commanded, in both files")
+    arm = absorb_constants(robot)
+    for file in (before, after):
+        # Circumstances drawn in place of missing ones would be held against the measurements.
+        Model.of(arm).bind(file.data)
+    full_before, full_after = (completed(arm, fit, None, file.data, 0) for file in (before, after))
+    predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
+    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
+    alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
+    separate = model_uncertainty(arm, alone, full_after, measured=True).position
+    noise_used = _noise_used(after.data, fit, noise)
+    firsts = after.first_rows
+    return Promise(
+        before.means(predicted),
+        after.means(poses.translation),
+        jacobian[:3, :, firsts],
+        covariance,
+        _with_noise(separate[:, :, firsts], noise_used, after.counts),
+        noise_used,
+    )
+
+
+def _noise_used(data: Measurements, fit: ModelFit, noise: str | float | None) -> PromisedNoise:
+    """Return the measurement noise along an axis: as given, from the file, else from the fit."""
+    treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
+    if noise is not None:
+        return PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
+    if (stated := data.stated_noise[0]) is not None:
+        return PromisedNoise(stated, "file", treatment)
+    is_contained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    return PromisedNoise(0.0 if is_contained else fit.noise[0], "model", treatment)
+
+
+def _with_noise(covariance: Array, noise: PromisedNoise, counts: NDArray[np.int64]) -> Array:
+    """Return covariances ``(3, 3, T)`` with the noise of means of ``counts`` measurements.
+
+    Where they contain the noise of other measurements, their principal variances are at least this noise.
+
+    Raises:
+        UsageError: Neither the noise nor the model leaves a single measurement any error.
+    """
+    variance = (noise.position**2 / counts)[:, None]
+    values, vectors = np.linalg.eigh(np.moveaxis(covariance, 2, 0))
+    values = np.maximum(values, 0.0) + variance if noise.treatment == "added" else np.maximum(values, variance)
+    if not np.all(values > 0.0):
+        raise UsageError("the model has no unexplained error: `noise` must be more than 0")
+    total: Array = np.einsum("nik,nk,njk->ijn", vectors, values, vectors)
+    return total
+
+
+def noise_doubts(noise: PromisedNoise) -> list[str]:
+    """Return a warning where noise is stated that the model's unexplained error may contain."""
+    if noise.treatment == "added" or noise.source == "model":
+        return []
+    stated = "`noise`" if noise.source == "given" else "the noise of `after`"
+    return [
+        f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
+        f"{1e3 * noise.position:.3g} mm is not added; the error counts as this noise at least; to separate the two, "
+        "fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
+    ]

@@ -6,13 +6,204 @@ come from poses that the model was not fitted to.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from robacc.accuracy.grade_scale import STATISTICS, GradeStep, Scale
-from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
-from robacc.comparison.result_document import ResultDocument
-from robacc.errors import InputError, UsageError
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.accuracy.grade import STATISTICS, GradeStep, Scale
+from robacc.errors import InputError, Problem, UsageError
+from robacc.geometry import Array
+
+# Typed access to the JSON document of a stored result, by path; problems are collected.
+
+_LARGEST = 1e9
+"""m or rad: every joint, position and error is smaller; the square of a much larger number overflows."""
+
+MOST_POSES = 10**8
+"""Largest number of poses of a file; a larger one would fill the memory before its mismatch is noticed."""
+
+
+@dataclass(frozen=True, slots=True)
+class ResultDocument:
+    """JSON document of a result; dots join the keys of a path, and a number is an index into a list."""
+
+    root: Mapping[str, Any]
+    file: str
+    problems: list[Problem] = field(default_factory=list)
+
+    def report(self, path: str, message: str) -> None:
+        """Add a problem at a path."""
+        self.problems.append(Problem(message, self.file, column=path, fix=None))
+
+    def at(self, path: str) -> Any:
+        """Return the value at a path; None if there is none."""
+        node: Any = self.root
+        for step in path.split("."):
+            if isinstance(node, Mapping):
+                node = node.get(step)
+            elif isinstance(node, Sequence) and not isinstance(node, str) and step.isdecimal():
+                node = node[int(step)] if int(step) < len(node) else None
+            else:
+                return None
+        return node
+
+    def number(self, path: str) -> float | None:
+        """Return a finite number, or None if there is none."""
+        value = self.at(path)
+        if value is None:
+            return None
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            self.report(path, f"expected a number, found {str(value)[:40]!r}")
+            return None
+        return float(value)
+
+    def text(self, path: str) -> str | None:
+        """Return a text, or None if there is none."""
+        value = self.at(path)
+        if value is None or isinstance(value, str):
+            return value
+        self.report(path, f"expected text, found {str(value)[:40]!r}")
+        return None
+
+    def count(self, path: str) -> int:
+        """Return a number of poses; a missing number is a problem."""
+        value = self.at(path)
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_POSES:
+            self.report(path, "expected a number of poses")
+            return 0
+        return value
+
+    def matrix(self, path: str, n: int, width: int | None = None) -> Array | None:
+        """Return ``(width, n)`` from a list of ``n`` rows of finite numbers; None if there is none."""
+        rows = self.at(path)
+        if rows is None:
+            return None
+        try:
+            array = np.array(rows, dtype=float)
+        except (TypeError, ValueError):
+            array = np.zeros(())
+        if array.ndim != 2 or array.shape[0] != n or array.shape[1] != (width or array.shape[1]):
+            self.report(path, f"expected {n} rows of {width if width else 'equally many'} numbers")
+            return None
+        if not np.all(np.abs(array) < _LARGEST):
+            self.report(path, f"expected numbers below {_LARGEST:g}")
+            return None
+        return array.T
+
+    def texts(self, path: str, n: int) -> NDArray[Any] | None:
+        """Return ``(n,)`` texts; None if there are none."""
+        values = self.at(path)
+        if values is None:
+            return None
+        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, str) for value in values):
+            self.report(path, f"expected {n} texts")
+            return None
+        return np.array(values, dtype=str)
+
+    def flags(self, path: str, n: int) -> NDArray[np.bool_] | None:
+        """Return ``(n,)`` booleans; None if there are none."""
+        values = self.at(path)
+        if values is None:
+            return None
+        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, bool) for value in values):
+            self.report(path, f"expected {n} booleans")
+            return None
+        return np.array(values, dtype=bool)
+
+
+# A result to compare: its figures, the errors of every pose behind them, and how it was made.
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedFigure:
+    """One number of one result."""
+
+    value: float
+    unit: str
+    """``m``, ``rad`` or ``1``"""
+    lower: float | None = None
+    upper: float | None = None
+    confidence: float | None = None
+    """Confidence of the interval from ``lower`` to ``upper``, if the result has an interval."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedPoses:
+    """Commanded poses of a result's rows."""
+
+    n: int
+    q: Array | None
+    """``(J, n)`` commanded joints, rad or m."""
+    commanded: Array | None
+    """``(3, n)`` commanded position, m."""
+    pose: NDArray[Any] | None
+    """``(n,)`` id, text."""
+    target: NDArray[Any] | None
+
+    def subset(self, rows: NDArray[np.bool_]) -> ComparedPoses:
+        """Return the poses of the rows where ``rows`` is true."""
+        return ComparedPoses(
+            int(np.count_nonzero(rows)),
+            None if self.q is None else self.q[:, rows],
+            None if self.commanded is None else self.commanded[:, rows],
+            None if self.pose is None else self.pose[rows],
+            None if self.target is None else self.target[rows],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSet:
+    """Errors behind a group of figures."""
+
+    vectors: Array
+    """``(3, n)`` m or rad"""
+    poses: ComparedPoses
+    independent_poses: float | None = None
+    """Number of poses that intervals count; None for all commanded poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedResult:
+    """One result to compare."""
+
+    name: str
+    """Unique name in the comparison."""
+    command: str
+    version: str
+    """Version of robacc that made the result."""
+    n_poses: int
+    robot: str | None
+    figures: Mapping[str, ComparedFigure]
+    """Figures by key: ``position.rms``, ``nominal.held_out.position.p95`` …"""
+    errors: Mapping[str, ErrorSet]
+    """Errors by group, the start of a key: ``position``, ``orientation``, ``nominal.held_out.position`` …"""
+    provenance: Mapping[str, str]
+    """How the result was made, as text by aspect."""
+    grade: str | None
+    """The result's own grade, with ``confirmed``, ``not confirmed`` or ``predicted``."""
+    scale: Scale | None
+    """Grade scale of the result, if the result stores the complete scale."""
+    scale_name: str | None
+    frame: str | None
+    """Axes of vectors: ``tool`` or ``base``."""
+    digest: str
+    """SHA-256 of the file; equal files are the same result."""
+
+    @property
+    def measured(self) -> bool:
+        """Return whether the figures come from measured poses, as all but those of a prediction do."""
+        return self.command != "predict"
+
+
+def split_key(key: str) -> tuple[str, str]:
+    """Return the group of a key's errors and its statistic: ``after.fitted.position`` and ``rms``."""
+    group, _, statistic = key.rpartition(".")
+    return group, statistic
+
 
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")

@@ -1,26 +1,317 @@
-"""Models as text in the formats of controllers and simulators, with what each format leaves out."""
+"""Models in the formats of controllers, drivers and simulators, written with what each leaves out, and read back."""
 
 from __future__ import annotations
 
 import dataclasses
 import json
+import math
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
+import yaml
 
-from robacc.controllers.dh_table import dh_table, modified_rows
-from robacc.controllers.joint_frames import frame_of_poses, joint_frames, pose_of
-from robacc.controllers.link_yaml import hash_line_of, link_names, links_text
+from robacc.controllers.dh_table import (
+    DhRow,
+    DhTable,
+    JointFrames,
+    dh_table,
+    frame_of_poses,
+    joint_frames,
+    modified_rows,
+    pose_of,
+    robot_of,
+)
 from robacc.controllers.restricted import RemainingError, Restricted, kinematic_part, offsets_only, remaining_error
-from robacc.controllers.ur_calibration import ur_arm_of, ur_deltas_text, ur_robot
-from robacc.controllers.ur_models import UR_ARMS, ur_table
-from robacc.errors import UsageError
+from robacc.errors import InputError, Problem, UsageError
+from robacc.geometry import Poses
+from robacc.io.yaml_nodes import Source, compose
 from robacc.robots.description import Frame, Joint, Robot
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.version import __version__
+
+# Nominal Denavit-Hartenberg parameters of the arms of Universal Robots.
+#
+# Source: Universal Robots, "DH parameters for calculations of kinematics and dynamics", support article 45257.
+
+_HALF = math.pi / 2
+UR_JOINTS = (
+    "shoulder_pan_joint",
+    "shoulder_lift_joint",
+    "elbow_joint",
+    "wrist_1_joint",
+    "wrist_2_joint",
+    "wrist_3_joint",
+)
+_LENGTHS = {
+    "ur3": (0.1519, -0.24365, -0.21325, 0.11235, 0.08535, 0.0819),
+    "ur5": (0.089159, -0.425, -0.39225, 0.10915, 0.09465, 0.0823),
+    "ur10": (0.1273, -0.612, -0.5723, 0.163941, 0.1157, 0.0922),
+    "ur3e": (0.15185, -0.24355, -0.2132, 0.13105, 0.08535, 0.0921),
+    "ur5e": (0.1625, -0.425, -0.3922, 0.1333, 0.0997, 0.0996),
+    "ur10e": (0.1807, -0.6127, -0.57155, 0.17415, 0.11985, 0.11655),
+    "ur16e": (0.1807, -0.4784, -0.36, 0.17415, 0.11985, 0.11655),
+    "ur20": (0.2363, -0.8620, -0.7287, 0.2010, 0.1593, 0.1543),
+    "ur30": (0.2363, -0.6370, -0.5037, 0.2010, 0.1593, 0.1543),
+}
+"""d1, a2, a3, d4, d5, d6 in m."""
+UR_ARMS = tuple(_LENGTHS)
+
+
+def ur_table(arm: str) -> tuple[DhRow, ...]:
+    """Return the nominal standard table of an arm of :data:`UR_ARMS`."""
+    d1, a2, a3, d4, d5, d6 = _LENGTHS[arm]
+    return (
+        DhRow(0.0, d1, 0.0, _HALF),
+        DhRow(0.0, 0.0, a2, 0.0),
+        DhRow(0.0, 0.0, a3, 0.0),
+        DhRow(0.0, d4, 0.0, _HALF),
+        DhRow(0.0, d5, 0.0, -_HALF),
+        DhRow(0.0, d6, 0.0, 0.0),
+    )
+
+
+def nearest_ur_arm(measures: Sequence[float]) -> tuple[str, float]:
+    """Return the arm nearest to d1, a2, a3, d5, d6 (m, without signs), and the largest difference, m."""
+    differences = {
+        arm: max(
+            abs(abs(nominal) - measure) for nominal, measure in zip((*lengths[:3], *lengths[4:]), measures, strict=True)
+        )
+        for arm, lengths in _LENGTHS.items()
+    }
+    best = min(differences, key=differences.__getitem__)
+    return best, differences[best]
+
+
+# Kinematics files of ROS drivers: one origin (x, y, z, roll, pitch, yaw) for each joint.
+#
+# ``ur_description`` reads such a file for an arm of Universal Robots (``default_kinematics.yaml``, or the file that
+# ``ur_calibration`` extracts), ``xarm_description`` one for an arm of UFACTORY. The numbers are the origins of URDF
+# joints that turn about z: R = Rz(yaw) Ry(pitch) Rx(roll).
+
+UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
+_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
+_TURN = 2 * math.pi
+
+
+def parse_links(text: str, file: str) -> Robot:
+    """Return the arm of a kinematics file.
+
+    Raises:
+        InputError: The file has no ``kinematics``, its joints are neither UR's nor joint1 to jointN, or a number is
+            missing.
+    """
+    source = Source(file)
+    root = compose(text, file)
+    node = _kinematics(root)
+    if node is None:
+        fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
+        raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
+    origins = {}
+    for name, _, value in source.entries(node, "kinematics"):
+        if name == "hash":
+            continue
+        section = source.section(value, f"kinematics.{name}", _KEYS)
+        nodes = [section.require(key) for key in _KEYS] if section is not None else []
+        numbers = [
+            source.number(item, f"kinematics.{name}.{key}") for key, item in zip(_KEYS, nodes, strict=False) if item
+        ]
+        origins[name] = tuple(number for number in numbers if number is not None)
+    source.finish()
+    names = _names(tuple(origins), file)
+    joints = []
+    for link, name in names.items():
+        x, y, z, roll, pitch, yaw = origins[link]
+        values = {"x": x, "y": y, "z": z, "roll": roll, "pitch": pitch, "yaw": yaw, "offset": 0.0}
+        joints.append(Joint(name, "revolute", values, limits=(-_TURN, _TURN)))
+    is_ur = tuple(names.values()) == UR_JOINTS
+    return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
+
+
+def links_text(frames: JointFrames, names: Sequence[str], header: str = "", hash_line: str = "") -> tuple[str, Frame]:
+    """Return the kinematics file of an arm, and the flange in the last joint's frame, which the file cannot hold."""
+    steps = frames.steps()
+    lines = [f"# {line}" for line in header.splitlines()] + ["kinematics:"]
+    for name, step in zip(names, steps[:-1], strict=True):
+        frame = frame_of_poses(step)
+        lines.append(f"  {name}:")
+        lines += [f"    {key}: {float(value)!r}" for key, value in zip(_KEYS, (*frame.xyz, *frame.rpy), strict=True)]
+    if hash_line:
+        lines.append(f"  {hash_line}")
+    return "\n".join([*lines, ""]), frame_of_poses(steps[-1])
+
+
+def link_names(frames: JointFrames, form: str) -> tuple[str, ...]:
+    """Return the names of an arm's joints in the file of ``form``, ``ur-kinematics`` or ``xarm``.
+
+    Raises:
+        UsageError: The arm has a prismatic joint, or for ``ur-kinematics`` other than six joints.
+    """
+    if any(joint.type != "revolute" for joint in frames.joints):
+        raise UsageError(f"the format {form} has revolute joints only")
+    if form == "xarm":
+        return tuple(f"joint{i + 1}" for i in range(len(frames.joints)))
+    if len(frames.joints) != len(UR_LINKS):
+        raise UsageError(f"the format {form} is for arms with six joints; this one has {len(frames.joints)}")
+    return UR_LINKS
+
+
+def hash_line_of(text: str) -> str:
+    """Return the line ``hash: …`` of a kinematics file, by which the driver knows the arm; empty without one."""
+    return next((line.strip() for line in text.splitlines() if line.strip().startswith("hash:")), "")
+
+
+def _kinematics(root: yaml.Node) -> yaml.MappingNode | None:
+    if not isinstance(root, yaml.MappingNode):
+        return None
+    for key, value in root.value:
+        if isinstance(key, yaml.ScalarNode) and key.value == "kinematics" and isinstance(value, yaml.MappingNode):
+            return value
+    return None
+
+
+def _names(links: tuple[str, ...], file: str) -> dict[str, str]:
+    """Return the joint of each link, in the order of the arm."""
+    if set(links) == set(UR_LINKS):
+        return dict(zip(UR_LINKS, UR_JOINTS, strict=True))
+    numbered = [f"joint{i + 1}" for i in range(len(links))]
+    if links and set(links) == set(numbered):
+        return {name: name for name in numbered}
+    fix = f"expected {', '.join(UR_LINKS)}, or joint1, joint2 …"
+    raise InputError(Problem(f"the joints are {', '.join(links) or 'missing'}", file, column="kinematics", fix=fix))
+
+
+# Calibration files of Universal Robots' controllers (``calibration.conf``): differences from the nominal table.
+#
+# The controller adds ``delta_theta``, ``delta_a``, ``delta_d`` and ``delta_alpha`` to its nominal Denavit-Hartenberg
+# rows.
+# The other lines of the file (joint checksums, raw offsets) belong to one arm; they are kept from its own file.
+#
+# Layout: files of public backups, and UR's forum, thread "Calibrated kinematics info" (18921).
+
+KEYS = ("delta_theta", "delta_a", "delta_d", "delta_alpha")
+_FIELDS = ("theta", "a", "d", "alpha")
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_LINE = re.compile(r"^[ \t]*(delta_(?:theta|a|d|alpha))[ \t]*=[ \t]*\[([^\]\r\n]*)\]", re.M)
+_LARGEST_DIFFERENCE = 5e-3
+"""m: an arm that differs more from every arm of Universal Robots is none of them."""
+_MARK = re.compile(r"^[ \t]*delta_(?:theta|a|d|alpha)[ \t]*=", re.M)
+
+
+def is_ur_calibration(text: str) -> bool:
+    """Return whether a text is a calibration file of Universal Robots."""
+    return _MARK.search(text) is not None
+
+
+def parse_deltas(text: str, file: str) -> tuple[DhRow, ...]:
+    """Return the differences of the six rows from the nominal ones.
+
+    Raises:
+        InputError: A line is missing, is given twice, or has not six numbers.
+    """
+    columns: dict[str, list[float]] = {}
+    problems = []
+    for match in _LINE.finditer(text):
+        line = text.count("\n", 0, match.start()) + 1
+        parts = [part.strip() for part in match[2].split(",")]
+        if match[1] in columns:
+            problems.append(Problem(f"{match[1]} is given twice", file, line))
+        elif len(parts) != len(UR_JOINTS) or not all(re.fullmatch(_NUMBER, part) for part in parts):
+            problems.append(Problem(f"{match[1]} needs six numbers, found [{match[2].strip()[:60]}]", file, line))
+        else:
+            columns[match[1]] = [float(part) for part in parts]
+    missing = [key for key in KEYS if key not in columns]
+    if missing and not problems:
+        fix = "give calibration.conf from the folder .urcontrol of the controller"
+        problems.append(Problem(f"{', '.join(missing)} is missing", file, fix=fix))
+    if problems:
+        raise InputError(problems)
+    theta, a, d, alpha = (columns[key] for key in KEYS)
+    return tuple(DhRow(*row) for row in zip(theta, d, a, alpha, strict=True))
+
+
+def ur_robot(deltas: tuple[DhRow, ...], arm: str) -> Robot:
+    """Return the calibrated arm, its joint frames on the axes where the nominal arm has them."""
+    nominal = _frames(ur_table(arm))
+    rows = [
+        DhRow(n.theta + c.theta, n.d + c.d, n.a + c.a, n.alpha + c.alpha)
+        for n, c in zip(ur_table(arm), deltas, strict=True)
+    ]
+    exact = _frames(tuple(rows))
+    pairs = zip(exact.frames[:-1], nominal.frames[:-1], strict=True)
+    moved = (*(_beside(frame, near) for frame, near in pairs), exact.frames[-1])
+    frames = JointFrames(exact.joints, moved, exact.flange)
+    return robot_of(frames, Robot(f"Universal Robots {arm.upper()}, calibrated", "urdf", ()))
+
+
+def _frames(rows: tuple[DhRow, ...]) -> JointFrames:
+    """Return the joint frames of a table; each stands behind theta and d of its row."""
+    current = Poses.identity()
+    frames = []
+    for row in rows:
+        frames.append(current @ DhRow(row.theta, row.d, 0.0, 0.0).pose())
+        current = current @ row.pose()
+    turn = 2 * np.pi
+    joints = tuple(Joint(name, "revolute", {}, limits=(-turn, turn)) for name in UR_JOINTS)
+    return JointFrames(joints, tuple(frames), current)
+
+
+def _beside(frame: Poses, near: Poses) -> Poses:
+    """Return a frame on the same axis whose origin and x axis are nearest to those of another."""
+    z = frame.rotation[:, 2]
+    origin = frame.translation + z * (z @ (near.translation - frame.translation))
+    x = near.rotation[:, 0] - z * (z @ near.rotation[:, 0])
+    x = x / np.linalg.norm(x)
+    return Poses(np.stack((x, np.cross(z, x), z), axis=1), origin)
+
+
+def ur_arm_of(frames: JointFrames) -> str:
+    """Return the name of the arm of Universal Robots that an arm is.
+
+    Raises:
+        UsageError: It is none of them.
+    """
+    fix = "the format ur-calibration is for arms of Universal Robots"
+    if len(frames.frames) != len(UR_JOINTS) or any(joint.type != "revolute" for joint in frames.joints):
+        raise UsageError(f"{fix}, which have six revolute joints")
+    table = dh_table(frames, last_is_axis=True)
+    lengths = [_distance(frames.frames[i], frames.frames[i + 1]) for i in (1, 2)]
+    measures = [abs(table.rows[0].d), *lengths, abs(table.rows[4].d), abs(table.rows[5].d)]
+    arm, difference = nearest_ur_arm(measures)
+    if difference > _LARGEST_DIFFERENCE:
+        raise UsageError(f"{fix}; the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one")
+    return arm
+
+
+def _distance(first: Poses, second: Poses) -> float:
+    """Return the distance of a frame's origin from the z axis of another."""
+    between = second.translation - first.translation
+    z = first.rotation[:, 2]
+    return float(np.linalg.norm(between - z * (z @ between)))
+
+
+def ur_deltas_text(robot: Robot, arm: str, template: str | None = None) -> tuple[str, DhTable]:
+    """Return the calibration file of an arm, and the table that it describes.
+
+    Args:
+        robot: Arm, without effects.
+        arm: Its name in :data:`robacc.controllers.formats.UR_ARMS`.
+        template: The arm's own calibration file, whose other lines are kept.
+    """
+    nominal = ur_table(arm)
+    table = dh_table(joint_frames(robot), nominal, last_is_axis=True)
+    columns = {
+        key: [getattr(row, field) - getattr(base, field) for row, base in zip(table.rows, nominal, strict=True)]
+        for key, field in zip(KEYS, _FIELDS, strict=True)
+    }
+    lines = {key: f"{key} = [ {', '.join(f'{value:.18g}' for value in values)}]" for key, values in columns.items()}
+    if template is None:
+        return "\n".join(["[mounting]", *(lines[key] for key in KEYS), ""]), table
+    return _LINE.sub(lambda match: lines[match[1]], template), table
 
 
 class ControllerFormat(StrEnum):
@@ -213,3 +504,75 @@ def _offsets_text(fitted: Robot, nominal: Robot) -> str:
         value, unit = (change * 180 / np.pi, "deg") if new.type == "revolute" else (change * 1e3, "mm")
         lines.append(f"{new.name},{round(float(value), 7) + 0.0:.7f},{unit}")
     return "\n".join([*lines, ""])
+
+
+# Arms from the files of controllers and of their ROS drivers.
+
+_ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot:
+    """Return the arm of a controller's file: ``calibration.conf``, a ROS kinematics file, or a robacc JSON export.
+
+    Args:
+        text: Content.
+        file: Name for messages.
+        arm: Arm of Universal Robots that a ``calibration.conf`` belongs to.
+
+    Raises:
+        InputError: The file is none of these, or has errors.
+        UsageError: ``arm`` is missing or unknown.
+    """
+    if is_ur_calibration(text):
+        if arm not in UR_ARMS:
+            reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
+            raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
+        return ur_robot(parse_deltas(text, file), arm)
+    robot = _parse_json(text, file) if text.lstrip().startswith("{") else parse_links(text, file)
+    if arm is not None:
+        raise UsageError(f"only a calibration.conf needs the name of its arm; {file} has all lengths")
+    return robot
+
+
+def _parse_json(text: str, file: str) -> Robot:
+    try:
+        document: Any = json.loads(text, parse_constant=_no_number)
+    except json.JSONDecodeError as error:
+        raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
+    except ValueError as error:
+        raise InputError(Problem(str(error), file)) from None
+    if not isinstance(document, dict) or document.get("schema") != KINEMATICS_SCHEMA:
+        raise InputError(Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
+    try:
+        joints = []
+        for entry in document["joints"]:
+            origin = _frame(entry["origin"])
+            values = dict(zip(_ORIGIN, (*origin.xyz, *origin.rpy), strict=True))
+            limits = entry.get("limits")
+            if entry["type"] not in ("revolute", "prismatic"):
+                raise ValueError(f"type {entry['type']!r}")
+            joints.append(
+                Joint(
+                    str(entry["name"]),
+                    entry["type"],
+                    {**values, "offset": 0.0},
+                    limits=None if limits is None else (float(limits[0]), float(limits[1])),
+                )
+            )
+        gravity = tuple(float(value) for value in document["gravity"])
+        x, y, z = gravity
+        base, tool = _frame(document["base"]), _frame(document["tool"])
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        message = f"a key is missing or has an unexpected value: {error}"
+        raise InputError(Problem(message, file, fix="export the model again")) from None
+    return Robot(str(document.get("name", "arm")), "urdf", tuple(joints), base=base, tool=tool, gravity=(x, y, z))
+
+
+def _frame(value: Any) -> Frame:
+    x, y, z = (float(number) for number in value["xyz"])
+    roll, pitch, yaw = (float(number) for number in value["rpy"])
+    return Frame((x, y, z), (roll, pitch, yaw))
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is not a finite number")

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.metrics import pose_metrics
+from robacc.accuracy.pose_errors import pose_metrics
 from robacc.effects.base import Effect
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.errors import RobaccError
-from robacc.fitting.apply_fit import absorb_constants, apply_fit
 from robacc.fitting.fit_result import Options
+from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import log_between
 from robacc.modelling.model import Model, predict

@@ -1,26 +1,138 @@
-"""Result of a correction: corrected commands, expected errors and their grades, for all targets of a file."""
+"""Result of a correction: corrected commands, expected errors with their bounds, and their grades."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.grade_scale import Scale
-from robacc.accuracy.metrics import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
-from robacc.correction.circumstances import Circumstances
-from robacc.correction.correcting import CorrectedTargets, correct_targets
-from robacc.correction.expected import ExpectedErrors, expected_errors
-from robacc.correction.limits import Limits
-from robacc.correction.refusal import Cause, counts
-from robacc.correction.robots import FrameName, RobotPair, robot_pair
+from robacc.accuracy.grade import Scale
+from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
+from robacc.correction.correcting import Cause, CorrectedTargets, Limits, correct_targets, counts
+from robacc.correction.wanted import Circumstances, FrameName, RobotPair, robot_pair
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.prediction.calibrated import completed
 from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.prediction.model_uncertainty import completed, model_uncertainty
 from robacc.robots.description import Robot
+from robacc.statistics.distributions import normal_quantile
+
+# Expected errors of targets before and after the correction: their length, its 95 % bound, and the grade.
+#
+# A predicted error e with covariance V of what the model does not know has a length below the bound with probability
+# 0.95. Its square is a weighted sum of noncentral chi-squares, here by Pearson's approximation with three cumulants,
+# within 2 % of the exact radius. Source: E. S. Pearson, "Note on an approximation to the distribution of non-central
+# chi-square", Biometrika 46 (1959); for quadratic forms J. P. Imhof, Biometrika 48 (1961), eq. 4.2.
+
+PROBABILITY = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedErrors:
+    """Expected errors of N targets, at their nominal or at their corrected commands."""
+
+    position: Array
+    """``(N,)`` length of the predicted error, m."""
+    orientation: Array
+    """``(N,)`` angle of the predicted error, rad."""
+    position_rms: Array
+    """``(N,)`` root mean square of the error's length: predicted error and uncertainty of the model, m."""
+    orientation_rms: Array
+    """``(N,)`` rad."""
+    position_bound: Array | None
+    """``(N,)`` bound of 95 % of the errors, m; None where the model has no uncertainty."""
+    orientation_bound: Array | None
+    """``(N,)`` rad; None where the model has no uncertainty of orientation."""
+    grades: tuple[str, ...] | None
+    """``(N,)`` grade of each bound; None without bounds."""
+
+    @property
+    def orientation_is_known(self) -> bool:
+        """Return whether the model says how uncertain its orientation is; a fit to positions alone does not."""
+        return self.position_bound is None or self.orientation_bound is not None
+
+
+def expected_errors(
+    error: Array, position: Array | None, orientation: Array | None, scale: Scale, oriented: bool
+) -> ExpectedErrors:
+    """Return lengths, bounds and grades of predicted errors ``(6, N)``.
+
+    Args:
+        error: Predicted position errors, m, and orientation errors, rad.
+        position: ``(3, 3, N)`` covariance of the unpredicted position error, m²; None if unknown.
+        orientation: ``(3, 3, N)`` rad²; None if unknown.
+        scale: Scale of the grades.
+        oriented: Whether orientation counts.
+    """
+    position_bound = None if position is None else length_bound(PROBABILITY, error[:3], position)
+    orientation_bound = None if orientation is None else length_bound(PROBABILITY, error[3:], orientation)
+    grades = None
+    if position_bound is not None:
+        grades = target_grades(scale, position_bound, orientation_bound if oriented else None)
+    return ExpectedErrors(
+        np.linalg.norm(error[:3], axis=0),
+        np.linalg.norm(error[3:], axis=0),
+        _root_mean_square(error[:3], position),
+        _root_mean_square(error[3:], orientation),
+        position_bound,
+        orientation_bound,
+        grades,
+    )
+
+
+def _root_mean_square(mean: Array, covariance: Array | None) -> Array:
+    """Return the root mean square ``(N,)`` of the length of N(mean, covariance); of the mean where it is None."""
+    spread = 0.0 if covariance is None else np.einsum("iin->n", covariance)
+    result: Array = np.sqrt(np.sum(np.square(mean), axis=0) + spread)
+    return result
+
+
+def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
+    """Return radii ``(N,)`` about zero that contain ``probability`` of N(mean, covariance).
+
+    Args:
+        probability: Above 0.5.
+        mean: ``(3, N)``.
+        covariance: ``(3, 3, N)``.
+    """
+    moved = np.einsum("ijn,jn->in", covariance, mean)
+    square = np.einsum("ijn,jkn->ikn", covariance, covariance)
+    first = np.einsum("iin->n", covariance) + np.sum(np.square(mean), axis=0)
+    second = np.einsum("iin->n", square) + 2.0 * np.sum(mean * moved, axis=0)
+    third = np.einsum("ijn,jin->n", square, covariance) + 3.0 * np.sum(np.square(moved), axis=0)
+    scatter = second > 1e-28 * np.square(first)
+    dof = np.where(scatter, second**3 / np.where(scatter, third, 1.0) ** 2, 1.0)
+    quantile = chi2_quantiles(probability, dof)
+    result: Array = np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
+    return result
+
+
+def chi2_quantiles(probability: float, dof: Array) -> Array:
+    """Return quantiles of chi-square distributions by Wilson and Hilferty's cube root; at one degree, exactly."""
+    z = normal_quantile(probability)
+    part = 2.0 / (9.0 * dof)
+    result: Array = dof * (1.0 - part + z * np.sqrt(part)) ** 3
+    return np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, result)
+
+
+def target_grades(scale: Scale, position: Array, orientation: Array | None) -> tuple[str, ...]:
+    """Return the best grade whose limits position (m) and orientation (rad), each ``(N,)``, meet."""
+    rank = np.full(position.size, len(scale.steps))
+    for i, step in reversed(list(enumerate(scale.steps))):
+        meets = position <= step.position
+        if orientation is not None and step.orientation is not None:
+            meets &= orientation <= step.orientation
+        rank[meets] = i
+    return tuple(scale.name_of(int(i)) for i in rank)
+
+
+def grade_counts(scale: Scale, grades: Sequence[str]) -> tuple[tuple[str, int], ...]:
+    """Return the number of targets of each grade, the best first."""
+    names = [*(step.grade for step in scale.steps), scale.otherwise]
+    return tuple((name, list(grades).count(name)) for name in names)
+
 
 _DEGREES = 180.0 / np.pi
 

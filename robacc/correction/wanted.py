@@ -1,24 +1,176 @@
-"""Wanted poses of targets, and the nominal joints at which the controller would reach them."""
+"""Wanted poses of targets and their circumstances, on the model and the nominal robot in common frames."""
 
 from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.correction.circumstances import Circumstances
-from robacc.correction.robots import RobotPair, arm_length
 from robacc.correction.solving import JointSpace, solve
-from robacc.effects.base import Part, Term
+from robacc.effects.base import Effect, Part, Term
 from robacc.errors import InputError, Problem
-from robacc.geometry import Array, Poses, compose, log_so3, transpose
+from robacc.fitting.parameters import absorb_constants
+from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.arm import Arm
+from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
+
+# Circumstances of targets other than the joints: from columns, from the order of the targets, and from options.
+
+
+@dataclass(frozen=True, slots=True)
+class Circumstances:
+    """Columns of the targets without their joints, and the source of direction and speed."""
+
+    columns: Measurements
+    """Targets; time, temperature and payload are complete as far as they are known."""
+    follows_order: bool
+    """Direction and speed of approach follow from the moves between the targets, in their order."""
+    visits: NDArray[np.int64]
+    """``(N,)`` number of the arrival that each row belongs to: rows of several measured targets share one."""
+
+    def motion(self, q: Array) -> tuple[Array | None, Array | None]:
+        """Return direction and speed of approach ``(J, N)`` of commands ``q`` in their order; None where unknown."""
+        if not self.follows_order:
+            return self.columns.direction, self.columns.speed
+        direction, speed = motion_between_visits(q, self.visits)
+        columns = self.columns
+        return (
+            direction if columns.direction is None else columns.direction,
+            speed if columns.speed is None else columns.speed,
+        )
+
+    def at(self, q: Array, motion: tuple[Array | None, Array | None], index: NDArray[np.int64]) -> Measurements:
+        """Return the poses of the targets ``index`` at commands ``q`` ``(J, M)``, with their circumstances."""
+        columns = self.columns
+        direction, speed = motion
+        return Measurements(
+            position=np.zeros((3, index.size)),
+            q=q,
+            target=_part(columns.target, index),
+            time=_part(columns.time, index),
+            temperature=_part(columns.temperature, index),
+            payload=_part(columns.payload, index),
+            payload_group=_part(columns.payload_group, index),
+            branches=None if columns.branches is None else columns.branches[:, index],
+            branch_names=columns.branch_names,
+            direction=None if direction is None else direction[:, index],
+            speed=None if speed is None else speed[:, index],
+            rows=columns.rows if columns.rows is None else columns.rows[index],
+        )
+
+
+def circumstances(
+    data: Measurements,
+    *,
+    ordered: bool = True,
+    payload: float | None = None,
+    temperature: float | None = None,
+    time: float | None = None,
+) -> Circumstances:
+    """Return the circumstances of targets; a column of the file has precedence over a constant."""
+
+    def filled(column: Array | None, value: float | None) -> Array | None:
+        return column if column is not None or value is None else np.full(data.n, float(value))
+
+    columns = dataclasses.replace(
+        data,
+        payload=filled(data.payload, payload),
+        temperature=filled(data.temperature, temperature),
+        time=filled(data.time, time),
+    )
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    return Circumstances(columns, ordered, visits)
+
+
+def _part(column: NDArray[Any] | None, index: NDArray[np.int64]) -> NDArray[Any] | None:
+    return None if column is None else column[..., index]
+
+
+# Model and nominal robot of a correction, in common frames.
+
+FrameName = Literal["measuring", "base"]
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPair:
+    """Real arm as the model describes it, and the arm that the controller computes with, in the same frames."""
+
+    model: Model
+    """Effects of the arm; those of the measurement are left out."""
+    nominal: Arm
+    frame: FrameName
+    left_out: tuple[Effect, ...]
+    """Effects of the measurement in the model file, which no command can correct."""
+
+    @property
+    def base(self) -> Poses:
+        """Pose of the robot's base in the measuring frame, one pose."""
+        return frame_pose(self.model.arm.robot.base)
+
+    def to_measuring(self, poses: Poses) -> Poses:
+        """Return Cartesian targets in the measuring frame."""
+        return poses if self.frame == "measuring" else self.base @ poses
+
+    def from_measuring(self, poses: Poses) -> Poses:
+        """Return poses of the measuring frame in the frame of the Cartesian targets."""
+        return poses if self.frame == "measuring" else self.base.inverse() @ poses
+
+
+def robot_pair(model: Robot, nominal: Robot, frame: FrameName) -> RobotPair:
+    """Return model and nominal robot in common frames.
+
+    The nominal robot stands where the model stands, because a controller knows no measuring frame. With ``frame``
+    ``measuring``, both carry the model's tool, the measured target; with ``base``, both carry the nominal tool, with
+    which the controller works.
+
+    Raises:
+        InputError: The two robots have different joints, or their effects cannot be read.
+    """
+    model = absorb_constants(model)
+    nominal = dataclasses.replace(nominal, effects=(), effect_units=(1.0, 1.0))
+    check_same_joints(model, nominal)
+    if frame == "base":
+        com = Arm.of(model).payload_com
+        model = dataclasses.replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=com)
+    nominal = dataclasses.replace(nominal, base=model.base, tool=model.tool, targets=model.targets)
+    full = Model.of(model)
+    known = tuple(entry for entry in full.known if not entry.effect.is_of_measurement)
+    left_out = tuple(entry.effect for entry in full.known if entry.effect.is_of_measurement)
+    return RobotPair(dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out)
+
+
+def nominal_of(model: Robot) -> Robot:
+    """Return the robot that a model was fitted from: its numbers without the fitted constants, and no effects."""
+    return dataclasses.replace(absorb_constants(model), effects=())
+
+
+def check_same_joints(model: Robot, nominal: Robot) -> None:
+    """Raise InputError unless both robots have the same joint variables."""
+    pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]
+    if [kind for _, kind in pairs[0]] != [kind for _, kind in pairs[1]]:
+        texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
+        message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
+        raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
+
+
+def frame_pose(frame: Frame) -> Poses:
+    """Return the pose ``(1)`` of a frame."""
+    return Poses.from_xyz_rpy(np.array(frame.xyz)[:, None], np.array(frame.rpy)[:, None])
+
+
+def arm_length(arm: Arm, q: Array) -> float:
+    """Return the size of the arm, m: RMS distance of its target from its base at joints ``q`` ``(J, N)``."""
+    poses = arm.chain.forward(q)
+    base = np.array(arm.robot.base.xyz)[:, None]
+    return max(rms_length(poses.translation - base), 1e-3)
+
 
 Given = Literal["joints", "poses", "poses and joints"]
 

@@ -12,21 +12,30 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from robacc.diagnostics.batch_registration import orientation_errors
-from robacc.diagnostics.joint_changes import (
+from robacc.diagnostics.changes import (
     JointChange,
+    MeasuredPoses,
+    axis_change,
     inner_zeros,
     interactions,
     joint_changes,
+    measured_changes,
+    orientation_changes,
     permutations,
     sign_sets,
 )
-from robacc.diagnostics.measured_changes import MeasuredPoses, axis_change, measured_changes, orientation_changes
-from robacc.diagnostics.mistake import Mistake
-from robacc.diagnostics.mistake_hypothesis import Hypothesis, hypothesis, simplest
-from robacc.diagnostics.part_mistakes import find_part_mistake
-from robacc.diagnostics.row_mistakes import find_row_mistakes
-from robacc.diagnostics.screening import Sample, arm_poses, most_likely, screen
+from robacc.diagnostics.mistakes import (
+    Hypothesis,
+    Mistake,
+    Sample,
+    arm_poses,
+    hypothesis,
+    most_likely,
+    orientation_errors,
+    screen,
+    simplest,
+)
+from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistakes
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.geometry import Array, Poses, log_between

@@ -26,7 +26,7 @@ from robacc.chain import BLOCK
 from robacc.effects.base import Driver, Effect, Term
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.orders import supported_orders
-from robacc.effects.periodic import orders_of
+from robacc.effects.search_forms import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array

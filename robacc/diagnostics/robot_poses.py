@@ -12,9 +12,9 @@ from robacc.errors import InputError, Problem
 from robacc.measurements import Measurements
 from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
-from robacc.poses.plausibility import TURN, central_range, check_scale, thousandfold
-from robacc.robots.assembly import build_chain
+from robacc.poses.reading import KnownRobot
+from robacc.poses.units import TURN, central_range, check_scale, thousandfold
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Joint, Mimic, Robot
 
 _MOST_RATIO = 3.0

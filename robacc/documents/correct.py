@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.metrics import ErrorMetrics
-from robacc.correction.correction import Correction
-from robacc.correction.expected import ExpectedErrors, grade_counts
-from robacc.documents.csv_columns import csv_cell, csv_text
-from robacc.documents.poses import rounded
+from robacc.accuracy.pose_errors import ErrorMetrics
+from robacc.correction.correction import Correction, ExpectedErrors, grade_counts
+from robacc.documents.envelope import csv_cell, csv_text
+from robacc.documents.parts import rounded
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.quantities import number_text

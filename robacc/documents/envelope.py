@@ -1,15 +1,72 @@
-"""Envelope of every result: the version, command, options and inputs that made it, and nothing that varies by run."""
+"""Envelope of every result: what made it, numbers rounded so that all processors agree, and CSV text from columns."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any
 
-from robacc.documents.digits import significant_document
+import numpy as np
+from numpy.typing import NDArray
+
 from robacc.poses.reading import PoseFile
+from robacc.quantities import SIGNIFICANT_DIGITS, significant
 from robacc.version import __version__
+
+# Rounding of a document's numbers to significant digits, so that documents agree on all processors.
+
+_LARGEST_EXACT_POWER = 22
+"""10^22 is the largest power of ten that a double holds exactly."""
+
+
+def significant_document(value: Any) -> Any:
+    """Return the document with every float rounded to :data:`SIGNIFICANT_DIGITS` significant digits."""
+    # The types of most values come first, since the test of others is slow.
+    if isinstance(value, float | np.floating):
+        return significant(float(value))
+    if isinstance(value, str | int | None):
+        return value
+    if isinstance(value, np.ndarray):
+        return significant_array(value) if value.dtype.kind == "f" else value
+    if isinstance(value, Mapping):
+        return {key: significant_document(item) for key, item in value.items()}
+    if isinstance(value, Sequence):
+        return [significant_document(item) for item in value]
+    return value
+
+
+def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
+    """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
+
+    An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
+    number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
+    """
+    values = np.asarray(array, dtype=np.float64)
+    size = np.abs(np.where(np.isfinite(values), values, 0.0))
+    with np.errstate(divide="ignore"):
+        places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+    exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+    power = 10.0 ** np.where(exact, places, 0.0)
+    result = np.where(exact, np.rint(values * power) / power, values) + 0.0
+    inexact = ~exact & (size > 0.0)
+    result[inexact] = [significant(value) for value in values[inexact].tolist()]
+    return result
+
+
+# CSV text from columns.
+
+
+def csv_text(columns: Mapping[str, Iterable[str]]) -> str:
+    """Return a header and a line for each row of columns by name; their cells stand as they are."""
+    rows = zip(*columns.values(), strict=True)
+    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+
+
+def csv_cell(text: str) -> str:
+    """Return the text as a cell, in quotes where a reader would split it."""
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
 """Schema versions other than 1. A version goes up when a key changes its name or meaning, not when keys are added."""

@@ -6,8 +6,8 @@ import os
 from collections.abc import Sequence
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.robots.identity import IDENTITY
-from robacc.robots.identity import read_identity as read_section
+from robacc.robots.description import IDENTITY
+from robacc.robots.description import read_identity as read_section
 
 
 def read_identity(sources: Sequence[str]) -> dict[str, str]:

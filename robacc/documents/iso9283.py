@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from robacc.documents.statistics import interval_document, parameters_document
+from robacc.documents.parts import interval_document, parameters_document
 from robacc.geometry import quaternion_from_rotation
-from robacc.iso_9283.proposal import Proposal
+from robacc.iso_9283.cube import Proposal
 from robacc.iso_9283.records import Characteristic, CriterionFigure, Iso9283Result, IsoCriterion
 from robacc.iso_9283.visits import CommandedPose
 

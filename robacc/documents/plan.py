@@ -6,13 +6,12 @@ import dataclasses
 from hashlib import sha256
 from typing import Any
 
-from robacc.documents.poses import robot_document, rounded
-from robacc.planning.acceptance import NeededPoses
-from robacc.planning.campaign import CampaignPlan, PayloadBlock
+from robacc.documents.parts import robot_document, rounded
+from robacc.planning.campaign import CampaignPlan, NeededPoses, PayloadBlock
+from robacc.planning.candidates import targets_in_base
 from robacc.planning.collisions import LinkCollisions
-from robacc.planning.detectability import Detectability
 from robacc.planning.expected import AccuracyPoint, ExpectedAccuracy, Sufficiency, Worth
-from robacc.planning.feasibility import targets_in_base
+from robacc.planning.power import Detectability
 from robacc.planning.route import Route
 from robacc.robots.description import Frame
 

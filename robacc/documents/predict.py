@@ -8,17 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from robacc.documents.poses import robot_document, rounded
-from robacc.documents.statistics import parameters_document
-from robacc.prediction.allocation import Allocation
-from robacc.prediction.comparison import MeasuredComparison
+from robacc.documents.parts import parameters_document, robot_document, rounded
+from robacc.prediction.comparison import ChiSquare, MeasuredComparison
 from robacc.prediction.components import VarianceComponents
-from robacc.prediction.consistency import ChiSquare
-from robacc.prediction.coverage import Coverage
-from robacc.prediction.predicting import PredictedErrors, Prediction, Share
+from robacc.prediction.model_uncertainty import Coverage
+from robacc.prediction.predicting import Allocation, PredictedErrors, Prediction, Share
 from robacc.prediction.warranty_map import WarrantyMap, warranty_map
 from robacc.quantities import number_text
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 
 

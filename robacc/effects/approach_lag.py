@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, joint_terms, needed, register, varies
 from robacc.effects.settings import refuse_settings
-from robacc.effects.term import joint_terms
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
-from robacc.effects.driver import joint_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, orders_setting, register
 from robacc.effects.orders import common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
-from robacc.robots.assembly import FLEXURES
+from robacc.robots.arm import FLEXURES, Arm
 
 
 def tilt_motions(arm: Arm, joint: str) -> dict[str, int]:

@@ -9,10 +9,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, needed, register, varies, weight_needed
-from robacc.effects.driver import torque_driver
-from robacc.effects.requirements import torques_needed
-from robacc.effects.term import joint_terms
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Term,
+    joint_terms,
+    needed,
+    register,
+    torque_driver,
+    torques_needed,
+    varies,
+    weight_needed,
+)
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

@@ -1,4 +1,4 @@
-"""Contract of effects, and their registry.
+"""Contract of effects and their registry: terms, drivers, requirements and catalogue texts.
 
 An effect is a scalar of the chain that varies by a known function of the circumstances: scalar += coefficient x
 regressor. A :class:`Term` is one coefficient; its :class:`Part` s state which scalars it moves and by which regressor.
@@ -10,23 +10,221 @@ To add an effect: one file in this folder with one subclass of :class:`Effect` d
 from __future__ import annotations
 
 import abc
+import dataclasses
 import difflib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
-from robacc.effects.about import About
-from robacc.effects.driver import Driver
+import numpy as np
+from numpy.typing import NDArray
+
 from robacc.effects.orders import orders_setting
-from robacc.effects.requirements import commanded, needed, varies, weight_needed
 from robacc.effects.settings import refuse_settings
-from robacc.effects.term import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.validity import Validity, ranges
-from robacc.errors import UsageError
+from robacc.errors import MissingColumnError, UsageError
+from robacc.geometry import Array
+from robacc.gravity.loads import Load, own_weight
+from robacc.gravity.torques import gravity_torques, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+# Coefficients of effects, and the scalars of the chain that they move.
+
+SCALE_OF_INSTRUMENT = -1
+"""Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+LEAST_OF_CONSTANT = 1e-3
+"""Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
+1 mm and 1 mrad, so that the column itself is known to this share only; a smaller independent part is an error of the
+model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
+
+    The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
+    torque about the axis), N for a translation. It is positive along gravity, so a positive compliance sags.
+    """
+
+    motion: int
+    factor: float | Array = 1.0
+    """``(N,)`` regressor, or a constant."""
+    loads: tuple[Load, ...] | None = None
+    deflected: bool = True
+    """True if the force is that at the deflected pose, in equilibrium; False at the undeflected pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """One coefficient of the model."""
+
+    name: str
+    """``effect.joint.term``, stable."""
+    unit: str
+    typical: float
+    """A usual size of the coefficient on real arms."""
+    parts: tuple[Part, ...]
+    group: str | None = None
+    """Terms of one group share a Gaussian prior of zero mean; its standard deviation is estimated from the data."""
+    weight: float = 1.0
+    """Prior standard deviation relative to the group's."""
+    least_part: float = 0.0
+    """Share of its column that must be independent of other columns for the coefficient to be identifiable."""
+
+    @property
+    def label(self) -> str:
+        """Return the last part of the name: the constant, coordinate or polynomial."""
+        return self.name.rpartition(".")[2]
+
+
+def joint_terms(effect: str, arm: Arm, regressors: Mapping[str, Array]) -> tuple[Term, ...]:
+    """Return one term a joint, which adds coefficient x regressor ``(N,)`` to its variable; of about 0.1 mrad or mm."""
+    return tuple(
+        Term(f"{effect}.{joint}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), regressor),))
+        for joint, regressor in regressors.items()
+    )
+
+
+# Catalogue texts of an effect.
+
+
+@dataclass(frozen=True, slots=True)
+class About:
+    """Catalogue texts of an effect."""
+
+    summary: str
+    equation: str
+    unit: str
+    usual_size: str
+    usual_range: tuple[float, float]
+    """Smallest and largest usual size of a coefficient, of the unit's first alternative, in SI."""
+    needs: str
+    confused_with: str
+    source: str
+    example: str
+    """An entry of a robot file, in YAML, of an arm with joints j1 … j6 in m and rad."""
+
+
+# Columns and masses that an effect needs.
+
+
+def needed(column: Array | None, name: str, effect: str) -> Array:
+    """Return a column that an effect needs.
+
+    Raises:
+        MissingColumnError: the data do not have it.
+    """
+    if column is None:
+        raise MissingColumnError(f"{effect} needs the column {name}, which the poses do not have")
+    return column
+
+
+def commanded(data: Measurements, effect: str) -> Array:
+    """Return the commanded joint variables ``(J, N)``."""
+    return needed(data.q, "q1 … qN", effect)
+
+
+def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]:
+    """Return the arm's own weight at the poses, which an effect needs.
+
+    Raises:
+        UsageError: the robot file has no masses.
+    """
+    _require_masses(arm, effect)
+    return own_weight(arm, data)
+
+
+def torques_needed(arm: Arm, data: Measurements, effect: str) -> Array:
+    """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint by the arm's own weight."""
+    commanded(data, effect)
+    _require_masses(arm, effect)
+    return weight_torques(arm, data)
+
+
+def _require_masses(arm: Arm, effect: str) -> None:
+    if not arm.chain.bodies:
+        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+
+
+def varies(column: Array | None) -> bool:
+    """Return whether a column exists and takes more than one value."""
+    return column is not None and column.size > 1 and bool(np.ptp(column) > 0)
+
+
+# The driver of an effect: the quantity, one number per pose, that the effect is a function of.
+
+_CIRCUMSTANCES = {"payload_kg": ("payload", "kg"), "temperature_c": ("temperature", "°C"), "time_s": ("time", "s")}
+"""Field of :class:`Measurements` and unit of each circumstance, by its column."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """One quantity that varies from pose to pose."""
+
+    name: str
+    """A joint's name, or ``torque``, ``payload_torque``, ``direction``, ``speed``, ``time_s``, ``temperature_c``,
+    ``payload_kg``, ``distance``.
+    """
+    unit: str
+    values: Array
+    """``(N,)``"""
+    is_only: bool
+    """True if the effect is a function of this driver alone."""
+    swept: Callable[[Array], Measurements] | None = None
+    """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
+
+
+def joint_driver(arm: Arm, data: Measurements, joint: str, *, is_only: bool = True) -> Driver:
+    """Return a joint's own variable, in rad or m."""
+    q = commanded(data, "a driver")
+    number = arm.number(joint)
+
+    def swept(values: Array) -> Measurements:
+        poses = _median_joints(q, values.size)
+        poses[number] = values
+        return _poses_at(poses)
+
+    return Driver(joint, arm.unit(joint), q[number], is_only, swept)
+
+
+def torque_driver(
+    arm: Arm, data: Measurements, joint: str, *, is_only: bool = True, loads: tuple[Load, ...] | None = None
+) -> Driver:
+    """Return gravity's torque (N m) or force (N) on a joint: of the arm's own weight, or of the payload ``loads``."""
+    q = commanded(data, "a torque")
+    torque = gravity_torques(arm, q, own_weight(arm, data) if loads is None else loads)[arm.number(joint)]
+    name = "torque" if loads is None else "payload_torque"
+    return Driver(name, "N m" if arm.is_revolute(joint) else "N", torque, is_only)
+
+
+def circumstance_driver(name: str, data: Measurements, *, is_only: bool = False) -> Driver:
+    """Return ``time_s``, ``temperature_c`` or ``payload_kg``."""
+    field, unit = _CIRCUMSTANCES[name]
+
+    def swept(values: Array) -> Measurements:
+        poses = _poses_at(_median_joints(commanded(data, "a driver"), values.size))
+        return dataclasses.replace(poses, **{field: values})  # type: ignore[arg-type]
+
+    return Driver(name, unit, needed(getattr(data, field), name, "a driver"), is_only, swept)
+
+
+def is_circumstance(name: str) -> bool:
+    """Return whether ``name`` is a circumstance's column, not a joint or a torque."""
+    return name in _CIRCUMSTANCES
+
+
+def _median_joints(q: Array, n: int) -> Array:
+    """Return ``(J, n)`` median of the joint variables ``(J, N)``, n times."""
+    return np.repeat(np.median(q, axis=1, keepdims=True), n, axis=1)
+
+
+def _poses_at(q: Array) -> Measurements:
+    rows: NDArray[np.int64] = np.arange(1, q.shape[1] + 1)
+    return Measurements(position=np.zeros((3, rows.size)), q=q, rows=rows)
+
 
 __all__ = [
     "REGISTRY",

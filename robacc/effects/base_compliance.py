@@ -11,8 +11,7 @@ import numpy as np
 
 from robacc.chain import BASE
 from robacc.effects.base import About, Effect, Part, Term, commanded, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
-from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
+from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
 from robacc.geometry import Poses
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import moments

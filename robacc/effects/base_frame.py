@@ -9,12 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, register
-from robacc.effects.term import LEAST_OF_CONSTANT
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register
 from robacc.geometry import Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
-from robacc.robots.assembly import TURN_OF_ANGLE
+from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import Frame, Robot
 
 FRAME_LABELS = {"x": "x", "y": "y", "z": "z", **TURN_OF_ANGLE}

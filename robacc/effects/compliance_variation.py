@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
-from robacc.effects.driver import torque_driver
-from robacc.effects.periodic import searched_order
-from robacc.effects.torque_driven import TorqueDriven
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register, torque_driver
+from robacc.effects.elastic import TorqueDriven
+from robacc.effects.search_forms import searched_order
 from robacc.effects.validity import torque_of
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

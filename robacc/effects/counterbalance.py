@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
-from robacc.effects.driver import joint_driver
-from robacc.effects.periodic import low_orders
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
+from robacc.effects.search_forms import low_orders
 from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

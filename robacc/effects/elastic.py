@@ -1,14 +1,66 @@
-"""Base class of effects that gravity drives: the deflection model."""
+"""Base classes of effects that gravity drives: the deflection model, the torque as driver, and unknown masses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from robacc.effects.base import Effect, Part
+from robacc.effects.base import Driver, Effect, Part, Term, torque_driver, torques_needed
 from robacc.effects.settings import refuse_settings
+from robacc.geometry import Array
 from robacc.gravity.loads import Load
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm
+
+# Forms of elastic effects whose masses are not those of the robot file: the setting, and the base regressors.
+
+Masses = Literal["known", "uncertain", "unknown"]
+
+_MASS_STD = 5.0
+"""Prior standard deviation of an unknown mass, kg."""
+_FIRST_MOMENT_STD = 1.0
+"""Prior standard deviation of an unknown first moment of mass, kg m."""
+
+
+def masses_setting(name: str, settings: Mapping[str, Any], known: Collection[Masses]) -> tuple[Masses, dict[str, Any]]:
+    """Return the setting ``masses``, and the other settings.
+
+    Raises:
+        ValueError: it is none of its ``known`` values.
+    """
+    other_settings = dict(settings)
+    masses = other_settings.pop("masses", "known")
+    if masses not in known:
+        raise ValueError(f"{name}: masses must be {' or '.join(known)}, found {masses!r}")
+    return masses, other_settings
+
+
+def base_regressors(
+    prefix: str,
+    unit: str,
+    typical: float,
+    loads: Mapping[str, tuple[Load, ...]],
+    parts: Callable[[tuple[Load, ...]], tuple[Part, ...]],
+    stds: Mapping[str, float] | None = None,
+) -> Iterator[Term]:
+    """Yield one term for each unit mass and unit first moment of mass, shrunk by a common prior.
+
+    Args:
+        prefix: Name of the effect, and of its joint; the terms share it as the name of their prior.
+        unit: Unit of the compliance.
+        typical: Usual size of the compliance.
+        loads: Unit loads by label, as :func:`robacc.gravity.loads.unit_loads` returns them.
+        parts: Function that returns what moves under a load.
+        stds: Prior standard deviation of each label's mass (kg) or first moment (kg m), where it is not the usual.
+    """
+    for label, load in loads.items():
+        is_mass = label.startswith("m")
+        usual = _MASS_STD if is_mass else _FIRST_MOMENT_STD
+        std = usual if stds is None else stds.get(label, usual)
+        unit_of_term = f"{unit} {'kg' if is_mass else 'kg m'}"
+        yield Term(f"{prefix}.{label}", unit_of_term, typical, parts(load), prefix, std)
+
 
 Deflection = Literal["equilibrium", "rigid"]
 
@@ -64,3 +116,34 @@ def deflection_setting(name: str, settings: Mapping[str, Any]) -> Deflection:
         raise ValueError(f"{name}: deflection must be equilibrium or rigid, found {form!r}")
     refuse_settings(name, [key for key in settings if key != "deflection"])
     return form
+
+
+# Base class of effects that are functions of gravity's torque on the joint at the commanded pose.
+
+
+@dataclass(frozen=True)
+class TorqueDriven(Effect):
+    """An effect of each joint's own torque, which is that of the file's masses and of no deflection.
+
+    It adds to ``joint_compliance``, the part in proportion to the torque.
+    """
+
+    missing_reasons = ("no masses in the robot file",)
+
+    @property
+    def uses_masses(self) -> bool:
+        """Return True: the torque is that of the file's masses."""
+        return True
+
+    @classmethod
+    def missing(cls, arm: Arm, data: Measurements) -> str | None:
+        """Return the reason if there are no masses."""
+        return None if arm.chain.bodies else cls.missing_reasons[0]
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return gravity's torque on the joint."""
+        return None if joint is None else torque_driver(arm, data, joint)
+
+    def torques(self, arm: Arm, data: Measurements) -> Array:
+        """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint."""
+        return torques_needed(arm, data, self.name)

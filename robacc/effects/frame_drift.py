@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, needed, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.driver import circumstance_driver
 from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

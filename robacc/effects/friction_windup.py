@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
-from robacc.effects.requirements import torques_needed
+from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, torques_needed, varies
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

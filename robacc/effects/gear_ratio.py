@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
-from robacc.effects.driver import joint_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

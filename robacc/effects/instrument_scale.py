@@ -10,8 +10,18 @@ from typing import Any, ClassVar
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import SCALE_OF_INSTRUMENT, About, Driver, Effect, Part, Term, needed, register, varies
-from robacc.effects.driver import circumstance_driver
+from robacc.effects.base import (
+    SCALE_OF_INSTRUMENT,
+    About,
+    Driver,
+    Effect,
+    Part,
+    Term,
+    circumstance_driver,
+    needed,
+    register,
+    varies,
+)
 from robacc.effects.instrument_place import FARTHEST
 from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity

@@ -8,11 +8,18 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Term, register, weight_needed
-from robacc.effects.driver import joint_driver, torque_driver
-from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
-from robacc.effects.requirements import commanded
-from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Term,
+    commanded,
+    joint_driver,
+    register,
+    torque_driver,
+    weight_needed,
+)
+from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import bears_weight
 from robacc.measurements import Measurements

@@ -9,10 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import Driver, Effect, Part, Term, commanded, needed, register, varies
-from robacc.effects.driver import circumstance_driver, is_circumstance, joint_driver, torque_driver
+from robacc.effects.base import (
+    Driver,
+    Effect,
+    Part,
+    Term,
+    circumstance_driver,
+    commanded,
+    is_circumstance,
+    joint_driver,
+    needed,
+    register,
+    torque_driver,
+    torques_needed,
+    varies,
+)
 from robacc.effects.pose_correction import ABOUT, PoseCorrection
-from robacc.effects.requirements import torques_needed
 from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.geometry import Array

@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
-from robacc.effects.driver import joint_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
 from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

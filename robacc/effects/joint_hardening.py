@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.elastic import TorqueDriven
 from robacc.effects.settings import refuse_settings
-from robacc.effects.torque_driven import TorqueDriven
 from robacc.effects.validity import Validity, torque_of
 from robacc.geometry import Array
 from robacc.gravity.torques import weight_torques

@@ -6,9 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, register
-from robacc.effects.driver import joint_driver
-from robacc.effects.term import LEAST_OF_CONSTANT
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Driver, Effect, Part, Term, joint_driver, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

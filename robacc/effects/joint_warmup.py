@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, needed, register, varies
-from robacc.effects.driver import circumstance_driver
+from robacc.effects.base import About, Driver, Effect, Term, circumstance_driver, joint_terms, needed, register, varies
 from robacc.effects.settings import refuse_settings
-from robacc.effects.term import joint_terms
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -10,12 +10,10 @@ from typing import Any
 import numpy as np
 
 from robacc.effects.base import About, Effect, Term, commanded, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
-from robacc.effects.unknown_masses import Masses, base_regressors, masses_setting
+from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
-from robacc.robots.assembly import FLEXURES
+from robacc.robots.arm import FLEXURES, Arm
 
 _UPRIGHT = 0.02
 """Largest sine of the angle between an upright axis and gravity."""

@@ -7,11 +7,10 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register
 from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
 from robacc.effects.settings import refuse_settings
-from robacc.effects.term import LEAST_OF_CONSTANT
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Robot

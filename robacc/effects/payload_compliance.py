@@ -8,8 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, needed, register
-from robacc.effects.driver import torque_driver
+from robacc.effects.base import About, Driver, Effect, Term, needed, register, torque_driver
 from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
 from robacc.errors import UsageError
 from robacc.geometry import Array

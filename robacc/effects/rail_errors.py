@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.driver import joint_driver
 from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

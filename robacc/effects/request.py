@@ -1,7 +1,8 @@
-"""Parser of requested effects: ``base_frame,joint_offset[j2,j3],gear_ratio[all]``."""
+"""Requested effects, ``base_frame,joint_offset[j2,j3],gear_ratio[all]``, and those of every arm."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -75,3 +76,69 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
                 raise UsageError(f"{request.name} cannot act on {joint}; it can on {possible}")
         effects.append(cls.default(arm, data, joints))
     return tuple(effects)
+
+
+# Effects of the baseline where none are declared: those by which every arm deviates, as far as the poses support them.
+#
+# A complete model of the constants has 4 coefficients for each revolute joint, 2 for each prismatic joint, and 6 for
+# the target, of which 3 for a target measured by position only (L. J. Everett, M. Driels, B. W. Mooring, "Kinematic
+# modelling for robot calibration", ICRA 1987).
+
+FRAMES = ("base_frame", "tool_frame")
+CONSTANTS = ("joint_offset", "link_geometry")
+"""Effects of every arm other than its frames, in the order in which the poses have to support them."""
+_COORDINATES_PER_COEFFICIENT = 1.5
+"""Fewest measured coordinates of poses in different places for each coefficient: 1.2 where a fifth is held out.
+
+Coefficients that the poses show weakly are shrunk to the nominal model, so they do less harm than geometry that the
+baseline lacks. On 37 simulated arms with 8 to 30 poses, 1.5 to 3 coordinates for each coefficient, the error of other
+poses was 0.01 to 1.3 times (median 0.4) that without geometry.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """Declared effects of a trace."""
+
+    names: tuple[str, ...]
+    """Requests, such as ``joint_offset`` or ``joint_offset[j2]``."""
+    by_default: bool
+    """The call declared nothing; robacc chose the effects."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Effects that the default has and these poses do not support, with the reason."""
+
+
+def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
+    """Return the effects of every arm that poses in ``n_places`` different places support."""
+    names: list[str] = []
+    left_out: list[tuple[str, str]] = []
+    measured = n_places * (3 if data.rotation is None else 6)
+    for name in (*FRAMES, *CONSTANTS):
+        why = effect_class(name).missing(arm, data)
+        if why is None and name in CONSTANTS:
+            why = _too_few(n_places, measured, _coefficients(arm, data, name))
+        if why is None:
+            names.append(name)
+        else:
+            left_out.append((name, why))
+    return Baseline(tuple(names), True, tuple(left_out))
+
+
+def _too_few(n_places: int, measured: int, coefficients: int) -> str | None:
+    needed = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
+    if measured >= needed:
+        return None
+    return (
+        f"poses in {n_places} places give {measured} coordinates, but the {coefficients} coefficients of the baseline "
+        f"with it need {needed}"
+    )
+
+
+def _coefficients(arm: Arm, data: Measurements, last: str) -> int:
+    """Return the number of identifiable coefficients of the baseline up to the effect ``last``."""
+    of_target = (3 if data.rotation is None else 6) * max(len(arm.robot.targets), 1)
+    revolute = sum(arm.is_revolute(name) for name in arm.names)
+    prismatic = len(arm.names) - revolute
+    if last == "joint_offset":
+        return 6 + of_target + revolute + prismatic
+    return 4 * revolute + 2 * prismatic + of_target

@@ -1,9 +1,10 @@
-"""Reader and writer of the effects that a robot file lists."""
+"""Reader and writer of the effects that a robot file lists, in its units."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,12 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.beyond_range import limits_of
-from robacc.effects.validity import (
-    Periods,
-    Validity,
-    is_outside,
-    read_validity,
-)
+from robacc.effects.validity import Periods, Validity, driver_unit, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -191,3 +187,41 @@ def entry_of(effect: Effect, values: Mapping[str, float], validity: Validity | N
     short = {short_name(effect, name): value for name, value in values.items()}
     entry = {**entry, **effect.settings(), "values": short}
     return {**entry, "validity": {name: list(pair) for name, pair in validity.items()}} if validity else entry
+
+
+# Entries of a robot file's effects in other units of length and angle.
+
+
+def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> Robot:
+    """Return the robot with the entries of its effects in units of ``length`` m and ``angle`` rad.
+
+    Raises:
+        InputError: Its effects cannot be read.
+    """
+    campaign = robot.campaign
+    if robot.effect_units == (length, angle):
+        return robot
+    if not (robot.effects or (campaign and campaign.effects)):
+        return dataclasses.replace(robot, effect_units=(length, angle))
+    arm = Arm.of(robot)
+
+    def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
+        stated = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
+        return tuple(_entry(arm, entry, length, angle) for entry in stated)
+
+    if campaign is not None:
+        campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
+    return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(length, angle), campaign=campaign)
+
+
+def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, Any]:
+    """Return the entry of an effect, whose values are in SI, in units of ``length`` m and ``angle`` rad."""
+    effect = stated.effect.from_units(arm, 1 / length, 1 / angle)
+    sizes = {term.name: unit_size(term, length, angle) for term in stated.effect.terms(arm, every_column(arm))}
+    values = {name: value / sizes[name] for name, value in stated.values.items()}
+    validity = {}
+    for name, (low, high) in stated.validity.items():
+        unit = driver_unit(arm, name) if name in arm.names else ""
+        size = {"rad": angle, "m": length}.get(unit, 1.0)
+        validity[name] = (low / size, high / size)
+    return entry_of(effect, values, validity)

@@ -11,9 +11,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from robacc.chain import BASE, TOOL
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, varies
+from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, commanded, register, varies
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.driver import circumstance_driver
 from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 from robacc.gravity.loads import payload

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import Scalar
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, varies
-from robacc.effects.driver import circumstance_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, needed, register, varies
 from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements

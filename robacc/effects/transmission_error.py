@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register
-from robacc.effects.driver import joint_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, orders_setting, register
 from robacc.effects.orders import common_period, exact_period
 from robacc.effects.validity import Validity
 from robacc.geometry import Array

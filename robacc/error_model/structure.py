@@ -19,22 +19,22 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.error_model.covariance import CovarianceParameters, likelihood_and_gradient, whitened
-from robacc.error_model.estimate import (
+from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
     MOST_COMPONENTS,
+    CovarianceParameters,
     estimated,
+    likelihood_and_gradient,
     log_evidence,
     on_subset,
+    whitened,
     with_terms_that_gain,
 )
-from robacc.error_model.rows import Linearised, Rows
-from robacc.error_model.terms import TERMS, Part
-from robacc.fitting.coefficient_covariance import sandwich, with_covariance
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.linear_algebra import posterior
-from robacc.fitting.misfit import noise_of
+from robacc.error_model.terms import TERMS, ErrorPart, Linearised, Rows
+from robacc.fitting.fit_result import Fit, Options, sandwich, with_covariance
+from robacc.fitting.normal_equations import posterior
+from robacc.fitting.outliers import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -122,7 +122,7 @@ class ErrorStructure:
     options: Options
     """Options of the fit, with the scatter of the joints."""
     noise: CovarianceParameters
-    parts: Mapping[Part, float]
+    parts: Mapping[ErrorPart, float]
     """Root mean square of each part of the remaining error at the target, m."""
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not there."""
@@ -168,7 +168,7 @@ def with_error_structure(
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
     independent = np.square(noise.independent(linear.rows.stated)[:, :3]).sum(axis=1)
-    parts: dict[Part, float] = {"noise": float(np.sqrt(np.median(independent)))}
+    parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
     return ErrorStructure(
@@ -240,7 +240,7 @@ def _repeatability(
     fitted: Fit,
     noise: CovarianceParameters,
     linear: Linearised,
-    parts: Mapping[Part, float],
+    parts: Mapping[ErrorPart, float],
     source: Source,
 ) -> Repeatability:
     stds = np.exp(noise.terms["scatter"])

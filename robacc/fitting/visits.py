@@ -1,4 +1,4 @@
-"""Visits: arrivals of the arm, each measured in one row or several; and random parts of the poses."""
+"""Visits and places: arrivals of the arm, and poses that lie close together; random parts of the rows."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from robacc.measurements import Measurements
 from robacc.poses.motion import numbered, rank_among_equals, visits_in_order
+from robacc.poses.row_checks import MOST_POSES, close_groups
 
 
 def visit_numbers(data: Measurements) -> NDArray[np.int64]:
@@ -45,3 +46,48 @@ def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
 def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:
     """Return the rows of random commanded poses, about ``most`` of them, in their order; all if there are no more."""
     return np.arange(data.n) if data.n <= most else first_ranks(random_rank(data), most)
+
+
+# Places: poses that lie close together, such as repetitions whose joints were logged as read, not as commanded.
+#
+# Poses of one place share the arm's errors there, so that a held-out error is an error elsewhere only if the whole
+# place is held out.
+
+_NEAR = 0.03
+"""Share of each joint's range up to which two poses are close. Of 1,000 random poses of six joints, none is expected to
+be."""
+_WIDEST = 4.0
+"""Largest extent of a place, in multiples of that distance; a sweep of joints is longer."""
+_EVIDENT = 0.1
+"""Share of the poses that lie close to another from which places count."""
+_LEAST_PLACES = 6
+"""Places that poses must lie in; of fewer, none could be held out."""
+
+
+def places(data: Measurements) -> NDArray[np.int64]:
+    """Return ``(N,)`` the number of each row's place; the number of its commanded pose where no poses lie together."""
+    groups = data.groups()
+    numbers, first, which = np.unique(groups, return_index=True, return_inverse=True)
+    commands = data.commands
+    if commands is None or not 2 <= numbers.size <= MOST_POSES:
+        return groups
+    extent = np.ptp(commands, axis=1)
+    place = close_groups(commands[:, first] / np.where(extent > 0.0, extent, 1.0)[:, None], _NEAR, _WIDEST * _NEAR)
+    count = np.bincount(place)
+    if np.mean(count[place] > 1) < _EVIDENT or np.count_nonzero(count) < _LEAST_PLACES:
+        return groups
+    result: NDArray[np.int64] = np.unique(place[which], return_inverse=True)[1].astype(np.int64)
+    return result
+
+
+def places_warning(data: Measurements) -> tuple[str, ...]:
+    """Return a warning of poses that are held out together because they lie close together."""
+    groups, place = data.groups(), places(data)
+    n_groups, n_places = np.unique(groups).size, np.unique(place).size
+    if n_groups == n_places:
+        return ()
+    return (
+        f"{f'{data.source}: ' if data.source else ''}{n_groups} poses lie in {n_places} places, closer together than "
+        f"{100 * _NEAR:.0f} % of each joint's range; poses of one place are held out together; for repetitions of one "
+        "commanded pose, add a pose column or the commanded joints",
+    )

@@ -1,19 +1,152 @@
-"""Read a gate file (YAML), with every problem reported at its line."""
+"""Gates, their criteria and the keys that these may test, and the reader of a gate file."""
 
 from __future__ import annotations
 
+import difflib
+import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from itertools import product
+from typing import TYPE_CHECKING, Literal, cast
 
 from robacc.errors import InputError, Problem
-from robacc.gates.criteria import RULES, Gate, GateCriterion, Rule
-from robacc.gates.keys import LARGER_IS_BETTER, Kind, is_known, kind_of, nearest_key
 from robacc.quantities import UNITS, Dimension, parse_quantity
 
 if TYPE_CHECKING:
     import yaml
 
     from robacc.io.yaml_nodes import Source, YamlSection
+
+
+# Keys of results that a criterion may test, in their short form: ``position.p95`` for ``position.p95_m``.
+
+Kind = Literal["length", "angle", "number", "grade", "word"]
+"""Kind of a key's value: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
+
+_STATISTICS = ("rms", "mean_error", "p95", "max")
+_QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
+_ISO = re.compile(r"iso9283(\.[A-Za-z]\w*)+")
+"""Keys of an ISO 9283 result, which depend on the criteria that its data support."""
+
+
+def _known_keys() -> dict[str, Kind]:
+    keys: dict[str, Kind] = {"grade": "grade", "gain": "length", "n_poses": "number"}
+    for quantity, kind in _QUANTITIES:
+        for statistic in _STATISTICS:
+            keys[f"{quantity}.{statistic}"] = kind
+            keys[f"unaligned.{quantity}.{statistic}"] = kind
+            for stage, poses in product(("nominal", "before", "after"), ("fitted", "held_out")):
+                keys[f"{stage}.{poses}.{quantity}.{statistic}"] = kind
+        for mean in ("zero_mean", "fitted_mean"):
+            keys[f"{quantity}.radius95.{mean}.radius"] = kind
+        keys[f"{quantity}.max_radius95"] = kind
+        keys[f"{quantity}.n_commanded_poses"] = "number"
+        keys[f"{quantity}.worst.rms"] = keys[f"{quantity}.worst.radius95"] = kind
+        keys[f"against.measured.{quantity}_rms"] = kind
+        keys[f"noise.{quantity}"] = kind
+        keys[f"coverage.{quantity}.share"] = "number"
+        for statistic in ("rms", "max"):
+            keys[f"correction.{quantity}.{statistic}"] = kind
+        for stage, statistic in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95")):
+            keys[f"expected.{stage}.{quantity}.{statistic}"] = kind
+    for name in ("n_targets", "n_corrected", "n_refused"):
+        keys[name] = "number"
+    for name in ("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"):
+        keys[name] = "word"
+    for name in ("unexplained.rms", "unexplained.noise_rms"):
+        keys[name] = "length"
+    for name in ("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"):
+        keys[name] = "number"
+    return keys
+
+
+KEYS = _known_keys()
+"""Kind of every key except those of ISO 9283 results."""
+LARGER_IS_BETTER = frozenset(
+    {"gain", "n_poses", "n_corrected"}
+    | {f"{q}.n_commanded_poses" for q, _ in _QUANTITIES}
+    | {f"coverage.{q}.share" for q, _ in _QUANTITIES}
+)
+
+
+def is_known(key: str) -> bool:
+    """Return whether the result of a command can have the key."""
+    return key in KEYS or _ISO.fullmatch(key) is not None
+
+
+def kind_of(key: str) -> Kind | None:
+    """Return the kind of a known key; None for a key of ISO 9283, whose unit the result states."""
+    return KEYS.get(key)
+
+
+def nearest_key(key: str) -> str:
+    """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
+    known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
+    similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
+    if similar:
+        return f"did you mean {similar[0]}?"
+    return "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+
+
+# Gates and their criteria: a limit, a decision rule and the reason for the limit.
+
+Rule = Literal["bound", "simple", "guard_band", "guarded_rejection"]
+RULES: dict[Rule, str] = {
+    "bound": (
+        "ISO 14253-1: pass if the confidence bound meets the limit, fail if the opposite bound is beyond the limit, "
+        "otherwise inconclusive"
+    ),
+    "simple": (
+        "JCGM 106, 8.2: pass if the value itself meets the limit; at the limit, the decision is wrong half of the time"
+    ),
+    "guard_band": (
+        "JCGM 106, 8.3.2, guarded acceptance: pass if the risk of a false accept is at most the stated risk, "
+        "otherwise fail"
+    ),
+    "guarded_rejection": (
+        "JCGM 106, 8.3.3: fail only if the risk of a false reject is at most the stated risk, otherwise pass"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class GateCriterion:
+    """One condition on one figure of a result."""
+
+    name: str
+    key: str
+    """Short form, as in :data:`robacc.gates.gate_file.KEYS`."""
+    kind: Kind
+    limit: float | None
+    """In m, rad or as a bare number; limit of the difference if there is a baseline. None if ``accepted`` applies."""
+    accepted: tuple[str, ...]
+    """The words that pass, or the one grade to meet."""
+    at_least: bool
+    """The limit is a minimum, not a maximum."""
+    rule: Rule
+    confidence: float
+    """Confidence of each one-sided bound; one minus the stated risk for the guarded rules."""
+    share: float
+    """Share of all poses that must lie within the limit of a largest error."""
+    baseline: str | None
+    """A stored result to compare with, by its path from the gate file."""
+    paired: bool | None
+    """Whether both results list the same poses in the same order; None: only if the results show it."""
+    reason: str
+    """Reason for the limit, in the words of the gate's author."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Named criteria, all of which a result must meet."""
+
+    name: str
+    criteria: tuple[GateCriterion, ...]
+
+    @property
+    def baselines(self) -> tuple[str, ...]:
+        """Return the paths of the stored results to compare with, without repetitions, from the gate file."""
+        return tuple(dict.fromkeys(criterion.baseline for criterion in self.criteria if criterion.baseline is not None))
+
 
 VERSION = "1"
 DEFAULT_CONFIDENCE = 0.95

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
-from robacc.io.header_row import MAX_COLUMNS
-from robacc.io.number_text import GAPS
-from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table_parts import MAX_TEXT, Header, TableBody, TableOptions
+from robacc.io.dialect import GAPS
+from robacc.io.files import ProblemLog, clip
+from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody, TableOptions
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 

@@ -1,4 +1,4 @@
-"""TableDialect of a text table: separator, decimal sign, comment marks and the place of its header.
+"""Dialect of a text table, separator, decimal sign, comments, and the numbers and units in its fields.
 
 A file is first compared with the documented form (commas, points, the header in the first line). Only a file that is
 not of this form is examined further, so that documented files are read exactly as documented.
@@ -8,11 +8,107 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from robacc.io.cell_units import split_cell
-from robacc.io.number_text import GAPS
+# Number in a field of a text table: its value, or what to do about a field that is no number.
+
+GAPS = frozenset(
+    {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
+)
+"""Entries for a value that was not measured, in small letters."""
+_GROUPED_BEFORE_POINT = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|('\d{3})+(\.\d*)?|( \d{3})+\.\d*)")
+_GROUPED_BEFORE_COMMA = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|('\d{3})+(,\d*)?|( \d{3})+,\d*)")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
+_WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", re.IGNORECASE)
+_SIGNS = str.maketrans({"\u2212": "-", "\u2019": "'", "\u00a0": " ", "\u202f": " "})
+"""Minus, apostrophe and unbreakable blanks of typesetting."""
+
+
+def is_grouped(field: str, decimal_comma: bool) -> bool:
+    """Return whether a number has separators of thousands that cannot be its decimal sign: ``1,903.5``, ``1'903``."""
+    grouped = _GROUPED_BEFORE_COMMA if decimal_comma else _GROUPED_BEFORE_POINT
+    return bool(grouped.fullmatch(field.translate(_SIGNS)))
+
+
+def number_of(field: str, decimal_comma: bool) -> float | None:
+    """Return the value of a field, which may be infinite or NaN; None for a field that is no number."""
+    text = field.translate(_SIGNS)
+    if is_grouped(text, decimal_comma):
+        text = re.sub(r"[.' ]" if decimal_comma else r"[,' ]", "", text)
+    if decimal_comma:
+        # A point alone may be a decimal sign or separate thousands.
+        text = text.replace(".", "_").replace(",", ".")
+    try:
+        # float() also accepts 1_000 and digits of other scripts, which are not numbers in a CSV file.
+        return float(text) if text.isascii() and "_" not in text else None
+    except ValueError:
+        return None
+
+
+def advice(field: str, column: str, decimal_comma: bool) -> str | None:
+    """Return what to do about a field that is no number."""
+    if field == column:
+        return "delete the repeated header row"
+    if _WITH_UNIT.fullmatch(field):
+        return "write the number alone, and the unit in the column's name"
+    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdecimal():
+        if _THOUSANDS.fullmatch(field):
+            return f"the comma may separate thousands: write {field.replace(',', '')} or {field.replace(',', '.')}"
+        return "write decimals with a point, not a comma"
+    if _THOUSANDS.fullmatch(field):
+        return "export numbers without a separator of thousands"
+    if decimal_comma and "." in field:
+        return "the file has decimal commas; a point could separate thousands"
+    return None
+
+
+# Units behind the numbers of a table: ``381.289 mm``, ``33.5°``.
+
+UNIT_NAMES: Mapping[str, str] = {
+    **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
+    **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("um", "µm", "μm", "micron", "microns", "micrometer", "micrometre"), "um"),
+    **dict.fromkeys(("in", "inch", "inches"), "in"),
+    **dict.fromkeys(("rad", "radian", "radians"), "rad"),
+    **dict.fromkeys(("mrad",), "mrad"),
+    **dict.fromkeys(("deg", "°", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("s", "sec", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec"), "ms"),
+    **dict.fromkeys(("us", "µs"), "us"),
+    **dict.fromkeys(("ns", "nsec"), "ns"),
+    **dict.fromkeys(("min",), "min"),
+    **dict.fromkeys(("h",), "h"),
+    **dict.fromkeys(("kg",), "kg"),
+    **dict.fromkeys(("g",), "g"),
+    **dict.fromkeys(("°c", "c", "degc", "deg c", "celsius"), "degC"),
+}
+"""Unit by its name in small letters."""
+_NUMBER_AND_UNIT = re.compile(r"([+\-\u2212]?[\d.,][\d.,' \u2019]*(?:[eE][+-]?\d+)?)\s*([^\d\s.,'+-].*)")
+_CELLS_EXAMINED = 50
+"""First rows in which the unit of a column is looked for."""
+
+
+def split_cell(text: str) -> tuple[str, str | None]:
+    """Return a cell's number and the unit behind it; the text as it is and None where there is no known unit."""
+    if not text or text[-1].isdecimal():
+        return text, None
+    match = _NUMBER_AND_UNIT.fullmatch(text)
+    unit = UNIT_NAMES.get(match[2].strip().lower()) if match else None
+    return (text, None) if match is None or unit is None else (match[1].strip(), unit)
+
+
+def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
+    """Return the unit in the first cell of each column that has one there; empty cells do not count."""
+    first: dict[int, str | None] = {}
+    for number, row in enumerate(rows):
+        if number == _CELLS_EXAMINED:
+            break
+        for i, text in enumerate(row):
+            if i not in first and any(sign.isdecimal() for sign in text):
+                first[i] = split_cell(text)[1]
+    return {i: unit for i, unit in first.items() if unit is not None}
+
 
 NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from robacc.errors import InputError, Problem
-from robacc.io.problem_log import ProblemLog
+from robacc.io.files import ProblemLog
 
 MAX_LINE = 1 << 20
 """Largest line, bytes: a file without line ends must not fill the memory before it is refused."""

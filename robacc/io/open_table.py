@@ -10,10 +10,8 @@ from pathlib import PurePath
 from typing import BinaryIO, Protocol
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import STANDARD_STREAM
-from robacc.io.problem_log import ProblemLog
-from robacc.io.table import TableReader
-from robacc.io.table_parts import Header, TableBody, TableOptions
+from robacc.io.files import STANDARD_STREAM, ProblemLog
+from robacc.io.table import Header, TableBody, TableOptions, TableReader
 
 _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""
@@ -101,7 +99,7 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
             raise InputError(
                 Problem("is a recording, which is not read from a pipe", file, fix="name the file instead")
             )
-        from robacc.io.bag_table import bag_table
+        from robacc.io.bag import bag_table
 
         return bag_table(file, options or TableOptions())
     if first.startswith(_PARQUET):
@@ -132,12 +130,12 @@ def _folder(path: str, options: TableOptions | None) -> Table:
     Raises:
         InputError: It is another folder.
     """
-    from robacc.io.bag_messages import is_recording_folder
+    from robacc.io.bag import is_recording_folder
 
     if not is_recording_folder(path):
         fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
         raise InputError(Problem("is a folder, expected a file", path, fix=fix))
-    from robacc.io.bag_table import bag_table
+    from robacc.io.bag import bag_table
 
     return bag_table(path, options or TableOptions())
 

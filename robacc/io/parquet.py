@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
-from robacc.io.header_row import MAX_COLUMNS
-from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table_parts import MAX_TEXT, Header, TableBody, TableOptions
+from robacc.io.files import ProblemLog, clip
+from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody, TableOptions
 
 if TYPE_CHECKING:
     import pyarrow

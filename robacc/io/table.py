@@ -8,22 +8,220 @@ from __future__ import annotations
 
 import csv
 import itertools
+import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem
-from robacc.io.cell_units import units_of_columns
-from robacc.io.dialect import PLAIN, TableDialect, find_dialect
-from robacc.io.growing_columns import GrowingColumns
-from robacc.io.header_row import MAX_COLUMNS, header_names
+from robacc.geometry import Array
+from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
+from robacc.io.dialect import (
+    GAPS,
+    PLAIN,
+    TableDialect,
+    advice,
+    find_dialect,
+    is_grouped,
+    number_of,
+    split_cell,
+    units_of_columns,
+)
+from robacc.io.files import ProblemLog, clip
 from robacc.io.lines import Block, LineReader
-from robacc.io.problem_log import ProblemLog
-from robacc.io.table_cells import CellReader
-from robacc.io.table_parts import MAX_TEXT, Header, TableBody, TableOptions
+
+# The header row of a text table: one name a column.
+
+MAX_COLUMNS = 2000
+"""Largest number of columns of a table."""
+
+
+def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
+    """Return the names of the header row.
+
+    Raises:
+        InputError: The line is not a header row.
+    """
+
+    def error_of(message: str, fix: str) -> InputError:
+        return InputError(Problem(message, file, number, fix=fix))
+
+    if line.count(",") >= MAX_COLUMNS:
+        raise error_of(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
+    try:
+        names = tuple(PLAIN.split(line))
+    except csv.Error as error:
+        raise error_of(f"the header row cannot be read ({error})", "close every quote on its line") from error
+    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
+        if line.strip().count(separator) >= len(names) and (separator != " " or len(names) == 1):
+            message = f"the columns are separated by {separator_name}, expected commas"
+            raise error_of(message, "export the file with commas, and with a point in decimals")
+    if all(_is_number(name) for name in names):
+        raise error_of("found numbers, expected a header row", "begin the file with the columns' names")
+    return names
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+# Columns of numbers that grow while a file is read.
+
+
+class GrowingColumns:
+    """``(C, N)`` numbers in one array, where N is known only at the end of the file.
+
+    The array grows to the size that the share of the file read so far suggests. Pages that are never written cost
+    nothing, while joining parts at the end would touch all of the memory twice.
+    """
+
+    def __init__(self, n_columns: int) -> None:
+        """Begin with no rows of ``n_columns`` numbers."""
+        self._numbers = np.empty((n_columns, 0))
+        self._size = 0
+
+    def append(self, part: Array, share: float) -> None:
+        """Add rows; ``share`` is the share of the file (0 to 1) read so far."""
+        end = self._size + part.shape[1]
+        if end > self._numbers.shape[1]:
+            larger = np.empty((len(part), max(int(end / share * 1.02), end)))
+            larger[:, : self._size] = self._numbers[:, : self._size]
+            self._numbers = larger
+        self._numbers[:, self._size : end] = part
+        self._size = end
+
+    def columns(self) -> Array:
+        """Return the numbers; each column is contiguous."""
+        return self._numbers[:, : self._size]
+
+
+# Parts of a table that a reader returns, whatever form the table has: names of columns, rows, and the options.
+
+MAX_TEXT = 256
+"""Characters of an id; text columns are as wide as their longest entry."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableOptions:
+    """Freedom that a reader has."""
+
+    is_known: Callable[[str], bool] | None = None
+    """Whether a name is a documented one; None: only the documented form of a table is read."""
+    skip_gaps: bool = False
+    """Leave out rows with a missing value, in place of a problem for each."""
+    sheet: str | None = None
+    """Sheet of a workbook; None for its only sheet."""
+    bag: BagOptions = NO_BAG_OPTIONS
+    """Topics and samples of a recording."""
+    frame: Any = None
+    """Data frame that is read in place of a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Names that a file gives its columns."""
+
+    names: tuple[str, ...]
+    line: int | None
+    """1-based line of the names; None where the file has no lines."""
+    dialect: TableDialect = PLAIN
+    """Form of the table, where it is not the documented one."""
+    cell_units: Mapping[int, str] = field(default_factory=dict)
+    """Units behind the numbers of the cells, by the index of the column."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableBody:
+    """Rows below the header."""
+
+    numbers: Array
+    """``(C, N)`` columns of numbers; NaN where a problem was logged."""
+    texts: tuple[NDArray[np.str_], ...]
+    """Columns of text, ``(N,)`` each."""
+    lines: NDArray[np.int64]
+    """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
+    gaps: tuple[int, ...] = ()
+    """Lines of the rows that were left out because a value is missing."""
+
+    def without(self, gaps: Collection[int]) -> TableBody:
+        """Return the rows that are not on the lines ``gaps``."""
+        if not gaps:
+            return self
+        complete = ~np.isin(self.lines, list(gaps))
+        texts = tuple(column[complete] for column in self.texts)
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
+
+
+# Read the cells of a table one by one, where its rows are not plain numbers; every problem is logged.
+
+_SKIP = "give `skip_gaps` to leave out rows with a missing value"
+
+
+class CellReader:
+    """Reader of the cells of one table."""
+
+    def __init__(self, dialect: TableDialect, units: Mapping[int, str], skip_gaps: bool, log: ProblemLog) -> None:
+        """Read cells whose columns of the indices ``units`` have these units; problems go to ``log``."""
+        self.dialect = dialect
+        self.units = units
+        self.skip_gaps = skip_gaps
+        self.log = log
+        self.gaps: set[int] = set()
+        """Lines with a missing value that are left out."""
+        self.has_grouped = False
+        """Whether a number had separators of thousands."""
+
+    def number(self, cell: str, line: int, index: int, column: str) -> float:
+        """Return the number in a cell of the column with this index and name; NaN where there is none."""
+        return self._number(self._bare(cell, line, index, column), line, column)
+
+    def text(self, cell: str, line: int, column: str) -> str:
+        """Return the text in a cell, cut to the greatest length."""
+        if not cell:
+            self.log.add("the value is missing, expected text", line, column)
+        elif len(cell) > MAX_TEXT:
+            self.log.add(f"the text has {len(cell)} characters, expected at most {MAX_TEXT}", line, column)
+        return cell[:MAX_TEXT]
+
+    def _bare(self, cell: str, line: int, index: int, column: str) -> str:
+        """Return a cell without its unit; log a unit that is not the column's."""
+        if index not in self.units or not any(sign.isdecimal() for sign in cell):
+            return cell
+        expected, (number, unit) = self.units[index], split_cell(cell)
+        if unit is not None and unit != expected:
+            fix = "export the column in one unit"
+            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, column, fix)
+        elif unit is None and number_of(number, self.dialect.decimal_comma) is not None:
+            fix = f"export every cell with its unit, or none and {expected} in the column's name"
+            self.log.add(f"found {clip(cell)} without the unit {expected}", line, column, fix)
+        return number
+
+    def _number(self, cell: str, line: int, column: str) -> float:
+        if self.skip_gaps and cell.lower() in GAPS:
+            self.gaps.add(line)
+            return math.nan
+        if not cell:
+            self.log.add("the value is missing, expected a number", line, column, _SKIP)
+            return math.nan
+        value = number_of(cell, self.dialect.decimal_comma)
+        if value is None:
+            fix = _SKIP if cell.lower() in GAPS else advice(cell, column, self.dialect.decimal_comma)
+            self.log.add(f"found {clip(cell)}, expected a number", line, column, fix)
+            return math.nan
+        self.has_grouped |= is_grouped(cell, self.dialect.decimal_comma)
+        if not math.isfinite(value):
+            fix = _SKIP if cell.lower() in GAPS else None
+            self.log.add(f"found {clip(cell)}, expected a finite number", line, column, fix)
+            return math.nan
+        return value
 
 
 class TableReader:

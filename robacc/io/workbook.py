@@ -10,9 +10,8 @@ from collections.abc import Sequence
 from typing import Any, BinaryIO
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.io.number_text import number_of
-from robacc.io.table import TableReader
-from robacc.io.table_parts import Header, TableBody, TableOptions
+from robacc.io.dialect import number_of
+from robacc.io.table import Header, TableBody, TableOptions, TableReader
 
 _LIMIT = 1 << 28
 """Largest workbook, bytes."""

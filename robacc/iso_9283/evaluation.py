@@ -1,4 +1,4 @@
-"""Evaluation of measured poses after ISO 9283:1998: the criteria they support, and the protocol's conditions."""
+"""Evaluation of measured poses after ISO 9283:1998, and the conditions of the standard's protocol."""
 
 from __future__ import annotations
 
@@ -6,21 +6,257 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robacc.accuracy.estimation import check_confidence
+from robacc.accuracy.estimation import check_confidence, register, too_far, unregistered_warning
 from robacc.accuracy.pose_errors import Commanded, commanded_poses, registered_poses
-from robacc.accuracy.registering import register, too_far, unregistered_warning
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
-from robacc.iso_9283.distance_criteria import distance_criteria
-from robacc.iso_9283.drift import drift
-from robacc.iso_9283.pose_criteria import accuracy, exchangeability, multidirectional, position_accuracy, repeatability
-from robacc.iso_9283.protocol import protocol
-from robacc.iso_9283.records import Characteristic, Iso9283Result
+from robacc.iso_9283.criteria import (
+    accuracy,
+    distance_criteria,
+    drift,
+    exchangeability,
+    multidirectional,
+    position_accuracy,
+    repeatability,
+)
+from robacc.iso_9283.cube import PREFERRED_EDGES, CubeFit, fit_cube
+from robacc.iso_9283.records import Characteristic, Condition, Iso9283Result, Status
 from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
+from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.description import Frame, Robot
 from robacc.statistics.multivariate import assumption_tests
+
+# Conditions of the standard's protocol, and whether the data meet them, violate them or do not record them.
+#
+# Clauses of ISO 9283:1998: 6.2 (conditions prior to testing), 6.3 (environment), 6.5 (instrumentation), 6.6 (load),
+# 6.7 (velocity), 6.8 (poses), 6.9 (cycles), 7.2 (approaches), 7.4 (stabilisation).
+
+CYCLES = 30
+_POSE_COUNT = 5
+_AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
+_STEP_TOLERANCE = 0.02
+"""Relative tolerance within which a load or velocity counts as a rated step."""
+_LOADS = (1.0, 0.1)
+_VELOCITIES = (1.0, 0.5, 0.1)
+_MAX_UNCERTAINTY_SHARE = 0.25
+"""Largest measuring uncertainty as a fraction of the criterion."""
+
+
+def protocol(
+    files: Sequence[Measurements],
+    poses: Sequence[CommandedPose],
+    robot: Robot | None,
+    repeatability: Characteristic,
+    shift: Characteristic,
+    rated_load: float | None,
+) -> tuple[Condition, ...]:
+    """Return every condition, in the order of the clauses."""
+    poses_by_file = [[pose for pose in poses if pose.number == number] for number in range(len(files))]
+    return (
+        _warm_up(shift),
+        _temperature(files),
+        _instrument(files, repeatability),
+        _load(files, rated_load),
+        _velocity(files),
+        _five_poses(poses_by_file),
+        *_cube_conditions(poses_by_file, robot),
+        _cycles(poses),
+        _one_approach(files, poses),
+        Condition(
+            "stabilisation",
+            "7.4",
+            "unknown",
+            "the time between arrival and measurement is not recorded",
+        ),
+    )
+
+
+def _warm_up(shift: Characteristic) -> Condition:
+    lower = shift.position.interval.lower
+    if lower is not None and lower > 0.0 and shift.position.value is not None:
+        shift_text = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
+        reason = f"the warm-up is not recorded, but {shift_text}"
+        return Condition("warm-up", "6.2", "unknown", reason)
+    return Condition("warm-up", "6.2", "unknown", "the warm-up is not recorded")
+
+
+def _temperature(files: Sequence[Measurements]) -> Condition:
+    name, clause = "temperature", "6.3"
+    logged = [data.temperature for data in files if data.temperature is not None]
+    if len(logged) < len(files):
+        return Condition(name, clause, "unknown", "no column temperature_c")
+    low, high = (
+        min(float(temperature.min()) for temperature in logged),
+        max(float(temperature.max()) for temperature in logged),
+    )
+    range_text = f"{low:.1f} °C to {high:.1f} °C"
+    if high - low > 2.0 * _AMBIENT_TOLERANCE:
+        return Condition(name, clause, "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C")
+    if abs(low - _AMBIENT) <= _AMBIENT_TOLERANCE and abs(high - _AMBIENT) <= _AMBIENT_TOLERANCE:
+        return Condition(name, clause, "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C")
+    return Condition(
+        name, clause, "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
+    )
+
+
+def _instrument(files: Sequence[Measurements], repeatability: Characteristic) -> Condition:
+    name, clause = "measuring uncertainty", "6.5"
+    sigmas = [data.sigma_position for data in files if data.sigma_position is not None]
+    smallest = [place.position.value for place in repeatability.places if place.position.value is not None]
+    if len(sigmas) < len(files):
+        return Condition(name, clause, "unknown", "no columns sigma_x, sigma_y, sigma_z")
+    if not smallest:
+        return Condition(name, clause, "unknown", "there is no RP to compare it with")
+    expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
+    share = expanded / min(smallest) if min(smallest) > 0.0 else np.inf
+    reason = (
+        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
+    )
+    return Condition(name, clause, "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason)
+
+
+def _load(files: Sequence[Measurements], rated: float | None) -> Condition:
+    name, clause = "rated load", "6.6"
+    loads = [data.payload for data in files if data.payload is not None]
+    if len(loads) < len(files):
+        return Condition(name, clause, "unknown", "no column payload_kg")
+    low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
+    if high - low > _STEP_TOLERANCE * max(high, 1e-9):
+        return Condition(name, clause, "not met", f"the load varies from {low:g} kg to {high:g} kg")
+    if rated is None:
+        return Condition(name, clause, "unknown", f"{high:g} kg throughout; give `rated_load` to compare")
+    share = high / rated
+    return Condition(name, clause, *_rated_share(share, _LOADS, f"{high:g} kg of {rated:g} kg", "load"))
+
+
+def _velocity(files: Sequence[Measurements]) -> Condition:
+    name, clause = "rated velocity", "6.7"
+    speeds = [data.speed for data in files if data.speed is not None]
+    if len(speeds) < len(files):
+        return Condition(name, clause, "unknown", "no speed columns")
+    if any(_from_order(data) for data in files):
+        reason = "speeds are derived from the order of rows: they are relative, not absolute"
+        return Condition(name, clause, "unknown", reason)
+    fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])
+    fastest = fastest[fastest > 0.0]
+    if fastest.size == 0:
+        return Condition(name, clause, "unknown", "every speed is 0")
+    if np.ptp(fastest) > _STEP_TOLERANCE:
+        reason = f"the fastest joint's speed varies from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
+        return Condition(name, clause, "not met", reason)
+    share = float(fastest.mean())
+    return Condition(name, clause, *_rated_share(share, _VELOCITIES, "the fastest joint's last motion", "velocity"))
+
+
+def _from_order(data: Measurements) -> bool:
+    """Return True if the speeds are derived from the rows' order, which makes them relative."""
+    if data.speed is None or data.q is None:
+        return False
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    return bool(np.allclose(data.speed, motion_between_visits(data.q, visits)[1], atol=1e-9))
+
+
+def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> tuple[Status, str]:
+    """Return the status of a share of the rated value and the reason, which names the standard's optional steps."""
+    step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
+    if step == 1.0:
+        return "met", f"{description}: 100 %"
+    optional_text = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
+    if step is not None:
+        return (
+            "met",
+            f"{description}: {100 * step:.0f} %, an optional step; a test at 100 % {quantity} is needed too",
+        )
+    return (
+        "not met",
+        f"{description}: {100 * share:.0f} %; the standard requires 100 %; optional steps are {optional_text}",
+    )
+
+
+def _five_poses(files: Sequence[Sequence[CommandedPose]]) -> Condition:
+    counts = sorted({len(poses) for poses in files})
+    count_text = f"{' and '.join(map(str, counts))} commanded pose{'s' * (counts != [1])}"
+    return Condition("five poses", "6.8", "met" if counts == [_POSE_COUNT] else "not met", count_text)
+
+
+def _cube_conditions(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tuple[Condition, Condition]:
+    """Return the conditions on the diagonal plane and on the distance from the corners, from the first file."""
+    names = ("diagonal plane", "10 % from the corners")
+    poses = files[0]
+    points = [pose.commanded for pose in poses if pose.commanded is not None]
+    if len(points) < len(poses):
+        return _both_conditions(names, "unknown", "the commanded positions are not known")
+    if len(points) != _POSE_COUNT:
+        return _both_conditions(names, "not met", "needs five commanded poses")
+    fit = fit_cube(_in_base(np.stack(points, axis=1), robot))
+    if isinstance(fit, str):
+        return _both_conditions(names, "not met", fit)
+    first = Condition(
+        names[0],
+        "6.8",
+        "met",
+        f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}",
+    )
+    if fit.plane is None:
+        first = Condition(
+            names[0], "6.8", "not met", "the diagonal plane is upright; the standard's planes rise at 45°"
+        )
+    return first, _distance_from_corners(names[1], fit)
+
+
+def _both_conditions(names: tuple[str, str], status: Status, reason: str) -> tuple[Condition, Condition]:
+    return Condition(names[0], "6.8", status, reason), Condition(names[1], "6.8", status, reason)
+
+
+def _distance_from_corners(name: str, fit: CubeFit) -> Condition:
+    edge = f"a cube of {fit.edge * 1e3:.0f} mm"
+    if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
+        return Condition(name, "6.8", "met", f"{100 * fit.from_corner:.1f} % in {edge}")
+    sizes = ", ".join(f"{1e3 * preferred:.0f}" for preferred in reversed(PREFERRED_EDGES))
+    return Condition(
+        name, "6.8", "unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {sizes} mm"
+    )
+
+
+def _in_base(points: Array, robot: Robot | None) -> Array:
+    """Return the points in the axes of the robot's base; unchanged without a robot."""
+    if robot is None:
+        return points
+    base = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
+    result: Array = base.rotation.T @ (points - base.translation[:, None])
+    return result
+
+
+def _cycles(poses: Sequence[CommandedPose]) -> Condition:
+    smallest, largest = min(pose.n for pose in poses), max(pose.n for pose in poses)
+    count_text = (
+        f"{largest} visit{'s' * (largest > 1)} of each commanded pose"
+        if smallest == largest
+        else f"{smallest} to {largest} visits of a commanded pose"
+    )
+    return Condition("30 cycles", "6.9", "met" if smallest >= CYCLES else "not met", count_text)
+
+
+def _one_approach(files: Sequence[Measurements], poses: Sequence[CommandedPose]) -> Condition:
+    name, clause = "one approach", "7.2"
+    if any(data.direction is None for data in files):
+        return Condition(
+            name, clause, "unknown", "approach directions are not known; `ordered` derives them from the rows"
+        )
+    several_approaches = []
+    for pose in poses:
+        assert pose.direction is not None
+        moving = pose.direction[:, np.any(pose.direction != 0, axis=0)]
+        if np.unique(moving, axis=1).shape[1] > 1:
+            several_approaches.append(pose.label)
+    if several_approaches:
+        labels = f"{', '.join(several_approaches[:3])}{' …' * (len(several_approaches) > 3)}"
+        reason = f"{labels} approached from several directions: AP and RP include vAP"
+        return Condition(name, clause, "not met", reason)
+    return Condition(name, clause, "met", "every visit of a pose has the same approach direction")
+
 
 _HEAVY_TAIL_P_VALUE = 0.01
 """p-value below which a note says that the scatter is not Gaussian."""

@@ -1,21 +1,372 @@
-"""Candidate poses of a plan, and the poses of the task: sampled within the joint limits, or given."""
+"""Candidate poses of a plan: sampled, in circumstances and under constraints, and filtered with counts."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.base import Effect
 from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Array
+from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.constraints import Constraints, SafetyBox
-from robacc.planning.feasibility import Exclusion, Filtered, exclusions, filtered
+from robacc.planning.collisions import SELF_COLLISION, LinkCollisions
+from robacc.quantities import parse_quantity
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.summary import low_discrepancy
+from robacc.robots.library import low_discrepancy
+
+# Constraints of a measurement campaign: which poses the robot may take and the instrument can see.
+#
+# Places are in the robot's base frame, in m. A box or half-space to stay out of holds for the target and for every
+# joint and corner of the arm that moves; a box to stay in holds for the target.
+
+_AXES = "xyz"
+_INEQUALITY = re.compile(r"(.+?)(<=|>=)(.+)")
+_PRODUCT = re.compile(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])")
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyBox:
+    """Axis-parallel box, m; a side may be infinite."""
+
+    low: tuple[float, float, float]
+    high: tuple[float, float, float]
+    text: str
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Return which points ``(3, ...)`` lie inside."""
+        inside: NDArray[np.bool_] = np.all(
+            [(row >= low) & (row <= high) for row, low, high in zip(points, self.low, self.high, strict=True)],
+            axis=0,
+        )
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class HalfSpace:
+    """Half-space to stay in: normal . p <= offset, m."""
+
+    normal: tuple[float, float, float]
+    offset: float
+    text: str
+
+    def contains(self, points: Array) -> NDArray[np.bool_]:
+        """Return which points ``(3, ...)`` lie inside."""
+        inside: NDArray[np.bool_] = np.einsum("i,i...->...", np.array(self.normal), points) <= self.offset
+        return inside
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """Line of sight from the instrument to the target."""
+
+    position: tuple[float, float, float]
+    """Instrument, m."""
+    axis: tuple[float, float, float] | None = None
+    """Direction in the target's frame that the reflector faces; None: the reflector is turned by hand, or is a ball."""
+    cone: float = np.radians(30.0)
+    """Half angle of the reflector's acceptance, rad."""
+    distance: tuple[float, float] = (0.0, np.inf)
+    """Nearest and farthest distance, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class Constraints:
+    """Everything that decides whether a pose is feasible."""
+
+    margin: float = 0.02
+    """Share of a joint's range to keep from each limit."""
+    inside: SafetyBox | None = None
+    outside: tuple[SafetyBox, ...] = ()
+    half_spaces: tuple[HalfSpace, ...] = ()
+    min_height: float | None = None
+    """m above the base's origin, along z."""
+    sight: Sight | None = None
+    max_condition: float | None = None
+    """Largest condition number of the joints' Jacobian."""
+    collisions: LinkCollisions | None = None
+    """Test of the links' shapes; None: links have no thickness."""
+
+
+def parse_box(text: str, name: str) -> SafetyBox:
+    """Parse ``x=0.2:0.9,y=-500mm:500mm,z=0.1:``; a missing side or axis has no limit.
+
+    Raises:
+        UsageError: The text is not that; ``name`` is the parameter's name.
+    """
+    low, high = [-np.inf] * 3, [np.inf] * 3
+    for part in text.split(","):
+        axis, equals, ends = part.strip().partition("=")
+        sides = ends.split(":")
+        if not equals or axis.strip() not in tuple(_AXES) or len(sides) != 2:
+            raise UsageError(f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}")
+        index = _AXES.index(axis.strip())
+        for side, values in zip(sides, (low, high), strict=True):
+            if side.strip():
+                values[index] = length(side, name)
+        if low[index] >= high[index]:
+            raise UsageError(f"`{name}`: {axis.strip()} ends before it begins in {text!r}")
+    return SafetyBox((low[0], low[1], low[2]), (high[0], high[1], high[2]), text)
+
+
+def parse_half_space(text: str, name: str) -> HalfSpace:
+    """Parse ``z>=0.1``, ``x<=800mm`` or ``0.7x+0.7y<=1.2``: the side to stay on.
+
+    Raises:
+        UsageError: The text is not that.
+    """
+    match = _INEQUALITY.fullmatch(text.replace(" ", ""))
+    products = list(_PRODUCT.finditer(match[1])) if match else []
+    if match is None or not products or "".join(product[0] for product in products) != match[1]:
+        raise UsageError(f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}")
+    side = 1.0 if match[2] == "<=" else -1.0
+    normal = [0.0, 0.0, 0.0]
+    for product in products:
+        factor = float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
+        normal[_AXES.index(product[3])] += side * factor
+    size = float(np.linalg.norm(normal))
+    if size == 0.0:
+        raise UsageError(f"`{name}`: {text!r} names no direction")
+    offset = side * length(match[3], name) / size
+    return HalfSpace((normal[0] / size, normal[1] / size, normal[2] / size), offset, text)
+
+
+def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, float]:
+    """Parse three lengths ``2.5,0,1.2`` or ``2500mm,0,1200mm``, m.
+
+    Raises:
+        UsageError: The text is not that.
+    """
+    parts = text.split(",") if isinstance(text, str) else list(text)
+    if len(parts) != 3:
+        raise UsageError(f"`{name}`: expected three numbers such as 2.5,0,1.2, found {text!r}")
+    x, y, z = (length(part, name) for part in parts)
+    return x, y, z
+
+
+def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float]:
+    """Parse nearest and farthest distance ``0.5:15``, m.
+
+    Raises:
+        UsageError: The text is not that, or the farthest is not beyond the nearest.
+    """
+    parts = text.split(":") if isinstance(text, str) else list(text)
+    if len(parts) != 2:
+        raise UsageError(f"`{name}`: expected nearest and farthest such as 0.5:15, found {text!r}")
+    near, far = (length(part, name) for part in parts)
+    if not 0 <= near < far:
+        raise UsageError(f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}")
+    return near, far
+
+
+def length(text: str | float, name: str) -> float:
+    """Return a coordinate in m: a bare number is in m.
+
+    Raises:
+        UsageError: It is no length.
+    """
+    quantity = parse_quantity(text) if isinstance(text, str) else (float(text), None)
+    if quantity is None or quantity[1] == "angle" or not np.isfinite(quantity[0]):
+        raise UsageError(f"`{name}`: expected a length in m or with a unit (m, mm, um), found {text!r}")
+    return quantity[0]
+
+
+# Filters of candidate poses, with a count of what each excludes.
+
+MARGIN = "joint limits with margin"
+_MOVES = 1e-6
+"""m; a corner of the arm that moves less stands still and is part of the pedestal."""
+_BLOCK = 4096
+
+
+@dataclass(frozen=True, slots=True)
+class Exclusion:
+    """Candidates that one reason excludes."""
+
+    reason: str
+    count: int
+    """Candidates that it excludes, whether another reason does or not."""
+    alone: int
+    """Candidates that only this reason excludes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Filtered:
+    """Outcome of the filters for N poses."""
+
+    feasible: NDArray[np.bool_]
+    """``(N,)``"""
+    place: NDArray[np.bool_]
+    """``(N,)`` poses that the robot may take, whether the instrument sees them or not."""
+    position: Array
+    """``(3, N)`` target in the base frame, m; the mean of several targets."""
+    excluded: dict[str, NDArray[np.bool_]]
+    """``(N,)`` excluded poses, by reason."""
+
+
+def exclusions(parts: Sequence[Filtered]) -> tuple[Exclusion, ...]:
+    """Return the count of each reason over several blocks of poses, the largest first."""
+    reasons = dict.fromkeys(reason for part in parts for reason in part.excluded)
+    counts = []
+    for reason in reasons:
+        count = alone = 0
+        for part in parts:
+            if reason not in part.excluded:
+                continue
+            others = [mask for other, mask in part.excluded.items() if other != reason]
+            mask = part.excluded[reason]
+            count += int(np.count_nonzero(mask))
+            alone += int(np.count_nonzero(mask & ~np.any(others, axis=0))) if others else int(np.count_nonzero(mask))
+        counts.append(Exclusion(reason, count, alone))
+    return tuple(sorted(counts, key=lambda entry: -entry.count))
+
+
+def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
+    """Return which joint variables ``(J, N)`` are feasible, and why the others are not."""
+    arm = model.arm
+    excluded = {MARGIN: ~within_margin(arm, q, constraints.margin)}
+    targets = _targets(model, q)
+    position = np.mean([target.translation for target in targets], axis=0)
+    if constraints.inside is not None:
+        inside = [constraints.inside.contains(target.translation) for target in targets]
+        excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
+    _exclude_places(excluded, arm, q, targets, constraints)
+    if constraints.collisions is not None:
+        excluded[SELF_COLLISION] = constraints.collisions.self_collision(q)
+    if constraints.max_condition is not None:
+        condition = joint_condition(arm, q)
+        excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = (
+            condition > constraints.max_condition
+        )
+    place = ~np.any(list(excluded.values()), axis=0)
+    if constraints.sight is not None:
+        excluded |= _out_of_sight(targets, constraints.sight)
+    return Filtered(~np.any(list(excluded.values()), axis=0), place, position, excluded)
+
+
+def _exclude_places(
+    excluded: dict[str, NDArray[np.bool_]], arm: Arm, q: Array, targets: Sequence[Poses], constraints: Constraints
+) -> None:
+    """Add the poses that take a point of the arm where it must not be."""
+    if not (constraints.outside or constraints.half_spaces or constraints.min_height is not None):
+        return
+    points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
+    links = constraints.collisions
+    for box in constraints.outside:
+        inside = np.any(box.contains(points), axis=0)
+        excluded[f"a point of the arm inside the box {box.text}"] = (
+            inside if links is None else inside | links.in_box(q, box.low, box.high)
+        )
+    sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
+    if constraints.min_height is not None:
+        floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
+        sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
+    for half_space, reason in sides:
+        beyond = ~np.all(half_space.contains(points), axis=0)
+        excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
+
+
+def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
+    """Return ``(N,)`` which poses keep ``margin``, a share of each range, from the joint limits."""
+    result = np.ones(q.shape[1], dtype=bool)
+    for row, joint in zip(q, arm.robot.variables, strict=True):
+        if joint.limits is not None:
+            low, high = joint.limits
+            # A microradian: the resolution that commanded joints are rounded to.
+            keep = margin * (high - low) - 1e-6
+            result &= (row >= low + keep) & (row <= high - keep)
+    return result
+
+
+def _targets(model: Model, q: Array) -> list[Poses]:
+    """Return the pose of each target in the base frame."""
+    arm = model.arm
+    result = []
+    for name in tuple(arm.robot.targets) or (None,):
+        n = q.shape[1]
+        data = Measurements(position=np.zeros((3, n)), q=q, target=None if name is None else np.full(n, name))
+        nominal = Model(arm).bind(data).poses(np.zeros(0))
+        result.append(in_base_frame(arm, nominal))
+    return result
+
+
+def targets_in_base(robot: Robot, q: Array) -> Array:
+    """Return ``(3, N)`` nominal positions of the target in the base frame, m; the mean of several targets."""
+    result: Array = np.mean([target.translation for target in _targets(Model(Arm.of(robot)), q)], axis=0)
+    return result
+
+
+def in_base_frame(arm: Arm, poses: Poses) -> Poses:
+    """Return poses in the measuring frame as poses in the robot's base frame."""
+    base = Poses.from_xyz_rpy(np.array(arm.robot.base.xyz), np.array(arm.robot.base.rpy))
+    turn = base.rotation.reshape(3, 3)
+    shifted = poses.translation - base.translation.reshape(3, 1)
+    return Poses(np.einsum("ji,jkn->ikn", turn, poses.rotation), turn.T @ shifted)
+
+
+def moving_points(arm: Arm, q: Array) -> Array:
+    """Return ``(3, K, N)`` corners of the arm's outline that move, in the base frame, m."""
+    motions = arm.chain.motions
+    counts = [k + 1 for k, motion in enumerate(motions[: arm.flange]) if motion.kind == "translation"]
+    blocks = []
+    for start in range(0, max(q.shape[1], 1), _BLOCK):
+        part = q[:, start : start + _BLOCK]
+        frames = arm.chain.sweep(arm.chain.scalars(part), part.shape[1], (), counts).frames
+        places = [np.broadcast_to(frame.translation, (3, part.shape[1])) for frame in frames]
+        blocks.append(np.stack(places, axis=1) if places else np.zeros((3, 0, part.shape[1])))
+    points = np.concatenate(blocks, axis=2)
+    moves = np.ptp(points, axis=2).max(axis=0) > _MOVES if points.shape[2] > 1 else np.ones(points.shape[1], bool)
+    points = points[:, moves]
+    base = Poses.from_xyz_rpy(np.array(arm.robot.base.xyz), np.array(arm.robot.base.rpy))
+    shifted = points - base.translation.reshape(3, 1, 1)
+    result: Array = np.einsum("ji,jkn->ikn", base.rotation.reshape(3, 3), shifted)
+    return result
+
+
+def joint_condition(arm: Arm, q: Array) -> Array:
+    """Return ``(N,)`` condition number of the joints' Jacobian, lengths in units of the target's mean distance."""
+    result = np.empty(q.shape[1])
+    for start in range(0, q.shape[1], _BLOCK):
+        part = q[:, start : start + _BLOCK]
+        jacobian = arm.chain.jacobian(part, arm.chain.joint_axis)
+        reach = float(np.mean(np.linalg.norm(in_base_frame(arm, arm.chain.forward(part)).translation, axis=0)))
+        jacobian[:3] /= max(reach, 1e-9)
+        values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
+        with np.errstate(divide="ignore"):
+            result[start : start + _BLOCK] = values[:, 0] / values[:, -1]
+    return result
+
+
+def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> dict[str, NDArray[np.bool_]]:
+    """Return the poses at which a target is not visible, by reason."""
+    near, far = sight.distance
+    too_near = np.zeros(targets[0].translation.shape[1], dtype=bool)
+    too_far, turned_away = too_near.copy(), too_near.copy()
+    for target in targets:
+        ray = np.array(sight.position)[:, None] - target.translation
+        distance = np.linalg.norm(ray, axis=0)
+        too_near |= distance < near
+        too_far |= distance > far
+        if sight.axis is not None:
+            axis = np.array(sight.axis) / np.linalg.norm(sight.axis)
+            facing = np.einsum("ijn,j->in", target.rotation, axis)
+            cosine = np.sum(facing * ray, axis=0) / np.maximum(distance, 1e-12)
+            turned_away |= cosine < np.cos(sight.cone)
+    result = {}
+    if near > 0:
+        result[f"nearer to the instrument than {near:g} m"] = too_near
+    if np.isfinite(far):
+        result[f"farther from the instrument than {far:g} m"] = too_far
+    if sight.axis is not None:
+        result[f"reflector turned away by more than {np.degrees(sight.cone):g}°"] = turned_away
+    return result
+
 
 TASK_POSES = 400
 """Poses that the mean and the worst error over the task's region are computed from."""
@@ -175,3 +526,109 @@ def task_joints(
         )
     q = np.concatenate([part[:, outcome.place] for part, outcome in parts], axis=1)
     return q[:, :count]
+
+
+# Circumstances of planned poses before their order is known: payload, approach, temperature.
+
+_ROOM_TEMPERATURE = 20.0
+"""Degrees Celsius; where a known effect of the model depends on the temperature."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Circumstances of poses whose order is not known yet."""
+
+    payloads: tuple[float, ...]
+    """kg; empty where no effect depends on the payload."""
+    temperature: float | None
+    """Degrees Celsius; None where no effect of the model depends on it."""
+    seed: int
+
+    def at(self, q: Array, payload: Array | None, stream: int = 4) -> Measurements:
+        """Return unmeasured poses at ``q`` ``(J, n)`` with ``payload`` ``(n,)``.
+
+        Directions and speeds of approach are random: the order of the visits, which is chosen later, gives each joint
+        both directions.
+        """
+        speed = np.random.default_rng([self.seed, stream]).uniform(-1.0, 1.0, q.shape)
+        n = q.shape[1]
+        return Measurements(
+            position=np.zeros((3, n)),
+            q=q,
+            direction=np.sign(speed),
+            speed=speed,
+            payload=payload,
+            temperature=self.constant_temperature(n),
+        )
+
+    def constant_temperature(self, n: int) -> Array | None:
+        """Return ``(n,)`` the temperature, degrees Celsius; None where no effect of the model depends on it."""
+        return None if self.temperature is None else np.full(n, self.temperature)
+
+    def in_turn(self, n: int) -> Array | None:
+        """Return ``(n,)`` the payloads in turn, kg; None without payloads."""
+        return np.resize(np.array(self.payloads, dtype=np.float64), n) if self.payloads else None
+
+    def with_payloads(self, candidates: CandidatePoses) -> CandidatePoses:
+        """Return every candidate with every payload: all candidates with the first payload, then with the next."""
+        count = len(self.payloads)
+        if count == 0:
+            return candidates
+        ids = candidates.ids
+        if ids is not None and count > 1:
+            ids = np.array([f"{name}@{payload:g}kg" for payload in self.payloads for name in ids])
+        return dataclasses.replace(
+            candidates,
+            q=np.tile(candidates.q, count),
+            position=np.tile(candidates.position, count),
+            ids=ids,
+            payload=np.repeat(np.array(self.payloads, dtype=np.float64), candidates.n),
+            n_payloads=count,
+        )
+
+
+def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_fit: bool) -> Conditions:
+    """Return the circumstances that the effects of ``model`` depend on.
+
+    Without ``payloads`` the arm carries none, 0 kg, if a known effect depends on the payload. ``is_for_fit`` says that
+    the poses are chosen for the coefficients of the free effects.
+
+    Raises:
+        UsageError: A free effect needs payloads that differ, or a circumstance that a plan does not have; or there are
+            several payloads to choose from, and no free effect depends on them.
+    """
+    bare = _sample(model)
+    loaded, warm = (
+        dataclasses.replace(bare, payload=np.array([0.0, 1.0])),
+        dataclasses.replace(bare, temperature=np.array([0.0, 1.0])),
+    )
+    fixed = [entry.effect for entry in model.known]
+    if not payloads and any(_lacks(effect, model, bare) and not _lacks(effect, model, loaded) for effect in fixed):
+        payloads = (0.0,)
+    is_warm = any(_lacks(effect, model, bare) and not _lacks(effect, model, warm) for effect in fixed)
+    result = Conditions(payloads, _ROOM_TEMPERATURE if is_warm else None, seed)
+    planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
+    for effect in model.free:
+        reason = _lacks(effect, model, planned)
+        if reason is None:
+            continue
+        if not _lacks(effect, model, loaded):
+            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
+        raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
+    if is_for_fit and len(payloads) > 1 and not any(_lacks(effect, model, bare) for effect in model.free):
+        raise UsageError(
+            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
+            "add payload_compliance to `fit`, or give the payload of this campaign alone"
+        )
+    return result
+
+
+def _lacks(effect: Effect, model: Model, data: Measurements) -> str | None:
+    """Return the reason why ``data`` cannot show an effect; None if it can."""
+    return effect.missing(model.arm, data)
+
+
+def _sample(model: Model) -> Measurements:
+    """Return two poses that differ in all joints, with directions and speeds."""
+    q = np.tile([0.0, 1.0], (len(model.arm.names), 1))
+    return Measurements(position=np.zeros((3, 2)), q=q, direction=2 * q - 1, speed=q)

@@ -8,7 +8,10 @@ around the shapes make most exact tests unnecessary.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+import logging
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -18,12 +21,204 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import Chain
-from robacc.errors import UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array, Poses
-from robacc.planning.link_shapes import LinkShape
+from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
-from robacc.robots.summary import low_discrepancy
+from robacc.robots.description import BranchJoint, Robot
+from robacc.robots.library import low_discrepancy
+
+# Collision shapes of a URDF's links, each fixed to a link of the chain.
+
+
+@dataclass(frozen=True, slots=True)
+class LinkShape:
+    """Triangles of one link, in the frame of the link of the chain that carries it."""
+
+    link: str
+    vertices: Array
+    """``(K, 3)`` m"""
+    faces: NDArray[np.int64]
+    """``(F, 3)`` numbers of vertices"""
+    after: int
+    """Number of motions of the chain before the frame that carries the shape."""
+    body: int
+    """Number of moving joints before it; shapes of one body do not move against each other."""
+
+
+def read_link_shapes(path: str, robot: Robot) -> tuple[LinkShape, ...]:
+    """Return the collision shapes of all links of a URDF, with other branches at zero.
+
+    Args:
+        path: URDF; meshes are searched for relative to it.
+        robot: The chain that was read from it.
+
+    Raises:
+        InputError: A mesh is missing or cannot be read.
+        UsageError: The URDF has no collision geometry.
+    """
+    model = _loaded(path)
+    scene = model.collision_scene
+    graph = scene.graph
+    carriers = _carriers(robot)
+    parents = {joint.child: joint.parent for joint in model.robot.joints}
+    shapes: dict[str, list[tuple[Array, NDArray[np.int64]]]] = {}
+    for node in graph.nodes_geometry:
+        link = graph.transforms.parents[node]
+        placed, name = graph.get(node, frame_from=link)
+        mesh = scene.geometry[name]
+        if len(mesh.faces) == 0 or not np.isfinite(mesh.vertices).all():
+            defect = "no triangles" if len(mesh.faces) == 0 else "vertices that are not finite"
+            message = f"the collision mesh {name} of link {link} has {defect}"
+            raise InputError(Problem(message, path, fix="export the mesh again, or leave out `collisions`"))
+        carrier = _carrier(link, parents, carriers, robot.base_link)
+        on_carrier = np.asarray(graph.get(link, frame_from=carrier)[0]) @ placed
+        vertices = np.asarray(mesh.vertices) @ on_carrier[:3, :3].T + on_carrier[:3, 3]
+        shapes.setdefault(link, []).append((vertices, np.asarray(mesh.faces, dtype=np.int64)))
+    if not shapes:
+        raise UsageError(f"`collisions`: {path} has no collision geometry; leave out `collisions`")
+    result = []
+    for link, parts in shapes.items():
+        after, body = carriers[_carrier(link, parents, carriers, robot.base_link)]
+        counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+        faces = np.vstack([part + first for (_, part), first in zip(parts, counts[:-1], strict=True)])
+        result.append(LinkShape(link, np.vstack([vertices for vertices, _ in parts]), faces, after, body))
+    return tuple(sorted(result, key=lambda shape: shape.body))
+
+
+def _loaded(path: str) -> Any:
+    """Return yourdfpy's model with its collision meshes."""
+    from yourdfpy import URDF, filename_handler_magic
+
+    missing: list[str] = []
+
+    def resolved(fname: str) -> str:
+        path_of_mesh = str(filename_handler_magic(fname, dir=os.path.dirname(path)))
+        if not os.path.isfile(path_of_mesh):
+            missing.append(fname)
+        return path_of_mesh
+
+    try:
+        # The reader reports missing meshes in its log only; `resolved` collects them.
+        with _silent("yourdfpy.urdf"):
+            model = URDF.load(
+                path,
+                build_scene_graph=False,
+                load_meshes=False,
+                build_collision_scene_graph=True,
+                load_collision_meshes=True,
+                filename_handler=resolved,
+            )
+    except (ValueError, ImportError, OSError, KeyError, IndexError) as error:
+        if not missing:
+            fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
+            raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
+    _refuse_missing(missing, path)
+    return model
+
+
+@contextmanager
+def _silent(name: str) -> Iterator[None]:
+    """Keep a logger silent within a ``with`` block; its level is as before afterwards."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+def _refuse_missing(missing: Sequence[str], path: str) -> None:
+    """Raise InputError if a mesh of the URDF is missing."""
+    if missing:
+        names = list(dict.fromkeys(missing))
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        message = f"the collision mesh {names[0]}{more} is not there"
+        raise InputError(Problem(message, path, fix="put the meshes beside the URDF, or leave out `collisions`"))
+
+
+def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:
+    """Return the numbers of motions and of moving joints before each link of the chain."""
+    ends: dict[int, int] = {}
+    for k, motion in enumerate(Arm.of(robot).chain.motions):
+        if motion.owner >= 0:
+            ends[motion.owner] = k + 1
+    result = {str(robot.base_link): (0, 0)}
+    after = body = 0
+    for number, joint in enumerate(robot.joints):
+        after = ends.get(number, after)
+        body += joint.type != "fixed"
+        result[str(joint.link)] = after, body
+    return result
+
+
+def _carrier(link: str, parents: dict[str, str], carriers: dict[str, tuple[int, int]], base: str | None) -> str:
+    """Return the link of the chain that carries ``link``: the nearest before it, else the base."""
+    while link not in carriers and link in parents:
+        link = parents[link]
+    return link if link in carriers else str(base)
+
+
+# Joints outside the chain in a plan: they stand still at their positions of the robot file.
+
+_EQUAL = 1e-4
+"""Largest difference between a column and the position, rad or m: a file's rounding."""
+
+
+def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
+    """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
+    variables = robot.branch_variables
+    if not _loading(robot):
+        return None, ()
+    positions = np.array([branch.position for branch in variables])
+    return np.tile(positions[:, None], (1, n)), tuple(branch.joint.name for branch in variables)
+
+
+def at_rest_warning(robot: Robot) -> tuple[str, ...]:
+    """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
+    loading = _loading(robot)
+    if not loading:
+        return ()
+    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in loading)
+    return (
+        f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
+        "the planned rows state; to change them, set position in the robot file",
+    )
+
+
+def check_at_rest(robot: Robot, poses: Measurements) -> None:
+    """Check that columns of joints outside the chain hold these at their positions.
+
+    Raises:
+        InputError: One of them is elsewhere.
+    """
+    if poses.branches is None:
+        return
+    for branch, values in zip(robot.branch_variables, poses.branches, strict=True):
+        off = np.flatnonzero(np.abs(values - branch.position) > _EQUAL)
+        if off.size:
+            row = int(off[0])
+            found = _with_unit(branch, float(values[row]))
+            message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
+            fix = "set the position of this joint in the robot file to where it stands, or remove the column"
+            line = None if poses.rows is None else int(poses.rows[row])
+            raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
+
+
+def _loading(robot: Robot) -> list[BranchJoint]:
+    """Return the moving joints outside the chain whose weight a joint of the chain carries."""
+    if not robot.has_masses:
+        return []
+    return [branch for branch in robot.branch_variables if robot.carrier(branch) is not None]
+
+
+def _with_unit(branch: BranchJoint, value: float | None = None) -> str:
+    position = branch.position if value is None else value
+    if branch.joint.type == "prismatic":
+        return f"{1e3 * position:.4g} mm"
+    return f"{np.degrees(position):.4g}°"
+
 
 SELF_COLLISION = "self-collision"
 """Reason of poses that are excluded because two links touch."""

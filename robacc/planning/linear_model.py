@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect, Term
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
-from robacc.fitting.identifiability import Dropped, identify_terms
+from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.shrinkage import PSEUDO_CONSTANTS
-from robacc.fitting.tolerances import tolerance_priors
+from robacc.fitting.priors import BADLY_MADE, PSEUDO_CONSTANTS, WEAK, tolerance_priors
 from robacc.fitting.visits import visit_numbers
-from robacc.fitting.weak_parameters import BADLY_MADE, WEAK
 from robacc.fitting.whitening import whitening
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -179,7 +177,7 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
 def expected_prior_std(usual: float, count: int) -> float:
     """Return the prior standard deviation that a fit estimates for ``count`` constants whose deviations are ``usual``.
 
-    The fit adds :data:`~robacc.fitting.shrinkage.PSEUDO_CONSTANTS` constants of a badly made arm.
+    The fit adds :data:`~robacc.fitting.priors.PSEUDO_CONSTANTS` constants of a badly made arm.
     """
     squares = count + PSEUDO_CONSTANTS * BADLY_MADE**2
     return float(usual * np.sqrt(squares / (count + PSEUDO_CONSTANTS)))
@@ -189,7 +187,7 @@ def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array
     """Return ``(P, P)`` the covariance of the errors of a fit to poses ``(M, n, P)``; None where they do not suffice.
 
     It is the mean over arms whose constants deviate by their usual size. As in the fit
-    (:mod:`robacc.fitting.weak_parameters`), the constants of a kind have a common prior only if one of them is weakly
+    (:mod:`robacc.fitting.priors`), the constants of a kind have a common prior only if one of them is weakly
     identifiable. ``information`` is that of poses measured already.
     """
     normal = information_of(rows) if information is None else information + information_of(rows)

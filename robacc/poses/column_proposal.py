@@ -6,15 +6,13 @@ import os
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
+from robacc.io.files import ProblemLog
 from robacc.io.open_table import open_table
-from robacc.io.problem_log import ProblemLog
-from robacc.io.table_parts import Header, TableOptions
-from robacc.poses.column_map import OPEN
-from robacc.poses.columns import JOINT_COLUMN, Column, Names, is_documented, parse_column, with_cell_unit
+from robacc.io.table import Header, TableOptions
+from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
-from robacc.poses.headerless import with_known_names
-from robacc.poses.headings import TIME_KEYS
-from robacc.poses.reading import AS_NAMED
+from robacc.poses.layout import with_known_names
+from robacc.poses.reading import AS_NAMED, OPEN
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
 """Documented names of angles about fixed axes."""

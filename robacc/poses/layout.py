@@ -1,35 +1,94 @@
-"""Layout of a pose file: its columns, and whether each set of columns is complete."""
+"""Layout of a pose file: its columns, whether each set is complete, known tables without a header, and values."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from robacc.io.dialect import PLAIN
-from robacc.io.problem_log import ProblemLog, clip
-from robacc.io.table_parts import Header
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import InputError, Problem
+from robacc.geometry import Array
+from robacc.io.dialect import PLAIN, TableDialect
+from robacc.io.files import ProblemLog, clip
+from robacc.io.table import Header
 from robacc.poses.columns import (
     AXES,
     JOINT_COLUMN,
     ORIENTATIONS,
+    QUATERNION,
     SIGMAS,
     BranchColumn,
     Column,
     Names,
+    heading_of,
     parse_column,
     split_unit,
     time_column,
     with_cell_unit,
 )
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
-from robacc.poses.headerless import with_known_names
-from robacc.poses.headings import heading_of
-from robacc.poses.known_robot import KnownRobot
-from robacc.poses.reading import AS_NAMED, Reading
+from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
 from robacc.poses.reshaped_tables import advice_on_points
+
+# Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
+
+_TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+_UNIT_LENGTH = 1e-3
+_POINT = ("X", "Y", "Z")
+_UNCERTAINTY = ("Ux", "Uy", "Uz")
+
+
+def with_known_names(header: Header, file: str) -> Header:
+    """Return the header with the names that the rows themselves show.
+
+    Raises:
+        InputError: The rows have no known form.
+    """
+    dialect = header.dialect
+    names = _tum(dialect) or _spatial_analyzer(dialect)
+    if names is not None:
+        return Header(names, header.line, dialect)
+    fix = (
+        "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
+        "'column 1: x_mm', which the command init writes"
+    )
+    raise InputError(Problem("found numbers, expected a header row", file, header.line, fix=fix))
+
+
+def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a TUM trajectory: eight numbers, the last four a unit quaternion with w last."""
+    rows = [_numbers(fields) for fields in dialect.sample]
+    if not rows or dialect.separator is not None or any(row is None or len(row) != len(_TUM) for row in rows):
+        return None
+    lengths = [math.hypot(*row[4:]) for row in rows if row is not None]
+    return _TUM if all(abs(length - 1) < _UNIT_LENGTH for length in lengths) else None
+
+
+def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a point list: collection, group and point, of which some may be missing, then x, y, z."""
+    first = dialect.sample[0] if dialect.sample else ()
+    texts = next((i for i, text in enumerate(first) if dialect.is_number(text)), 0)
+    numbers = len(first) - texts
+    if not 1 <= texts <= 3 or not any("spatialanalyzer" in line.lower().replace(" ", "") for line in dialect.preamble):
+        return None
+    labels = ("Collection", "Group", "Point")[3 - texts :]
+    if numbers == 3:
+        return (*labels, *_POINT)
+    return (*labels, *_POINT, *_UNCERTAINTY) if numbers == 6 else None
+
+
+def _numbers(fields: Sequence[str]) -> list[float] | None:
+    try:
+        return [float(text) for text in fields]
+    except ValueError:
+        return None
+
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
@@ -319,3 +378,40 @@ def listing(names: Sequence[str]) -> str:
     """Return the names separated by commas, cut after six."""
     n_more = len(names) - _MAX_LISTED
     return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+
+
+# Values of the columns of a pose file.
+
+COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
+COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """Values of the columns in use, SI."""
+
+    layout: Layout
+    numbers: Array
+    """``(C, N)``; NaN where a value could not be read."""
+    row_index: Mapping[str, int]
+    """Row of ``numbers`` by key; the keys of a set are adjacent."""
+    texts: Mapping[str, NDArray[np.str_]]
+    lines: NDArray[np.int64]
+    """``(N,)`` line of the file, from 1."""
+
+    def column(self, key: str) -> Array | None:
+        """Return one column ``(N,)``; None where the file does not have it."""
+        return self.numbers[self.row_index[key]] if key in self.row_index else None
+
+    def column_set(self, keys: Sequence[str]) -> Array | None:
+        """Return a set of columns ``(len(keys), N)`` without copying; None where one of them is missing."""
+        if not keys or any(key not in self.row_index for key in keys):
+            return None
+        start = self.row_index[keys[0]]
+        return self.numbers[start : start + len(keys)]
+
+    def complete(self) -> Values:
+        """Return the rows in which every number could be read."""
+        complete = np.isfinite(self.numbers).all(axis=0)
+        texts = {key: text[complete] for key, text in self.texts.items()}
+        return Values(self.layout, self.numbers[:, complete], self.row_index, texts, self.lines[complete])

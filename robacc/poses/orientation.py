@@ -9,12 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array, rotation_from_quaternion
-from robacc.io.problem_log import ProblemLog
-from robacc.poses.angles import CONVENTIONS, AngleTrial, try_conventions
+from robacc.io.files import ProblemLog
 from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY, is_documented
-from robacc.poses.known_robot import OrientationAt
-from robacc.poses.reading import Reading
-from robacc.poses.values import Values
+from robacc.poses.layout import Values
+from robacc.poses.reading import CONVENTIONS, AngleTrial, OrientationAt, Reading, try_conventions
 
 KnownOrientations = Callable[[NDArray[Any] | None, int], Array | None]
 """Orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to N rows without names."""

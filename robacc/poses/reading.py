@@ -1,19 +1,260 @@
-"""Statements of the user on a pose file that its names leave open: units, angles, columns."""
+"""What is stated of a pose file: by its user, in a column map, and by the robot that it is of."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal, Protocol
+
+import numpy as np
+import yaml
 
 from robacc.errors import UsageError
+from robacc.geometry import Array, exp_so3, rotation_from_rpy
 from robacc.io.bag_options import BagOptions
-from robacc.poses.angles import CONVENTIONS
-from robacc.poses.columns import FOREIGN_UNITS, UNITS, is_documented
+from robacc.io.files import read_text
+from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
+from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
 
 if TYPE_CHECKING:
-    from robacc.io.table_parts import TableOptions
+    from robacc.io.table import TableOptions
+
+
+# Conventions of three angles that form an orientation, and the trial of the data against each.
+#
+# A name such as ``Rx`` does not say which convention it belongs to: a rotation vector on one controller, angles about
+# fixed axes on the next. Turns between poses depend neither on the measuring frame nor on the mounting of the target,
+# so they show which convention the orientations follow.
+
+_PLACES = 400
+"""Comparisons at most."""
+_AGREES = np.radians(3.0)
+"""rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
+_RATIO = 5.0
+"""Ratio of the typical disagreements at which the second convention is ruled out."""
+_FEWEST = 4
+"""Comparisons that a decision needs."""
+
+
+def _axis(axis: int, angle: Array) -> Array:
+    """Return the rotations ``(3, 3, N)`` about a coordinate axis."""
+    vector = np.zeros((3, angle.size))
+    vector[axis] = angle
+    return exp_so3(vector)
+
+
+def _product(*rotations: Array) -> Array:
+    result = rotations[0]
+    for rotation in rotations[1:]:
+        result = np.einsum("ijn,jkn->ikn", result, rotation)
+    return result
+
+
+def _moving_xyz(angles: Array) -> Array:
+    return _product(_axis(0, angles[0]), _axis(1, angles[1]), _axis(2, angles[2]))
+
+
+def _kuka(angles: Array) -> Array:
+    return _product(_axis(2, angles[0]), _axis(1, angles[1]), _axis(0, angles[2]))
+
+
+def _zyz(angles: Array) -> Array:
+    return _product(_axis(2, angles[0]), _axis(1, angles[1]), _axis(2, angles[2]))
+
+
+CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
+    "rotvec": exp_so3,
+    "fixed-xyz": rotation_from_rpy,
+    "moving-xyz": _moving_xyz,
+    "zyx": rotation_from_rpy,
+    "kuka-abc": _kuka,
+    "zyz": _zyz,
+}
+"""Rotation ``(3, 3, N)`` of three angles ``(3, N)``, rad.
+
+``rotvec``: rotation vector. ``fixed-xyz``: about the fixed axes x, then y, then z; ``zyx`` is the same rotation
+described about moving axes z, y, x. ``moving-xyz``: about the moving axes x, y, z. ``kuka-abc``: A about z, B about the
+moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawasaki's O, A, T.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class AngleTrial:
+    """Disagreement of each convention with known orientations."""
+
+    disagreement: Mapping[str, float]
+    """rad; median difference between measured and known turn, by convention."""
+
+    @property
+    def best(self) -> str:
+        """Return the convention with the smallest disagreement."""
+        return min(self.disagreement, key=lambda name: self.disagreement[name])
+
+    def rules_out(self, name: str) -> bool:
+        """Return whether the best convention fits and ``name`` does not."""
+        best = self.disagreement[self.best]
+        return bool(best < _AGREES and self.disagreement[name] > max(_RATIO * best, _AGREES))
+
+    @property
+    def decided(self) -> bool:
+        """Return whether every convention but the best is ruled out."""
+        return all(name == self.best or self.rules_out(name) for name in self.disagreement)
+
+
+def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> AngleTrial | None:
+    """Compare turns between poses under each convention with those of known orientations.
+
+    The turn of R_i^T R_j R_k^T R_l depends on no frame. Two poses alone would not tell a convention from its mirror
+    image, such as angles about x, y, z from angles about z, y, x.
+
+    Args:
+        angles: ``(3, N)`` rad.
+        known: ``(3, 3, N)`` orientations of the same poses, in any frame and of any part of the same body.
+        conventions: Names of :data:`CONVENTIONS`.
+
+    Returns:
+        The trial; None if too few poses differ.
+    """
+    n = angles.shape[1]
+    first = np.unique(np.linspace(0, n - 1, min(n, _PLACES)).astype(int))
+    steps = (0, 1, n // 3 + 1, 2 * n // 3 + 1)
+    fours = np.stack([(first + step) % n for step in steps])
+    turned = _turns(known, fours)
+    fours, turned = fours[:, turned > 2 * _AGREES], turned[turned > 2 * _AGREES]
+    if n < len(steps) or turned.size < _FEWEST:
+        return None
+    result = {}
+    for name in conventions:
+        result[name] = float(np.median(np.abs(_turns(CONVENTIONS[name](angles), fours) - turned)))
+    return AngleTrial(result)
+
+
+def _turns(rotation: Array, fours: Array) -> Array:
+    """Return the angle of the rotation R_i^T R_j R_k^T R_l of each four poses ``(4, M)``, rad."""
+    first, second, third, fourth = (rotation[..., rows] for rows in fours)
+    left = np.einsum("ian,ibn->abn", first, second)
+    right = np.einsum("ian,ibn->abn", third, fourth)
+    trace = np.einsum("abn,ban->n", left, right)
+    result: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
+    return result
+
+
+# Column maps: YAML files that say which column of an export is which, and what its names leave open.
+#
+# robacc_columns: 1
+# angles: fixed-xyz
+# units: mm,deg
+# columns:
+#   "A1 [°]": q1_deg
+#   "X [mm]": x_mm
+#   Comment:                       # not read
+
+_VERSION = "1"
+OPEN = "unknown"
+"""Entry of a statement that the user has to fill in; a command refuses it."""
+_KEYS = ("robacc_columns", "angles", "units", "coverage", "sheet", "bag", "columns")
+
+
+def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return the statements of a column map by their names in :class:`~robacc.poses.reading.Reading`.
+
+    Raises:
+        InputError: The file cannot be read, or has problems; with every problem, its line and key.
+    """
+    name = os.fspath(path)
+    source = Source(name)
+    top = source.section(compose(read_text(name), name), "", _KEYS)
+    result: dict[str, Any] = {}
+    if top is not None:
+        version = top.require("robacc_columns")
+        if version is not None and getattr(version, "value", None) != _VERSION:
+            source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
+        if (node := top.get("angles")) is not None:
+            result["angles"] = source.choice(node, "angles", tuple(CONVENTIONS))
+        for key in ("units", "sheet", "bag"):
+            if (node := top.get(key)) is not None:
+                result[key] = source.text(node, key)
+        if result.get("units") == OPEN:
+            source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
+        if (node := top.get("coverage")) is not None:
+            result["coverage"] = source.number(node, "coverage")
+        result["columns"] = _columns(top)
+    source.finish()
+    return result
+
+
+def _columns(top: YamlSection) -> dict[str, str | None] | None:
+    node = top.get("columns")
+    if node is None:
+        return None
+    source = top.source
+    if not isinstance(node, yaml.MappingNode):
+        source.report(node, "columns", f"expected names with documented names, found {describe(node)}")
+        return None
+    result: dict[str, str | None] = {}
+    for name, _, value in source.entries(node, "columns"):
+        result[name] = None if is_null(value) else source.text(value, f"columns.{name}")
+        meaning = result[name]
+        if meaning is not None and not is_documented(meaning) and time_column(meaning, 0) is None:
+            import difflib
+
+            known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
+            known += [f"{key}_{unit}" for key in known for unit in UNITS]
+            nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
+            source.report(
+                value, f"columns.{name}", f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?"
+            )
+    return result
+
+
+# What the reader of a pose file knows of the robot that the poses are of.
+
+JointLimits = Sequence[tuple[float, float] | None]
+"""Lowest and highest value of each joint, rad or m; None for a joint without limits."""
+OrientationAt = Callable[[Array], Array]
+"""Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class KnownRobot:
+    """Names, limits and targets of a robot, which the columns of its poses are checked against."""
+
+    joint_names: Sequence[str] | None = None
+    """Joints in chain order; their names stand for ``q1 … qN``. None: no robot is known."""
+    joint_types: Sequence[str] | None = None
+    """``revolute`` or ``prismatic`` of each joint; None: a joint's unit may be an angle or a length."""
+    limits: JointLimits | None = None
+    """Limits of each joint; None: unknown."""
+    target_names: Sequence[str] | Literal["any"] | None = None
+    """Targets of the robot file, empty for a robot with one tool; None: no robot is known, and any name is valid.
+    ``any``: several targets are valid although the robot has one tool, as columns ``x1 … z2`` too."""
+    branches: Sequence[BranchColumn] = ()
+    """Joints outside the chain that move mass; each stands at its position where it has no column."""
+    outside: Mapping[str, str] = field(default_factory=dict)
+    """Joints outside the chain that a joint variable follows, and the rule by which it does."""
+    orientation_at: OrientationAt | None = None
+    """Nominal orientations of the robot, which show the convention of ambiguous angles."""
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the targets of the robot file; empty where it has one tool, or no robot is known."""
+        return () if self.target_names is None or self.target_names == "any" else tuple(self.target_names)
+
+    @property
+    def valid_targets(self) -> tuple[str, ...] | None:
+        """Names that the column ``target`` may have; None: any."""
+        return None if self.target_names is None or self.target_names == "any" else self.targets
+
+    @property
+    def targets_in_columns(self) -> tuple[str, ...] | None:
+        """Targets that columns ``x1 … z2`` may be of; None: any."""
+        return None if self.target_names == "any" else self.targets
+
+
+UNKNOWN_ROBOT = KnownRobot()
+"""No robot is known."""
+
 
 _UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
 
@@ -151,8 +392,6 @@ class PoseFile(str):
         stated["bag"] = bag
         stated = {name: value for name, value in stated.items() if value is not None}
         if isinstance(columns, str | os.PathLike):
-            from robacc.poses.column_map import read_column_map
-
             stated = read_column_map(columns) | stated
         elif columns is not None:
             stated["columns"] = columns
@@ -179,7 +418,7 @@ def reading_of(path: str | os.PathLike[str]) -> Reading:
 
 def table_options(path: str | os.PathLike[str]) -> TableOptions:
     """Return how the table at a path is to be read, with the statements that the path carries."""
-    from robacc.io.table_parts import TableOptions
+    from robacc.io.table import TableOptions
 
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None

@@ -1,19 +1,194 @@
-"""Checks of the values of a pose file, row by row."""
+"""Checks of the values of a pose file row by row, of repeated rows, and of poses close together."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import Counted
 from robacc.geometry import Array
-from robacc.io.problem_log import ProblemLog, clip
-from robacc.poses.columns import QUATERNION, SIGMAS
-from robacc.poses.known_robot import JointLimits
-from robacc.poses.layout import listing
-from robacc.poses.plausibility import EXCESS_TOLERANCE, degrees_likely, excess_beyond_limits
-from robacc.poses.values import COMMANDED_QUATERNION, Values
+from robacc.io.files import ProblemLog, clip
+from robacc.measurements import Measurements
+from robacc.poses.columns import AXES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS
+from robacc.poses.layout import COMMANDED_QUATERNION, Values, listing
+from robacc.poses.reading import JointLimits
+from robacc.poses.units import EXCESS_TOLERANCE, degrees_likely, excess_beyond_limits
+
+# Poses that lie close together; repetitions of one commanded pose whose joints were logged as read.
+
+MOST_POSES = 5000
+"""Largest number of poses that are compared; more are close to others in any case."""
+_NEAR = 5e-4
+"""rad or m; distance of two readings of a joint at one commanded pose at most. Servo errors are smaller, and the error
+of an arm hardly changes over it."""
+_EVIDENT = 0.25
+"""Share of the rows that repeat a pose from which a file has repetitions."""
+
+
+def with_repetitions(data: Measurements) -> tuple[Measurements, str | None]:
+    """Return data without ids of poses with ids of those that were repeated, and a remark; unchanged if there are none.
+
+    Joints that were logged as read differ a little from visit to visit of one commanded pose.
+    """
+    if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
+        return data, None
+    groups = data.groups()
+    if np.unique(groups).size < data.n:
+        return data, None
+    place = close_groups(data.q, _NEAR, 2.0 * _NEAR)
+    count = np.bincount(place)
+    if np.mean(count[place] > 1) < _EVIDENT:
+        return data, None
+    names, number = np.unique(place, return_inverse=True)
+    ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
+    remark = (
+        f"{data.n} rows are read as {names.size} commanded poses and their repetitions, because joints differ "
+        f"by less than {1e3 * _NEAR:g} mrad (mm); a pose column states repetitions"
+    )
+    return dataclasses.replace(data, pose=ids), remark
+
+
+def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]:
+    """Return ``(P,)`` a number that columns of ``(K, P)`` share if they are linked by steps of at most ``near``.
+
+    A group that extends over more than ``widest`` in a row of ``values``, such as a sweep of a joint, is none.
+    """
+    place = np.arange(values.shape[1])
+    first, second = _close_pairs(values, near)
+    while True:
+        # The lowest number spreads along the pairs.
+        lowest = np.minimum(place[first], place[second])
+        before = place.copy()
+        np.minimum.at(place, first, lowest)
+        np.minimum.at(place, second, lowest)
+        if np.array_equal(place, before):
+            break
+    low, high = (np.full(values.shape, start) for start in (np.inf, -np.inf))
+    for row, lower, upper in zip(values, low, high, strict=True):
+        np.minimum.at(lower, place, row)
+        np.maximum.at(upper, place, row)
+    wide = (high - low).max(axis=0) > widest
+    return np.where(wide[place], np.arange(place.size), place)
+
+
+def _close_pairs(values: Array, near: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the pairs of columns that differ by at most ``near`` in each row, the lower in the first row first."""
+    order = np.argsort(values[0], kind="stable")
+    ends = np.searchsorted(values[0, order], values[0, order] + near, side="right")
+    firsts, seconds = [], []
+    for i, end in enumerate(ends):
+        others = order[i + 1 : end]
+        close = others[np.abs(values[:, others] - values[:, order[i], None]).max(axis=0, initial=0.0) <= near]
+        firsts.append(np.full(close.size, order[i]))
+        seconds.append(close)
+    return np.concatenate(firsts).astype(np.int64), np.concatenate(seconds).astype(np.int64)
+
+
+# Rows of a pose file that repeat an earlier row to the last digit.
+
+_OF_VISIT = frozenset(("pose", "cycle", "visit"))
+"""Columns that number the visits; a measurement is a copy whatever its visit is called."""
+_FEW = 0.1
+"""Largest share of rows that repeat the measurement of another visit for these to be called copies."""
+
+
+_MEASURED = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
+_COARSE = 1e-5
+"""m; positions rounded to this repeat by chance, since arms repeat within it."""
+_CELL = 5e-6
+"""m; size of the cells in which positions that nearly agree are counted."""
+_NEAR_PER_EQUAL = 25.0
+"""Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
+gives, at a resolution of 1 um."""
+
+
+@dataclass(frozen=True, slots=True)
+class DuplicateRows:
+    """Rows that repeat an earlier row, or its measured values alone, which noise hardly ever does."""
+
+    warnings: tuple[str, ...] = ()
+    copies: NDArray[np.bool_] | None = None
+    """``(N,)`` the later rows; None without any."""
+
+
+def duplicate_rows(values: Values, file: str, counted: Counted) -> DuplicateRows:
+    """Return the rows that repeat an earlier row, with a warning."""
+    if values.lines.size < 2:
+        return DuplicateRows()
+    measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
+    same_measured = _equal_pairs(measured if len(measured) else values.numbers)
+    if not same_measured[0].size:
+        return DuplicateRows()
+    first, second = _equal_pairs(values.numbers)
+    equal = np.ones(first.size, dtype=bool)
+    same_visit = equal.copy()
+    for name, text in values.texts.items():
+        agrees = text[first] == text[second]
+        if name in _OF_VISIT:
+            same_visit &= agrees
+        else:
+            equal &= agrees
+    duplicate = equal & same_visit
+    if duplicate.any():
+        return _found(values, (first[duplicate], second[duplicate]), "an earlier row in every column", file, counted)
+    # Rounded values of many visits repeat by chance; a few to the last digit are copies.
+    if 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
+        where = "an earlier row of another visit to the last digit"
+        return _found(values, (first[equal], second[equal]), where, file, counted)
+    if "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
+        return _found(values, same_measured, "the measured values of an earlier row to the last digit", file, counted)
+    return DuplicateRows()
+
+
+def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of pairs of rows with equal columns of ``numbers`` ``(C, N)``, the earlier row first."""
+    # Equal rows have equal sums, term by term; only rows with equal sums are compared in full.
+    sums = np.zeros(numbers.shape[1])
+    for number, row in enumerate(numbers, 2):
+        sums += math.sqrt(number) * row
+    ordered = np.sort(sums)
+    if not np.any(ordered[1:] == ordered[:-1]):
+        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    order = np.argsort(sums, kind="stable")
+    equal_sums = np.flatnonzero(sums[order][1:] == sums[order][:-1])
+    first, second = order[equal_sums], order[equal_sums + 1]
+    equal = (numbers[:, first] == numbers[:, second]).all(axis=0)
+    return first[equal], second[equal]
+
+
+def _are_copies(position: Array, equal: int) -> bool:
+    """Return whether ``equal`` pairs of equal positions ``(3, N)`` are too many for chance.
+
+    By chance, many more pairs differ in the last digits than agree in all of them.
+    """
+    steps = position / _COARSE
+    if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
+        return False
+    distinct = np.unique(position, axis=1)
+    cells = np.unique(np.floor(distinct / _CELL), axis=1, return_counts=True)[1]
+    near = float(np.sum(cells * (cells - 1)) / 2)
+    return near < _NEAR_PER_EQUAL * equal
+
+
+def _found(
+    values: Values, pairs: tuple[NDArray[np.int64], NDArray[np.int64]], where: str, file: str, counted: Counted
+) -> DuplicateRows:
+    """Return the later rows of the pairs, and a warning with that whose copy comes first as the example."""
+    first, second = pairs
+    i = int(np.argmin(values.lines[second]))
+    count = first.size
+    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} {where}"
+    example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
+    copies = np.zeros(values.lines.size, dtype=bool)
+    copies[second] = True
+    warning = f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"
+    return DuplicateRows((warning,), copies)
+
 
 QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6

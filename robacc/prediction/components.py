@@ -1,8 +1,8 @@
-r"""Variance components Vθ, Vr, Vl, Vα by maximum likelihood, from measured poses of one robot.
+"""Variance components by maximum likelihood, from poses of one robot, their noise and sufficient statistics.
 
 Each kind of parameter (theta, d, a, alpha; for a URDF the offsets, and the lengths and angles of origins) has its
 predicted variances times one factor φ_c, so the sufficient statistic y
-(see :mod:`robacc.prediction.sufficient_statistics`) has the distribution
+(see :mod:`robacc.prediction.components`) has the distribution
 
     y ~ N(0, C),  C = I + K_0 + Σ_c φ_c K_c,  K_c = E_c E_c^T,
 
@@ -18,17 +18,319 @@ the truth has mean n (log(n/2) - ψ(n/2)) rather than 1 (M. S. Bartlett, Proc. R
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array
-from robacc.prediction.parameters import ToleranceParameter
-from robacc.prediction.sufficient_statistics import SufficientStatistics
+from robacc.chain import BASE, BLOCK, TOOL, Scalar
+from robacc.errors import InputError, Problem
+from robacc.geometry import Array, Poses
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.modelling.observation import residuals
+from robacc.prediction.tolerances import ToleranceParameter
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_quantile
+
+# Measurement noise of the poses: given, from the file's columns, or estimated from the poses themselves.
+
+NoiseSource = Literal["file", "given", "estimated"]
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest are rounding."""
+_MAX_REML_ROUNDS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementNoise:
+    """Standard deviation of the measurement noise along each axis."""
+
+    position: float
+    """m, root mean square over poses and axes."""
+    orientation: float | None
+    """rad; None if no orientation was measured."""
+    source_position: NoiseSource
+    source_orientation: NoiseSource | None
+
+
+def file_weights(data: Measurements, noise: tuple[float | None, float | None]) -> list[Array]:
+    """Return reciprocals ``(3, N)`` of the file's uncertainty of position and orientation; 1 if it is not used."""
+    position, orientation = np.ones((3, data.n)), np.ones((3, data.n))
+    zero_columns = []
+    if noise[0] is None and data.sigma_position is not None:
+        zero_columns += [] if np.all(data.sigma_position > 0) else ["sigma_x, sigma_y, sigma_z"]
+        position = 1.0 / np.where(data.sigma_position > 0, data.sigma_position, 1.0)
+    if noise[1] is None and data.sigma_rotation is not None:
+        zero_columns += [] if np.all(data.sigma_rotation > 0) else ["sigma_r"]
+        sigma = np.where(data.sigma_rotation > 0, data.sigma_rotation, 1.0)
+        orientation = np.broadcast_to(1.0 / sigma, (3, data.n))
+    if zero_columns:
+        fix = "remove the column, or give `noise`"
+        raise InputError(
+            [
+                Problem("the measuring uncertainty is 0, expected above 0", data.source, None, column, fix)
+                for column in zero_columns
+            ]
+        )
+    return [position, orientation]
+
+
+def noise_scales(
+    data: Measurements,
+    given_noise: tuple[float | None, float | None],
+    triangles: Sequence[Array],
+    counts: Sequence[int],
+) -> tuple[list[float], list[NoiseSource]]:
+    """Return the standard deviation of each triangle in addition to the file's weights, and its source."""
+    in_file = (data.sigma_position is not None, data.sigma_rotation is not None)
+    sigma: list[float | None] = []
+    sources: list[NoiseSource] = []
+    for part in range(len(triangles)):
+        value = given_noise[part]
+        sources.append("given" if value is not None else "file" if in_file[part] else "estimated")
+        sigma.append(value if value is not None else 1.0 if in_file[part] else None)
+    if None not in sigma:
+        return [float(value) for value in sigma if value is not None], sources
+    return _restricted_likelihood(data, triangles, counts, sigma), sources
+
+
+def _restricted_likelihood(
+    data: Measurements, triangles: Sequence[Array], counts: Sequence[int], given_sigma: Sequence[float | None]
+) -> list[float]:
+    """Return standard deviations of position and orientation by REML, all columns treated as fixed effects.
+
+    Fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
+    R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
+    """
+    sigma = [
+        given if given is not None else _rms_residual(triangle, n)
+        for given, triangle, n in zip(given_sigma, triangles, counts, strict=True)
+    ]
+    for _ in range(_MAX_REML_ROUNDS):
+        stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
+        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
+        column_norms[column_norms == 0.0] = 1.0
+        u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
+        independent = (
+            singular_values > RANK_TOLERANCE * singular_values[0] if singular_values.size else singular_values > 0
+        )
+        inverse = vt[independent].T / singular_values[independent]
+        solution = inverse @ (u[:, independent].T @ stacked[:, -1])
+        change = 0.0
+        for k, (triangle, given) in enumerate(zip(triangles, given_sigma, strict=True)):
+            if given is not None:
+                continue
+            rows = triangle[:, :-1] / column_norms
+            residual = triangle[:, -1] - rows @ solution
+            dof = counts[k] - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
+            if dof < 1.0:
+                fix = "measure more poses, or give the noise with `noise` or sigma columns"
+                raise InputError(Problem("too few poses to estimate the measurement noise", data.source, fix=fix))
+            new_sigma = float(np.sqrt(residual @ residual / dof))
+            if new_sigma < 1e-12 * _rms_residual(triangle, counts[k]) or new_sigma == 0.0:
+                fix = "give the noise with `noise` or sigma columns"
+                raise InputError(
+                    Problem(
+                        "the parameters explain every pose exactly, so the noise cannot be estimated",
+                        data.source,
+                        fix=fix,
+                    )
+                )
+            change = max(change, abs(new_sigma / sigma[k] - 1.0))
+            sigma[k] = new_sigma
+        if change < 1e-10:
+            break
+    return sigma
+
+
+def _rms_residual(triangle: Array, n: int) -> float:
+    """Return the RMS residual as a start value; 1 if it is zero."""
+    return float(np.linalg.norm(triangle[:, -1])) / np.sqrt(n) or 1.0
+
+
+def noise_record(data: Measurements, sigma: Sequence[float], sources: Sequence[NoiseSource]) -> MeasurementNoise:
+    """Return the noise with its sources; for ``file``, the root mean square of the file's columns."""
+    values = [
+        stated if source == "file" and stated is not None else estimated
+        for estimated, source, stated in zip(sigma, sources, data.stated_noise, strict=False)
+    ]
+    if len(sources) == 1:
+        return MeasurementNoise(values[0], None, sources[0], None)
+    return MeasurementNoise(values[0], values[1], sources[0], sources[1])
+
+
+# Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
+#
+# All poses of one robot share the same parameter errors Δ. The residual of all poses together is
+#
+#     e = J Δ + ε,   Δ ~ N(0, V),   ε ~ N(0, Σ),   so   cov e = J V J^T + Σ,
+#
+# not a separate covariance for each pose. With W = Σ^(-1/2), A = W J V^(1/2) and the singular values A = U S Z^T,
+#
+#     y = U^T W e  has independent components  y_i ~ N(0, 1 + S_i²),
+#     and W e is N(0, 1) in all other directions,
+#
+# exactly, with matrices no larger than the number of parameters. If base or tool were fitted to the same poses, the
+# span of their columns is first projected out of A and e (the degrees of freedom that the fit used).
+
+NEGLIGIBLE = 1e-4
+"""Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
+noise are ignored: 1 + S² differs from 1 by 1e-8."""
+_FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+
+
+@dataclass(frozen=True, slots=True)
+class SufficientStatistics:
+    """Whitened residual of all poses in the directions that the parameters' errors move."""
+
+    names: tuple[str, ...]
+    """Names of the P parameters."""
+    effect: Array
+    """``(R, P)`` U^T A: whitened effect of one standard deviation of each parameter; R directions."""
+    strength: Array
+    """``(R,)`` S, descending."""
+    y: Array
+    """``(R,)`` whitened residual in the R directions."""
+    noise_squares: float
+    """Sum of squares in all other directions, which contain noise only."""
+    noise_dof: int
+    n_poses: int
+    n_values: int
+    """Measured numbers: 3 or 6 a pose."""
+    n_aligned: int
+    """Combinations of base and tool coordinates that were fitted to the same poses."""
+    noise: MeasurementNoise
+
+    @property
+    def noise_is_estimated(self) -> bool:
+        """True if noise of position or orientation was estimated from the same poses."""
+        return "estimated" in (self.noise.source_position, self.noise.source_orientation)
+
+
+def reduce_residuals(
+    robot: Robot,
+    data: Measurements,
+    parameters: Sequence[ToleranceParameter],
+    *,
+    noise: tuple[float | None, float | None] = (None, None),
+    aligned: Sequence[str] = (),
+) -> SufficientStatistics:
+    """Reduce the residuals of measured poses to :class:`SufficientStatistics`.
+
+    Args:
+        robot: Robot with base and tool as registered; its effects are part of the command.
+        data: Measured poses with joint variables.
+        parameters: Parameters with predicted errors.
+        noise: Standard deviation of position (m) and of orientation (rad) along each axis; None: from the file's
+            columns, else estimated by restricted maximum likelihood from the part that no parameter explains.
+        aligned: ``base_frame``, ``tool_frame`` or both, if fitted to these poses.
+
+    Raises:
+        InputError: There are too few poses to estimate the noise, or the noise is zero.
+    """
+    triangles, counts = _triangles(robot, data, parameters, noise, aligned)
+    n_fixed = triangles[0].shape[1] - len(parameters) - 1
+    sigma, sources = noise_scales(data, noise, triangles, counts)
+    stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
+    projected, n_aligned = _project_out_registered(stacked, n_fixed)
+    scaled, residual = projected[:, :-1], projected[:, -1]
+    directions, strength, _ = np.linalg.svd(scaled, full_matrices=False)
+    significant = strength > NEGLIGIBLE
+    directions, strength = directions[:, significant], strength[significant]
+    y = directions.T @ residual
+    noise_squares = max(float(residual @ residual - y @ y), 0.0)
+    return SufficientStatistics(
+        tuple(parameter.name for parameter in parameters),
+        directions.T @ scaled,
+        strength,
+        y,
+        noise_squares,
+        sum(counts) - n_aligned - int(significant.sum()),
+        data.n,
+        sum(counts),
+        n_aligned,
+        noise_record(data, sigma, sources),
+    )
+
+
+def _triangles(
+    robot: Robot,
+    data: Measurements,
+    parameters: Sequence[ToleranceParameter],
+    noise: tuple[float | None, float | None],
+    aligned: Sequence[str],
+) -> tuple[list[Array], list[int]]:
+    """Return the R factors of [fitted columns, A, residual] and the numbers of rows, of position and of orientation.
+
+    Rows are divided by the file's measuring uncertainty if it is used, else they are in m and rad.
+    """
+    predicted = Model.of(robot).bind(data).poses(np.zeros(0))
+    arm = Arm.of(robot)
+    # Effects move the columns of the Jacobian in second order only.
+    scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
+    fixed = _registered_motions(arm, data, aligned)
+    motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
+    weights = file_weights(data, noise)
+    parts = 1 if data.rotation is None else 2
+    n_columns = len(motions) + 1
+    triangles = [np.zeros((0, n_columns)) for _ in range(parts)]
+    for start in range(0, data.n, BLOCK):
+        block = slice(start, min(start + BLOCK, data.n))
+        columns = np.empty((6, n_columns, block.stop - block.start))
+        local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
+        columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
+        for k, (_, rows) in enumerate(fixed):
+            columns[:, k] *= 1.0 if rows is None else rows[block]
+        for k, parameter in enumerate(parameters):
+            columns[:, len(fixed) + k] *= parameter.sd
+        rows = residuals(data.subset(np.arange(block.start, block.stop)), _poses_in_block(predicted, block))
+        columns[: 3 * parts, -1] = rows
+        for part in range(parts):
+            weighted = columns[3 * part : 3 * part + 3] * weights[part][:, None, block]
+            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
+            triangles[part] = _triangle(stacked)
+    return triangles, [3 * data.n] * parts
+
+
+def _triangle(rows: Array) -> Array:
+    """Return the R factor of a QR decomposition."""
+    result: Array = np.asarray(np.linalg.qr(rows, mode="r"))
+    return result
+
+
+def _poses_in_block(poses: Poses, block: slice) -> Poses:
+    return Poses(poses.rotation[..., block], poses.translation[..., block])
+
+
+def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
+    """Return the motions that were fitted, each with the rows that it moves (None: all)."""
+    columns: list[tuple[int, Array | None]] = []
+    if "base_frame" in aligned:
+        columns += [(arm.chain.index(BASE, label), None) for label in _FRAME_MOTIONS]
+    if "tool_frame" in aligned:
+        targets = tuple(arm.robot.targets) if data.target is not None else ()
+        for target in targets or (None,):
+            rows = None if target is None else (np.asarray(data.target) == target).astype(float)
+            columns += [(arm.chain.index(TOOL, label), rows) for label in _FRAME_MOTIONS]
+    return columns
+
+
+def _project_out_registered(stacked: Array, n_fixed: int) -> tuple[Array, int]:
+    """Return the other columns outside the span of the first ``n_fixed``, and the dimension of that span."""
+    if n_fixed == 0:
+        return stacked, 0
+    fixed = stacked[:, :n_fixed]
+    column_norms = np.sqrt(np.sum(np.square(fixed), axis=0))
+    u, singular_values, _ = np.linalg.svd(fixed / np.where(column_norms > 0, column_norms, 1.0), full_matrices=True)
+    absorbed = int(np.sum(singular_values > RANK_TOLERANCE * singular_values[0]))
+    return u[:, absorbed:].T @ stacked[:, n_fixed:], absorbed
+
 
 GIVEN = frozenset({"base", "tool"})
 """Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""

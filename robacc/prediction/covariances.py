@@ -1,4 +1,4 @@
-"""Covariances V_d and V_δ of each pose, equations (7) and (8), and each parameter's share, in blocks of poses.
+"""Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
 
 With J the columns of equation (6) and s_p the parameters' standard deviations, V = Σ_p s_p² J_p J_pᵀ, and the trace of
 V divides among the parameters as Σ_n s_p² |J_pn|². The trace does not depend on the frame, so the sums are computed in
@@ -9,14 +9,28 @@ The Jacobian of a block is the largest working array; only the 3 x 3 results and
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.chain import Chain, Scalar
+from robacc.effects.base import Part, Term
 from robacc.geometry import Array, compose, transpose
-from robacc.prediction.parameters import ToleranceParameter
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.prediction.tolerances import ToleranceParameter
+
+# Derivatives of the poses to the scalars of single motions of the chain.
+
+
+def motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
+    """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
+    bound = dataclasses.replace(model, free=()).bind(data)
+    terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
+    moved = dataclasses.replace(bound, terms=terms, owners=tuple(range(len(terms))))
+    return moved.linearise(np.zeros(len(terms)))[1]
 
 
 @dataclass(frozen=True, slots=True)

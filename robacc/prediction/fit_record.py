@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.error_model.structure import Repeatability
-from robacc.fitting.apply_fit import absorb_constants
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.parameters import absorb_constants
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements

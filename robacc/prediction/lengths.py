@@ -1,4 +1,4 @@
-r"""Length of zero-mean Gaussian vectors: probability, quantile and mean over N covariances at once.
+"""Length of zero-mean Gaussian vectors: probability, quantile and mean over N covariances.
 
 For variances v_i along the principal axes, Q = |Z|^2 has the Laplace transform M(s) = prod (1 + 2 v_i s)^(-1/2), whose
 singularities lie on the negative real axis, so
@@ -18,14 +18,113 @@ from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from robacc.chain import BLOCK
 from robacc.geometry import Array
-from robacc.prediction.carlson import carlson_rg
-from robacc.prediction.length_guess import QuantileGuess
 from robacc.statistics.distributions import normal_quantile
+
+# Carlson's symmetric elliptic integral R_G over arrays, without SciPy, whose import takes a third of a second.
+#
+# Source: B. C. Carlson, "Numerical computation of real or complex elliptic integrals", Numerical Algorithms 10 (1995)
+# 13-26: the duplication theorem reduces the arguments' differences, then a series; DLMF 19.36.1, 19.36.2, 19.21.10.
+
+_CLOSE = 2e-3
+"""Relative deviation of the arguments from their mean below which the series' first omitted terms are below 1e-15."""
+_MAX_ROUNDS = 60
+
+
+def carlson_rg(values: Array) -> Array:
+    """Return R_G ``(N,)`` of ``values`` ``(3, N)``, none negative, each column ascending.
+
+    R_G is the mean of sqrt(n^T V n) over the unit sphere for variances V.
+    """
+    low, middle, high = values
+    result = np.zeros(values.shape[1])
+    # Two zeros: R_G(0, 0, z) = sqrt(z)/2.
+    single = middle <= 1e-30 * high
+    result[single] = 0.5 * np.sqrt(high[single])
+    x, y, z = high[~single], low[~single], middle[~single]
+    # In units of the largest, against under- and overflow; z in the middle, against cancellation.
+    y, z = y / x, z / x
+    rf, rd = _rf_rd(np.ones_like(y), y, z)
+    doubled = z * rf - (1.0 - z) * (y - z) * rd / 3.0 + np.sqrt(y / z)
+    result[~single] = 0.5 * np.sqrt(x) * doubled
+    return result
+
+
+def _rf_rd(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """Return R_F(x, y, z) and R_D(x, y, z) from common duplications."""
+    weight, rd_sum = 1.0, np.zeros_like(x)
+    for _ in range(_MAX_ROUNDS):
+        mean_f, mean_d = (x + y + z) / 3.0, (x + y + 3.0 * z) / 5.0
+        deviations = [np.abs(1.0 - value / mean) for mean in (mean_f, mean_d) for value in (x, y, z)]
+        if x.size == 0 or float(np.max(deviations)) < _CLOSE:
+            break
+        a, b, c = np.sqrt(x), np.sqrt(y), np.sqrt(z)
+        shift = a * b + b * c + c * a
+        rd_sum += weight / (c * (z + shift))
+        weight *= 0.25
+        x, y, z = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift)
+    u, v = 1.0 - x / mean_f, 1.0 - y / mean_f
+    w = -u - v
+    e2, e3 = u * v - w * w, u * v * w
+    rf = (1.0 - e2 / 10.0 + e3 / 14.0 + e2 * e2 / 24.0 - 3.0 * e2 * e3 / 44.0) / np.sqrt(mean_f)
+    u, v = 1.0 - x / mean_d, 1.0 - y / mean_d
+    w = -(u + v) / 3.0
+    e2, e3 = u * v - 6.0 * w * w, (3.0 * u * v - 8.0 * w * w) * w
+    e4, e5 = 3.0 * (u * v - w * w) * w * w, u * v * w * w * w
+    series = 1.0 - 3.0 * e2 / 14.0 + e3 / 6.0 + 9.0 * e2 * e2 / 88.0 - 3.0 * e4 / 22.0 - 9.0 * e2 * e3 / 52.0
+    series += 3.0 * e5 / 26.0
+    return rf, 3.0 * rd_sum + weight * series / (mean_d * np.sqrt(mean_d))
+
+
+# First guess of the quantile of a Gaussian vector's length: a polynomial in the shares of its variances.
+#
+# For variances that add up to one, the squared radius of a given probability is a smooth function of two of their
+# shares. With l1 <= l2 <= l3, its arguments are a = 3 l1 and b = 2 (l2 - l1)/(1 - 3 l1), both from 0 to 1.
+
+_DEGREE = 13
+"""Degree in each argument: the guess is then within 1e-5, so that one step of Newton's leaves rounding."""
+
+
+class QuantileGuess:
+    """Polynomial of the squared radius of one probability over the shares of the variances."""
+
+    def __init__(self, solve: Callable[[Array], Array]) -> None:
+        """Fit the polynomial; ``solve`` returns the squared radii ``(N,)`` of shares ``(3, N)``, exactly."""
+        # Chebyshev's points of the first kind, and the discrete orthogonality of the polynomials on them.
+        angle = (np.arange(_DEGREE + 1) + 0.5) * np.pi / (_DEGREE + 1)
+        at = 0.5 + 0.5 * np.cos(angle)
+        a, b = (argument.ravel() for argument in np.meshgrid(at, at, indexing="ij"))
+        low = a / 3.0
+        middle = low + (1.0 - a) * b / 2.0
+        values = solve(np.stack((low, middle, 1.0 - low - middle))).reshape(at.size, at.size)
+        to_coefficients = 2.0 / at.size * np.cos(np.arange(at.size)[:, None] * angle)
+        to_coefficients[0] *= 0.5
+        self._coefficients = to_coefficients @ values @ to_coefficients.T
+
+    def __call__(self, shares: Array) -> Array:
+        """Return the guess ``(N,)`` for shares ``(3, N)``, ascending, that add up to one."""
+        low, middle, _ = shares
+        remainder = np.maximum(1.0 - 3.0 * low, 1e-12)
+        b = np.clip(2.0 * (middle - low) / remainder, 0.0, 1.0)
+        result: Array = np.einsum(
+            "in,in->n", _chebyshev(6.0 * low - 1.0), self._coefficients @ _chebyshev(2.0 * b - 1.0)
+        )
+        return result
+
+
+def _chebyshev(x: Array) -> Array:
+    """Return ``(degree + 1, N)`` Chebyshev polynomials at x."""
+    result = np.empty((_DEGREE + 1, x.size))
+    result[0], result[1] = 1.0, x
+    for i in range(2, _DEGREE + 1):
+        result[i] = 2.0 * x * result[i - 1] - result[i - 2]
+    return result
+
 
 Contour = tuple[tuple[complex, complex], ...]
 """Nodes of a path in the upper half plane, each with its factor."""

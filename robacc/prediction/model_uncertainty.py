@@ -1,4 +1,4 @@
-"""Uncertainty of a fitted model at given poses: coefficients, repeatability, and what the model does not explain.
+"""Uncertainty of a fitted model at given poses, its coverage of measured poses, and the accuracy it predicts.
 
 The error of the calibrated arm against its model has the covariance
 
@@ -7,7 +7,7 @@ The error of the calibrated arm against its model has the covariance
 with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
 variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
 what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`,
-:mod:`robacc.prediction.fading`).
+:mod:`robacc.prediction.extrapolation`).
 
 Effects of the measurement (a scale of the instrument, a drift of its frame) move measured poses, not the arm. On
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
@@ -16,20 +16,35 @@ measured poses their columns cancel errors of the arm's coefficients, so J has n
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
 from robacc.effects.joint_offset import JointOffset
-from robacc.fitting.apply_fit import absorb_constants
+from robacc.errors import InputError, Problem
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.parameters import absorb_constants, apply_fit
+from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, Poses, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.extrapolation import extrapolation, extrapolation_columns
-from robacc.prediction.fading import fading_columns
+from robacc.modelling.observation import residuals
+from robacc.prediction.extrapolation import extrapolation, extrapolation_columns, fading_columns
+from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
+from robacc.prediction.predicting import (
+    RADIUS_PROBABILITY,
+    Configurations,
+    Prediction,
+    Share,
+    predicted_errors,
+    predicted_grade,
+)
 from robacc.robots.description import Robot
 
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
@@ -199,3 +214,288 @@ def _turned(covariance: Array, rotation: Array) -> Array:
             part = np.einsum("ian,ab->ibn", rotation, covariance[i : i + 3, j : j + 3])
             result[i : i + 3, j : j + 3] = np.einsum("ibn,jbn->ijn", part, rotation)
     return result
+
+
+# Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
+#
+# A registration spreads the errors of the model at its poses over all poses, and takes part of them away. With W the
+# weights of the registration, A the columns of the frames, and e the errors at its poses, the error at another pose is
+#
+#     e_i - A_i N^-1 A^T W e,    N = A^T W A.
+#
+# Errors of the coefficients, and of effects beyond their ranges, are the same functions of the joints at all poses.
+# Their columns G change to G_i - A_i N^-1 A^T W G. Scatter of the joints, unexplained error and noise are independent
+# from pose to pose.
+
+_RANK = 1e-12
+"""Eigenvalue of the scaled normal matrix, over the largest, below which a direction of the frames is not fitted."""
+
+
+def registered_uncertainty(
+    robot: Robot, fit: ModelFit, data: Measurements, registration: Fit, used: Measurements
+) -> tuple[Array, Array]:
+    """Return covariances ``(3, 3, N)`` of position (m²) and orientation (rad²), measuring frame, noise included.
+
+    Args:
+        robot: The fitted robot.
+        fit: Record of its fit.
+        data: Poses to judge, with their circumstances.
+        registration: Fit of the frames.
+        used: Poses of the registration.
+    """
+    frames = Model.of(absorb_constants(apply_fit(registration)), registration.model.free)
+    robot = absorb_constants(robot)
+    size = len(registration.names)
+    normal, scatter = np.zeros((size, size)), np.zeros((size, size))
+    crossed: Array | None = None
+    weight = np.where(registration.inliers, registration.weight, 0.0)
+    for block, columns, correlated, independent in _blocks_with_frames(robot, fit, used, data, frames):
+        rows = weight.shape[0]
+        weighed = np.square(weight[:, block])[:, None] * columns[:rows]
+        normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
+        scatter += np.einsum("ipn,ijn,jqn->pq", weighed, independent[:rows, :rows], weighed, optimize=True)
+        part = np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
+        crossed = part if crossed is None else crossed + part
+    assert crossed is not None
+    inverse = _pseudo_inverse(normal)
+    moved, spread = inverse @ crossed, inverse @ scatter @ inverse
+    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
+    for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
+        changed = correlated - np.einsum("ipn,pk->ikn", columns, moved, optimize=True)
+        for result, part in ((position, slice(0, 3)), (orientation, slice(3, 6))):
+            result[..., block] = np.einsum("ikn,jkn->ijn", changed[part], changed[part], optimize=True)
+            result[..., block] += np.einsum("ipn,pq,jqn->ijn", columns[part], spread, columns[part], optimize=True)
+            result[..., block] += independent[part, part]
+    return position, orientation
+
+
+def _blocks_with_frames(
+    robot: Robot, fit: ModelFit, data: Measurements, sample: Measurements, frames: Model
+) -> Iterator[tuple[slice, Array, Array, Array]]:
+    """Yield blocks of poses: columns of the frames and of correlated errors, and the covariance of the others."""
+    for start in range(0, data.n, BLOCK):
+        block = slice(start, min(start + BLOCK, data.n))
+        part = data.subset(block)
+        bound = frames.bind(part)
+        sources = pose_sources(robot, fit, part, True)
+        independent = independent_covariance(fit, sources, part)
+        yield block, bound.linearise(np.zeros(len(bound.names)))[1], sources.columns(fit, sample), independent
+
+
+def _pseudo_inverse(normal: Array) -> Array:
+    """Return the inverse of a normal matrix without its undetermined directions."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
+    kept = values > _RANK * values[-1]
+    result: Array = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T * scale[:, None] * scale
+    return result
+
+
+# Predicted accuracy of a calibrated arm: what its model file knows of the fit, over poses or the workspace.
+
+MEANING = "errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error"
+
+
+def calibrated_accuracy(
+    robot: Robot, fit: ModelFit, configurations: Configurations, poses: Measurements | None, scale: Scale, seed: int
+) -> Prediction:
+    """Predict covariances and grade of a calibrated arm that is commanded through its model.
+
+    Args:
+        robot: The fitted robot.
+        fit: Record of its fit.
+        configurations: Configurations of equal weight.
+        poses: Poses with circumstances at these configurations; None for configurations alone, which get directions
+            of approach at random and other circumstances from the middle of the ranges of the fit.
+        scale: Scale of the grade.
+        seed: Seed of the directions.
+    """
+    data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
+    uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
+    position = predicted_errors("m", uncertainty.position, configurations, scale.statistic)
+    orientation = predicted_errors("rad", uncertainty.orientation, configurations, scale.statistic)
+    totals = np.sum(uncertainty.shares, axis=0)
+    shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
+    budget = [
+        Share(name, None, name, None, None, float(share[0]), float(share[1]))
+        for name, share in zip(SOURCES, shares, strict=True)
+    ]
+    budget.sort(key=lambda share: -share.position)
+    notes = [*configurations.notes, *_notes(robot, fit, data, uncertainty.is_oriented)]
+    return Prediction(
+        parameters=(),
+        configurations=configurations,
+        position=position,
+        orientation=orientation,
+        budget=tuple(budget),
+        by_joint=(),
+        by_kind=(),
+        grade=predicted_grade(position, orientation, scale),
+        meaning=MEANING,
+        notes=tuple(notes),
+        is_calibrated=True,
+    )
+
+
+def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements | None, seed: int) -> Measurements:
+    """Return poses with every circumstance that an effect may depend on."""
+    if poses is None:
+        assert q is not None
+        targets = list(robot.targets)
+        names = np.repeat(targets[:1], q.shape[1]) if targets else None
+        poses = Measurements(position=np.zeros((3, q.shape[1])), q=q, target=names)
+    assert poses.q is not None
+    rng = np.random.default_rng([seed, poses.n])
+
+    def middle(column: Array | None, name: str) -> Array | None:
+        if column is not None or name not in fit.ranges:
+            return column
+        return np.full(poses.n, 0.5 * sum(fit.ranges[name]))
+
+    direction = poses.direction
+    if direction is None:
+        direction = rng.choice(np.array([-1.0, 1.0]), poses.q.shape)
+    return dataclasses.replace(
+        poses,
+        direction=direction,
+        speed=direction if poses.speed is None else poses.speed,
+        payload=middle(poses.payload, "payload_kg"),
+        temperature=middle(poses.temperature, "temperature_c"),
+        time=middle(poses.time, "time_s"),
+    )
+
+
+def _notes(robot: Robot, fit: ModelFit, data: Measurements, is_oriented: bool) -> Sequence[str]:
+    notes = [f"the model was fitted to {fit.n_poses} poses"]
+    outside = np.zeros(data.n, dtype=bool)
+    assert data.q is not None
+    for name, row in zip(robot.variable_names, data.q, strict=True):
+        low, high = fit.ranges.get(name, (-np.inf, np.inf))
+        outside |= (row < low) | (row > high)
+    if outside.any():
+        notes.append(
+            f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
+            "the unexplained error may be larger"
+        )
+    if not is_oriented:
+        notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
+    return notes
+
+
+# Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Measured poses within the bounds of a model's error."""
+
+    quantity: Literal["position", "orientation"]
+    probability: float
+    """Probability of the bound."""
+    n_poses: int
+    n_inside: int
+    registered: tuple[str, ...]
+    """Frames that were fitted to the other half of the poses."""
+    noise_source: Literal["given", "file", "fit"]
+    """Source of the measurement noise in the bounds: given, columns of the poses, or the fit of the model."""
+
+    @property
+    def share(self) -> float:
+        """Share of the poses within their bounds."""
+        return self.n_inside / self.n_poses
+
+
+def coverage(
+    robot: Robot,
+    fit: ModelFit,
+    measured: Measurements,
+    seed: int,
+    aligned: Sequence[str] = (),
+    noise: tuple[float | None, float | None] = (None, None),
+) -> tuple[Coverage, ...]:
+    """Return the coverage of position, and of orientation where poses and fit have it.
+
+    Frames in ``aligned`` are facts of one campaign. They are fitted to every second measured pose for the errors of the
+    others, and the other way round, so that no error is one of the fit. The bounds contain the measurement noise:
+    ``noise`` (m, rad), else that of the poses, else that of the fit.
+
+    Raises:
+        InputError: There are too few commanded poses to fit frames to a half of them.
+        MissingColumnError: The poses lack a circumstance that an effect of the model needs, such as the approach.
+    """
+    # Circumstances drawn in place of missing ones would be held against the measurements.
+    Model.of(absorb_constants(robot)).bind(measured)
+    data = _with_noise(fit, completed(robot, fit, None, measured, seed), noise)
+    oriented = measured.rotation is not None and fit.unexplained.shape[0] == 6
+    if aligned:
+        error, covariances = _registered(robot, fit, data, aligned)
+    else:
+        error = _errors(robot, data)
+        uncertainty = model_uncertainty(robot, fit, data, measured=True)
+        covariances = _noise_added(fit, data, uncertainty)
+    quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
+    columns = (measured.sigma_position, measured.sigma_rotation)
+    sources = [_noise_source(fit, given, column) for given, column in zip(noise, columns, strict=True)]
+    results = []
+    for i, (quantity, covariance) in enumerate(zip(quantities, covariances, strict=True)):
+        if quantity == "orientation" and not oriented:
+            continue
+        bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariance))
+        inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
+        results.append(Coverage(quantity, RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), sources[i]))
+    return tuple(results)
+
+
+def _errors(robot: Robot, data: Measurements) -> Array:
+    return residuals(data, Model.of(absorb_constants(robot)).bind(data).poses(np.zeros(0)))
+
+
+def _noise_source(fit: ModelFit, given: float | None, column: Array | None) -> Literal["given", "file", "fit"]:
+    if not fit.noise_is_separate:
+        return "fit"
+    return "given" if given is not None else "file" if column is not None else "fit"
+
+
+def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, float | None]) -> Measurements:
+    """Return the poses with the measurement noise that is given, or that of the fit where neither states it."""
+    position, angle = noise
+    if position is None and data.sigma_position is None:
+        position = fit.noise[0]
+    if angle is None and data.sigma_rotation is None:
+        angle = fit.noise[1]
+    return dataclasses.replace(
+        data,
+        sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
+        sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+    )
+
+
+def _noise_added(fit: ModelFit, data: Measurements, uncertainty: ModelUncertainty) -> tuple[Array, Array]:
+    """Return the covariances of position and orientation, with measurement noise that is not part of them."""
+    covariances = []
+    known = ((uncertainty.position, data.sigma_position), (uncertainty.orientation, data.sigma_rotation))
+    for covariance, noise in known:
+        if noise is not None and fit.noise_is_separate:
+            covariance = covariance + np.eye(3)[:, :, None] * np.square(noise)
+        covariances.append(covariance)
+    return covariances[0], covariances[1]
+
+
+def _registered(
+    robot: Robot, fit: ModelFit, data: Measurements, frames: Sequence[str]
+) -> tuple[Array, tuple[Array, Array]]:
+    """Return errors ``(M, N)`` and their covariances, with frames fitted to the poses of the other half."""
+    half: NDArray[np.int64] = data.groups() % 2
+    if np.all(half == half[0]):
+        fix = "measure at more than one commanded pose, or leave out `align`"
+        message = f"{' and '.join(frames)} cannot be fitted to one half of the poses: all are the same commanded pose"
+        raise InputError(Problem(message, data.source, fix=fix))
+    error = np.empty((3 if data.rotation is None else 6, data.n))
+    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
+    for part in (0, 1):
+        rows = np.flatnonzero(half == part)
+        judged, used = data.subset(rows), data.subset(np.flatnonzero(half != part))
+        registration = registration_fit(robot, used, frames)
+        error[:, rows] = _errors(apply_fit(registration), judged)
+        position[..., rows], orientation[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
+    return error, (position, orientation)

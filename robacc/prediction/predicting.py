@@ -1,4 +1,4 @@
-"""Predicted accuracy of an arm from the tolerances of its parameters: equations (7) and (8) over poses.
+"""Predicted accuracy of an arm from the tolerances of its parameters, and tolerances that reach a grade.
 
 The prediction is for robots whose parameter errors are random within the tolerances. At each pose the error is Gaussian
 with mean zero and covariance V_d or V_δ; over poses it is their mixture in equal parts.
@@ -6,28 +6,142 @@ with mean zero and covariance V_d or V_δ; over poses it is their mixture in equ
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.grade_scale import Scale
-from robacc.errors import UsageError
+from robacc.accuracy.grade import Scale
+from robacc.chain import Scalar
+from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
-from robacc.prediction.configurations import Configurations
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
 from robacc.prediction.covariances import PoseCovariances, pose_covariances
-from robacc.prediction.lengths import (
-    length_quantiles,
-    mean_lengths,
-    mixture_quantile,
-    principal_variances,
-)
-from robacc.prediction.parameters import NORMAL, ToleranceParameter
+from robacc.prediction.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
+from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.robots.library import low_discrepancy
 from robacc.statistics.records import Statistic
+
+# Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
+
+
+@dataclass(frozen=True, slots=True)
+class Configurations:
+    """Configurations of one arm, N of them."""
+
+    q: Array
+    """``(J, N)`` joint variables, rad or m."""
+    scalars: tuple[Scalar, ...]
+    """Nominal scalars of the chain at each configuration, with the target measured there."""
+    labels: tuple[str, ...] | None
+    """``(N,)`` label of each: its line in the file; None: its number."""
+    source: str
+    """Description of their source as text."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def n(self) -> int:
+        """Number of configurations."""
+        return int(self.q.shape[1])
+
+    def label(self, i: int) -> str:
+        """Return the label of configuration ``i``."""
+        return self.labels[i] if self.labels is not None else f"sample {i + 1}"
+
+
+def configurations_of(robot: Robot, data: Measurements) -> Configurations:
+    """Return the commanded configurations of measured or planned poses, each with its target.
+
+    Raises:
+        InputError: There are no poses or no joint variables.
+        UsageError: The joint variables do not fit the robot.
+    """
+    if data.n == 0:
+        raise InputError(Problem("has no poses to predict the accuracy at", data.source))
+    if data.q is None:
+        fix = "add q1, q2, …"
+        raise InputError(Problem("has no joint columns: the prediction needs the joint values", data.source, fix=fix))
+    bound_model = _nominal_model(robot).bind(data)
+    labels = tuple(data.place(i) for i in range(data.n))
+    return Configurations(
+        data.q, bound_model.nominal, labels, f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}"
+    )
+
+
+def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | None = None) -> Configurations:
+    """Return ``n`` configurations spread evenly over the joints' ranges; a revolute joint without limits turns fully.
+
+    A low-discrepancy sequence (Richtmyer's) shifted by a random vector, modulo the unit cube: R. Cranley and
+    T. N. L. Patterson, "Randomization of number theoretic methods for multiple integration", SIAM J. Numer. Anal. 13
+    (1976) 904-914.
+
+    Args:
+        robot: The arm.
+        n: Number of configurations.
+        seed: Seed of the shift.
+        target: Name of the target if the robot has several; None: the first.
+
+    Raises:
+        UsageError: ``n`` is less than one, or the robot has no such target.
+        InputError: A prismatic joint has no limits.
+    """
+    if n < 1:
+        raise UsageError(f"`samples` is at least 1, not {n}")
+    low, high, notes = _ranges(robot)
+    robot, target_notes = _with_target(robot, target)
+    shift = np.random.default_rng(seed).random(len(low))
+    points = (low_discrepancy(len(low), n) + shift[:, None]) % 1.0
+    q = low[:, None] + (high - low)[:, None] * points
+    scalars = tuple(Arm.of(robot).chain.scalars(q))
+    source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
+    return Configurations(q, scalars, None, source, (*notes, *target_notes))
+
+
+def _nominal_model(robot: Robot) -> Model:
+    """Return the model without effects, which change a covariance in second order only."""
+    return Model.of(dataclasses.replace(robot, effects=()))
+
+
+def _ranges(robot: Robot) -> tuple[Array, Array, list[str]]:
+    endless = [joint.name for joint in robot.variables if joint.limits is None and joint.type == "revolute"]
+    problems = [
+        Problem(
+            f"the prismatic joint {joint.name} has no limits to spread configurations over",
+            fix="give it limits, or give the configurations with `poses`",
+        )
+        for joint in robot.variables
+        if joint.limits is None and joint.type == "prismatic"
+    ]
+    if problems:
+        raise InputError(problems)
+    pairs = [joint.limits or (-np.pi, np.pi) for joint in robot.variables]
+    low, high = np.array(pairs, dtype=float).T
+    return low, high, [f"{_joint_list(endless)} without limits: sampled over a full turn"] if endless else []
+
+
+def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
+    if not robot.targets:
+        if target is not None:
+            raise UsageError(f"no target {target!r}; the robot file has no targets")
+        return robot, ()
+    name = target if target is not None else next(iter(robot.targets))
+    if name not in robot.targets:
+        raise UsageError(f"no target {name!r}; the robot file has {', '.join(robot.targets)}")
+    single_target = dataclasses.replace(robot, tool=robot.targets[name], targets={})
+    ambiguous = len(robot.targets) > 1 and target is None
+    note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
+    return single_target, note if ambiguous else ()
+
+
+def _joint_list(names: Sequence[str]) -> str:
+    return f"joint{'s' * (len(names) != 1)} {', '.join(names)}"
+
 
 RADIUS_PROBABILITY = 0.95
 """Probability of the error radius at each pose."""
@@ -148,7 +262,7 @@ def predict_accuracy(
 
     Args:
         robot: The arm.
-        parameters: From :func:`robacc.prediction.parameters.uncertain_parameters`.
+        parameters: From :func:`robacc.prediction.tolerances.uncertain_parameters`.
         configurations: Configurations of equal weight.
         scale: Scale of the grade.
         meaning: Conversion of a tolerance into a variance, as text.
@@ -297,3 +411,145 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
         if step.grade == grade:
             return step.position, step.orientation
     raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(s.grade for s in scale.steps)}")
+
+
+# Tolerances that reach a grade at least cost, by tightening the given tolerances.
+#
+# A tighter tolerance costs more; in the reciprocal model the cost is c t0/t, and c = 1 for every given tolerance t0
+# (K. W. Chase, W. H. Greenwood, B. G. Loosli, L. F. Hauglund, "Least cost tolerance allocation for mechanical
+# assemblies with automated process selection", Manufacturing Review 3(1), 1990). With factors f_p = t/t0 and shares
+# A_p, B_p of the predicted variance of position and orientation,
+#
+#     minimise Σ 1/f_p   subject to   Σ A_p f_p² <= T_A,  Σ B_p f_p² <= T_B,  f_p <= 1,
+#
+# the solution is f_p = min(1, (λ A_p + μ B_p)^(-1/3)) with both multipliers at zero or at their limits. Parameters
+# with a large share are tightened most; no tolerance is widened.
+
+_MAX_ROUNDS = 12
+_TARGET_BAND = 1e-3
+"""Relative distance below a limit at which the allocation stops."""
+
+
+@dataclass(frozen=True, slots=True)
+class AllocatedTolerance:
+    """Tolerance of one parameter, given and needed, as standard deviations in m or rad."""
+
+    parameter: ToleranceParameter
+    needed: float
+
+    @property
+    def factor(self) -> float:
+        """Needed over given tolerance; 1 if it is unchanged."""
+        return self.needed / self.parameter.sd
+
+
+@dataclass(frozen=True, slots=True)
+class Allocation:
+    """Tolerances that reach a grade, and the prediction with them."""
+
+    grade: str
+    needed: tuple[AllocatedTolerance, ...]
+    uniform_factor: float
+    """Common factor of all tolerances that reaches the grade; 1 if it is reached already."""
+    verified: Prediction
+    """Prediction at the same poses with the needed tolerances."""
+    met: bool
+    """True if that prediction meets the grade."""
+
+
+def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
+    """Tighten the tolerances of ``prediction`` until it reaches ``grade`` of its scale.
+
+    Raises:
+        UsageError: The scale has no such grade.
+    """
+    scale = prediction.grade.scale
+    limits = step_limits(scale, grade)
+    budget = {share.name: (share.position, share.orientation) for share in prediction.budget}
+    shares = np.array([budget[parameter.name] for parameter in prediction.parameters]).T
+    initial_excess = _relative_excess(prediction, limits)
+    # The statistic is not exactly proportional to the RMS, whose square the budget divides: correct the targets.
+    target_variances = np.minimum(1.0, 1.0 / np.square(initial_excess))
+    factors, verified = np.ones(shares.shape[1]), prediction
+    for _ in range(_MAX_ROUNDS):
+        excess = _relative_excess(verified, limits)
+        if np.max(excess) <= 1.0:
+            break
+        factors = _optimal_factors(shares, target_variances)
+        verified = _predict_tightened(robot, prediction, factors)
+        excess = _relative_excess(verified, limits)
+        if 1.0 - _TARGET_BAND <= np.max(excess) <= 1.0:
+            break
+        target_variances = np.where(
+            excess > 1.0, target_variances / np.square(excess) * (1.0 - 0.5 * _TARGET_BAND), target_variances
+        )
+    needed = tuple(
+        AllocatedTolerance(parameter, parameter.sd * float(factor))
+        for parameter, factor in zip(prediction.parameters, factors, strict=True)
+    )
+    uniform_factor = min(1.0, 1.0 / float(np.max(initial_excess)))
+    return Allocation(grade, needed, uniform_factor, verified, bool(np.max(_relative_excess(verified, limits)) <= 1.0))
+
+
+def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
+    """Return the statistics of position and orientation over their limits; zero if there is no limit."""
+    statistic = prediction.grade.scale.statistic
+    position, orientation = limits
+    return np.array(
+        [
+            prediction.position.value(statistic) / position,
+            0.0 if orientation is None else prediction.orientation.value(statistic) / orientation,
+        ]
+    )
+
+
+def _predict_tightened(robot: Robot, prediction: Prediction, factors: Array) -> Prediction:
+    tightened = [
+        dataclasses.replace(parameter, sd=parameter.sd * float(factor))
+        for parameter, factor in zip(prediction.parameters, factors, strict=True)
+    ]
+    return predict_accuracy(robot, tightened, prediction.configurations, prediction.grade.scale, prediction.meaning)
+
+
+def _optimal_factors(shares: Array, target_variances: Array) -> Array:
+    """Return the optimal factors ``(P,)`` for ``shares`` ``(2, P)`` and ``target_variances`` ``(2,)``.
+
+    The dual is concave and smooth, so maximising it over one multiplier at a time converges.
+    """
+    multipliers = np.zeros(2)
+    for _ in range(200):
+        previous = multipliers.copy()
+        for constraint in range(2):
+
+            def variance_surplus(value: float, constraint: int = constraint) -> float:
+                trial = multipliers.copy()
+                trial[constraint] = value
+                return float(shares[constraint] @ np.square(_optimum(shares, trial)) - target_variances[constraint])
+
+            multipliers[constraint] = _root(variance_surplus)
+        if np.allclose(multipliers, previous, rtol=1e-9, atol=0.0):
+            break
+    return _optimum(shares, multipliers)
+
+
+def _optimum(shares: Array, multipliers: Array) -> Array:
+    price = multipliers @ shares
+    # A price of at most one leaves the tolerance unchanged.
+    factors: Array = np.maximum(price, 1.0) ** (-1.0 / 3.0)
+    return factors
+
+
+def _root(function: Callable[[float], float]) -> float:
+    """Return the zero of a falling function, or zero if it starts below zero."""
+    if function(0.0) <= 0.0:
+        return 0.0
+    high = 1.0
+    while function(high) > 0.0:
+        high *= 8.0
+    low = 0.0 if high == 1.0 else high / 8.0
+    for _ in range(100):
+        middle = 0.5 * (low + high) if low == 0.0 else math.sqrt(low * high)
+        low, high = (middle, high) if function(middle) > 0.0 else (low, middle)
+        if high - low <= 1e-12 * high:
+            break
+    return high

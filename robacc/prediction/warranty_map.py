@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.grade_scale import Scale
+from robacc.accuracy.grade import Scale
 from robacc.geometry import Array
 from robacc.prediction.predicting import Prediction
 from robacc.quantities import number_text

@@ -8,10 +8,17 @@ from __future__ import annotations
 import math
 import re
 
-from robacc.programs.assemble import Draft
-from robacc.programs.conventions import Convention
-from robacc.programs.program import Dialect, MotionType, Program, ProgramFrame, ProgramNumber
-from robacc.programs.source import NUMBER, ProgramSource
+from robacc.programs.program import (
+    NUMBER,
+    Convention,
+    Dialect,
+    Draft,
+    MotionType,
+    Program,
+    ProgramFrame,
+    ProgramNumber,
+    ProgramSource,
+)
 from robacc.robots.description import Frame
 
 _SECTION = re.compile(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", re.M)

@@ -1,15 +1,264 @@
-"""Robot program as this package sees it: its text, its targets, its motions, and what a computation would need."""
+"""Robot program: its text, written back byte for byte, its targets, motions, and conventions of orientations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import re
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal
 
-from robacc.programs.conventions import Convention
-from robacc.programs.source import ProgramSource
+import numpy as np
+
+from robacc.errors import InputError, Problem
+from robacc.geometry import (
+    Array,
+    compose,
+    exp_so3,
+    log_so3,
+    quaternion_from_rotation,
+    rotation_about,
+    rotation_from_quaternion,
+    rotation_from_rpy,
+    rpy_from_rotation,
+    transpose,
+)
 from robacc.robots.description import Frame
+
+# Text of a program that is written back byte for byte, and masks that hide its comments and strings.
+
+PROGRAM_LIMIT = 64 * 2**20
+"""Largest program that is read, bytes."""
+NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
+"""Pattern of a number in every dialect."""
+
+_EAST_ASIAN = ("gb2312", "euc_kr", "euc_jp")
+"""Code pages whose pairs of bytes can look like UTF-8, and in which no other text decodes."""
+
+
+@dataclass(frozen=True, slots=True)
+class ProgramSource:
+    """Program text whose unchanged parts are written back byte for byte."""
+
+    file: str
+    text: str
+    encoding: str
+    """``utf-8``, ``8-bit`` (Windows and other code pages), ``utf-16-le`` or ``utf-16-be``. The first two have a
+    character per byte, so that places in the text are places in the file."""
+    _starts: tuple[int, ...] = field(repr=False, compare=False)
+
+    @classmethod
+    def of(cls, data: bytes, file: str) -> ProgramSource:
+        """Return the source of a program's bytes.
+
+        Raises:
+            InputError: The bytes are no text, or mix UTF-8 with another encoding.
+        """
+        text, encoding = _decode(data, file)
+        return cls(file, text, encoding, (0, *(match.end() for match in re.finditer(r"\r\n|\n|\r", text))))
+
+    def line(self, position: int) -> int:
+        """Return the 1-based line of a place in the text."""
+        return bisect_right(self._starts, position)
+
+    def excerpt(self, start: int, end: int) -> str:
+        """Return a part of the text for a message: on one line, at most 60 characters, in the file's characters."""
+        text = self.text[start : min(end, start + 200)]
+        if not self.encoding.startswith("utf-16"):
+            text = text.encode("latin-1").decode("utf-8" if self.encoding == "utf-8" else "cp1252", errors="replace")
+        text = " ".join(text.split())
+        return text if len(text) <= 60 else text[:59] + "…"
+
+    def name(self, text: str) -> str:
+        """Return a name from the text in the file's characters."""
+        return text if text.isascii() or self.encoding != "utf-8" else text.encode("latin-1").decode("utf-8")
+
+    def replaced(self, edits: Iterable[tuple[int, int, str]]) -> bytes:
+        """Return the file's bytes with ``(start, end, text)`` replaced; the edits do not overlap."""
+        pieces = []
+        position = 0
+        for start, end, text in sorted(edits):
+            pieces += [self.text[position:start], text]
+            position = end
+        pieces.append(self.text[position:])
+        text = "".join(pieces)
+        return text.encode(self.encoding if self.encoding.startswith("utf-16") else "latin-1")
+
+    def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
+        """Return the error of a program that cannot be read."""
+        return InputError(Problem(message, self.file, None if position is None else self.line(position), fix=fix))
+
+
+def mask(text: str, hidden: re.Pattern[str]) -> str:
+    """Return the text with spaces in place of every match of ``hidden`` (comments and strings), line ends kept."""
+    return hidden.sub(lambda match: re.sub(r"[^\r\n]", " ", match[0]), text)
+
+
+def _decode(data: bytes, file: str) -> tuple[str, str]:
+    """Return text and encoding; a UTF-16 text keeps its mark."""
+    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        wide = "utf-16-le" if data[:2] == b"\xff\xfe" else "utf-16-be"
+        try:
+            text = data.decode(wide)
+        except UnicodeDecodeError:
+            fix = "export it from the controller again"
+            raise InputError(Problem("is not UTF-16 text though it begins with its mark", file, fix=fix)) from None
+        return text, wide
+    position = data.find(b"\0")
+    if position >= 0:
+        line = data.count(b"\n", 0, position) + 1
+        fix = "export it from the controller as text"
+        raise InputError(Problem("is not a text file: it contains a NUL byte", file, line, fix=fix))
+    text = data.decode("latin-1")
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        if _has_utf8_line(data) and not _is_east_asian(data):
+            line = data.count(b"\n", 0, error.start) + 1
+            message = f"mixes UTF-8 with another encoding (byte 0x{data[error.start]:02x} is not UTF-8)"
+            raise InputError(Problem(message, file, line, fix="save it in one encoding")) from None
+        return text, "8-bit"
+    return text, "utf-8"
+
+
+def _has_utf8_line(data: bytes) -> bool:
+    """Return whether a line with characters beyond ASCII is valid UTF-8, which text of another encoding rarely is."""
+    for line in data.splitlines():
+        if not line.isascii():
+            try:
+                line.decode("utf-8")
+            except UnicodeDecodeError:
+                continue
+            return True
+    return False
+
+
+def _is_east_asian(data: bytes) -> bool:
+    """Return whether the bytes are text of an East Asian code page."""
+    for encoding in _EAST_ASIAN:
+        try:
+            data.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        return True
+    return False
+
+
+# Conventions of robot programs for orientations, converted to unit quaternions and back.
+#
+# Numbers are batched ``(components, N)`` in m and rad. The way back chooses, among the numbers of one orientation,
+# those nearest to the numbers in the program, so that a small correction changes them little.
+
+
+class Convention(StrEnum):
+    """Components of a target, in the order of the program."""
+
+    joints = "joints"
+    """Joint variables."""
+    zyx = "zyx"
+    """x, y, z, A, B, C with R = Rz(A) Ry(B) Rx(C) (KUKA)."""
+    fixed_xyz = "fixed_xyz"
+    """x, y, z, W, P, R with R = Rz(R) Ry(P) Rx(W) (FANUC)."""
+    quaternion = "quaternion"
+    """x, y, z, q1 … q4 with q1 the scalar part (ABB)."""
+    moving_xyz = "moving_xyz"
+    """x, y, z, rx, ry, rz with R = Rx(rx) Ry(ry) Rz(rz) (Staubli)."""
+    rotation_vector = "rotation_vector"
+    """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
+
+    @property
+    def components(self) -> int:
+        """Numbers of a Cartesian target."""
+        return 7 if self is Convention.quaternion else 6
+
+
+def to_values(convention: Convention, native: Array) -> Array:
+    """Return x, y, z and the unit quaternion ``(7, N)`` of a program's numbers; joint variables as they are."""
+    if convention is Convention.joints:
+        return native
+    return np.concatenate((native[:3], quaternion_from_rotation(rotation_of(convention, native[3:]))))
+
+
+def rotation_of(convention: Convention, angles: Array) -> Array:
+    """Return the rotations ``(3, 3, N)`` of the numbers that follow x, y, z."""
+    if convention is Convention.zyx:
+        return rotation_from_rpy(angles[::-1])
+    if convention is Convention.fixed_xyz:
+        return rotation_from_rpy(angles)
+    if convention is Convention.moving_xyz:
+        # The inverse of the rotation by the opposite angles about fixed axes.
+        return transpose(rotation_from_rpy(-angles))
+    if convention is Convention.rotation_vector:
+        return exp_so3(angles)
+    return rotation_from_quaternion(angles)
+
+
+def to_native(convention: Convention, values: Array, near: Array) -> Array:
+    """Return a program's numbers of ``values`` (as of :func:`to_values`), nearest to the numbers ``near``."""
+    if convention is Convention.joints:
+        return values
+    rotation = rotation_from_quaternion(values[3:])
+    if convention is Convention.quaternion:
+        turned = _nearest_quaternion(values[3:], near[3:])
+    elif convention is Convention.rotation_vector:
+        turned = _nearest_vector(log_so3(rotation), near[3:])
+    elif convention is Convention.moving_xyz:
+        turned = -_nearest_angles(transpose(rotation), -near[3:])
+    elif convention is Convention.zyx:
+        turned = _nearest_angles(rotation, near[:2:-1])[::-1]
+    else:
+        turned = _nearest_angles(rotation, near[3:])
+    return np.concatenate((values[:3], turned))
+
+
+def rotation_distance(first: Array, second: Array) -> Array:
+    """Return the angle ``(N,)`` in rad between orientations given as unit quaternions ``(4, N)``."""
+    difference = np.minimum(
+        np.sqrt(np.sum(np.square(first - second), axis=0)), np.sqrt(np.sum(np.square(first + second), axis=0))
+    )
+    angle: Array = 4 * np.arcsin(np.minimum(difference / 2, 1.0))
+    return angle
+
+
+def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
+    unit = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
+    nearest: Array = np.where(np.sum(unit * near, axis=0) < 0, -unit, unit)
+    return nearest
+
+
+def _nearest_vector(vector: Array, near: Array) -> Array:
+    angle = np.sqrt(np.sum(np.square(vector), axis=0))
+    unit = vector / np.where(angle > 0, angle, 1.0)
+    # The axis of a zero rotation is free: a whole turn about the program's own axis.
+    length = np.sqrt(np.sum(np.square(near), axis=0))
+    unit = np.where(angle > 0, unit, near / np.where(length > 0, length, 1.0))
+    candidates = np.stack([vector + 2 * np.pi * turns * unit for turns in (0, -1, 1)])
+    best = np.argmin(np.sum(np.square(candidates - near), axis=1), axis=0)
+    chosen: Array = np.take_along_axis(candidates, best[None, None], axis=0)[0]
+    return chosen
+
+
+def _nearest_angles(rotation: Array, near: Array) -> Array:
+    """Return roll, pitch, yaw ``(3, N)`` of the solution nearest to ``near``, in the range that ``near`` is in."""
+    first = rpy_from_rotation(rotation)
+    pole = np.abs(np.abs(first[1]) - np.pi / 2) < 1e-9
+    if np.any(pole):
+        # Only yaw -+ roll is determined: keep the program's roll.
+        upright = compose(rotation, np.swapaxes(rotation_about(0, near[0]), 0, 1))
+        yaw = np.arctan2(-upright[0, 1], upright[1, 1])
+        first = np.where(pole, np.stack((near[0], first[1], yaw)), first)
+    second = np.stack((first[0] + np.pi, np.pi - first[1], first[2] + np.pi))
+    distances = [np.sum(np.square(_wrapped(angles - near)), axis=0) for angles in (first, second)]
+    chosen = np.where(distances[1] < distances[0], second, first)
+    inside = np.abs(near) <= np.pi + 1e-9
+    return np.where(inside, _wrapped(chosen), near + _wrapped(chosen - near))
+
+
+def _wrapped(angle: Array) -> Array:
+    """Return angles in [-pi, pi]."""
+    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
+
 
 TargetKind = Literal["joint", "cartesian"]
 MotionType = Literal["joint", "linear", "circular", "other"]
@@ -122,3 +371,141 @@ class Program:
     def encoding(self) -> str:
         """Encoding of the file: ``utf-8``, ``utf-16-le``, ``utf-16-be``, or ``8-bit`` for other code pages."""
         return self.source.encoding
+
+
+# Program put together from what a dialect's reader found: values in SI units, and each target's motions.
+
+_LARGEST = 1e6
+"""Largest number of a target in the program's unit that is taken for one; above it, numbers stand for no value."""
+
+
+@dataclass(slots=True)
+class Draft:
+    """Findings of a reader, to be assembled into a program."""
+
+    source: ProgramSource
+    dialect: Dialect
+    targets: list[ProgramTarget] = field(default_factory=list)
+    moves: list[ProgramMove] = field(default_factory=list)
+    notes: list[ProgramNote] = field(default_factory=list)
+    tools: dict[str, Frame] = field(default_factory=dict)
+    bases: dict[str, Frame] = field(default_factory=dict)
+
+    def note(self, start: int, end: int, reason: str) -> None:
+        """Add a part of the text that is left as it is."""
+        self.notes.append(ProgramNote(self.source.line(start), self.source.excerpt(start, end), reason))
+
+    def add(
+        self,
+        name: str,
+        convention: Convention,
+        numbers: Sequence[ProgramNumber],
+        *,
+        configuration: str = "",
+        external: str = "",
+        tool: ProgramFrame | None = None,
+        base: ProgramFrame | None = None,
+    ) -> int | None:
+        """Add a target, its values still missing; return its index, or None for numbers that are no target."""
+        start = numbers[0].start
+        line = self.source.line(start)
+        if any(not abs(number.value) < _LARGEST for number in numbers):
+            self.note(start, numbers[-1].end, "a number of this target is a placeholder")
+            return None
+        kind: TargetKind = "joint" if convention is Convention.joints else "cartesian"
+        name = self.source.name(name) or f"line {line}"
+        target = ProgramTarget(
+            name, line, kind, (), convention, tuple(numbers), configuration, tool, base, None, external
+        )
+        self.targets.append(target)
+        return len(self.targets) - 1
+
+    def move(
+        self,
+        position: int,
+        target: int | None,
+        motion: MotionType,
+        tool: ProgramFrame | None = None,
+        base: ProgramFrame | None = None,
+    ) -> None:
+        """Add a motion to a target of this draft."""
+        if target is not None:
+            self.moves.append(ProgramMove(self.source.line(position), target, motion, tool, base))
+
+    def program(self, dropped: Mapping[int, str] | None = None) -> Program:
+        """Return the program; ``dropped`` targets become notes with their reasons."""
+        dropped = dropped or {}
+        for index, reason in dropped.items():
+            numbers = self.targets[index].numbers
+            note = ProgramNote(
+                self.source.line(numbers[0].start),
+                f"{self.targets[index].name}: {self.source.excerpt(numbers[0].start, numbers[-1].end)}",
+                reason,
+            )
+            self.notes.append(note)
+        kept = sorted(
+            (i for i in range(len(self.targets)) if i not in dropped), key=lambda i: self.targets[i].numbers[0].start
+        )
+        places = {index: place for place, index in enumerate(kept)}
+        moves = tuple(replace(move, target=places[move.target]) for move in self.moves if move.target in places)
+        targets = _with_values([self.targets[i] for i in kept])
+        return Program(
+            self.source.file,
+            self.dialect,
+            self.source,
+            tuple(_with_motions(targets, moves)),
+            moves,
+            tuple(sorted(self.notes, key=lambda note: note.line)),
+            self.tools,
+            self.bases,
+        )
+
+
+def frame_of(convention: Convention, native: Sequence[float]) -> Frame:
+    """Return a frame from numbers of ``convention`` in m and rad."""
+    values = to_values(convention, np.array(native, dtype=float)[:, None])
+    roll, pitch, yaw = (float(angle) + 0.0 for angle in rpy_from_rotation(rotation_from_quaternion(values[3:]))[:, 0])
+    x, y, z = (float(value) for value in values[:3, 0])
+    return Frame((x, y, z), (roll, pitch, yaw))
+
+
+def _with_values(targets: Sequence[ProgramTarget]) -> list[ProgramTarget]:
+    """Return the targets with their values, converted for all targets of a convention at once."""
+    result = list(targets)
+    groups: dict[tuple[Convention, int], list[int]] = {}
+    for i, target in enumerate(targets):
+        groups.setdefault((target.convention, len(target.numbers)), []).append(i)
+    for (convention, _), rows in groups.items():
+        values = to_values(convention, native_of([targets[i] for i in rows]))
+        for i, column in zip(rows, values.T.tolist(), strict=True):
+            result[i] = replace(targets[i], values=tuple(column))
+    return result
+
+
+def native_of(targets: Sequence[ProgramTarget]) -> Array:
+    """Return the programs' numbers ``(components, N)`` of targets of one convention, m and rad."""
+    rows = [[number.value * number.unit for number in target.numbers] for target in targets]
+    return np.array(rows, dtype=float).T
+
+
+def _with_motions(targets: Sequence[ProgramTarget], moves: Iterable[ProgramMove]) -> list[ProgramTarget]:
+    """Return the targets with what all motions to each have in common."""
+    by_target: dict[int, list[ProgramMove]] = {}
+    for move in moves:
+        by_target.setdefault(move.target, []).append(move)
+    result = []
+    for i, target in enumerate(targets):
+        used = by_target.get(i, [])
+        if used:
+            target = replace(
+                target,
+                motion=used[0].motion if len({move.motion for move in used}) == 1 else None,
+                tool=target.tool or _common([move.tool for move in used]),
+                base=target.base or _common([move.base for move in used]),
+            )
+        result.append(target)
+    return result
+
+
+def _common(frames: Sequence[ProgramFrame | None]) -> ProgramFrame | None:
+    return frames[0] if all(frame == frames[0] for frame in frames) else None

@@ -9,9 +9,8 @@ from pathlib import Path, PurePath
 
 from robacc.errors import InputError, Problem
 from robacc.io.files import read_bytes, read_text
-from robacc.programs.frames_file import parse_frames, with_frames
-from robacc.programs.program import Dialect, Program
-from robacc.programs.source import PROGRAM_LIMIT, ProgramSource
+from robacc.programs.frames import parse_frames, with_frames
+from robacc.programs.program import PROGRAM_LIMIT, Dialect, Program, ProgramSource
 
 SUFFIXES = {
     ".src": Dialect.krl,

@@ -9,11 +9,20 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from robacc.programs.assemble import Draft, frame_of
-from robacc.programs.conventions import Convention
-from robacc.programs.frame_state import FrameEvent, FrameTimeline, timeline
-from robacc.programs.program import Dialect, MotionType, Program, ProgramFrame, ProgramNumber
-from robacc.programs.source import NUMBER, ProgramSource, mask
+from robacc.programs.frames import FrameEvent, FrameTimeline, timeline
+from robacc.programs.program import (
+    NUMBER,
+    Convention,
+    Dialect,
+    Draft,
+    MotionType,
+    Program,
+    ProgramFrame,
+    ProgramNumber,
+    ProgramSource,
+    frame_of,
+    mask,
+)
 from robacc.robots.description import Frame
 
 _HIDDEN = re.compile(r"\"[^\"\r\n]*\"|'[^'\r\n]*'|#[^\r\n]*")

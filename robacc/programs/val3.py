@@ -1,4 +1,4 @@
-"""Staubli VAL3 data files (``.dtx``): points, joints, tools and frames; motions of the ``.pgx`` programs beside them.
+"""Staubli VAL3 data files (``.dtx``) and the motions of ``.pgx`` programs to their points.
 
 Sources of the layout and of R = Rx(rx) Ry(ry) Rz(rz): two public generators of VAL3 programs (RoboDK's post-processor,
 visose/Robots) and a public worked example of nested frames, which agree.
@@ -8,15 +8,189 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from robacc.programs.assemble import Draft
-from robacc.programs.conventions import Convention
-from robacc.programs.program import Dialect, Program, ProgramFrame, ProgramNumber
-from robacc.programs.source import NUMBER, ProgramSource, mask
-from robacc.programs.val3_code import Val3Code, read_code
-from robacc.programs.val3_frames import Entry, FrameTree
+import numpy as np
+
+from robacc.geometry import Poses, rotation_from_rpy, rpy_from_rotation
+from robacc.programs.program import (
+    NUMBER,
+    Convention,
+    Dialect,
+    Draft,
+    MotionType,
+    Program,
+    ProgramFrame,
+    ProgramMove,
+    ProgramNote,
+    ProgramNumber,
+    ProgramSource,
+    frame_of,
+    mask,
+)
+from robacc.robots.description import Frame
+
+# Frames and tools of a VAL3 data file, each in its father, composed up to the world or the flange.
+
+_ROOTS = {"frame": "world[0]", "tool": "flange[0]"}
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """Frame or tool in its father."""
+
+    native: tuple[float, ...]
+    """x, y, z, rx, ry, rz in m and rad; NaN where it is no number."""
+    father: str
+    """Name of the father, lower case; empty where it is not given."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTree:
+    """Frames and tools by name, lower case."""
+
+    entries: Mapping[str, Mapping[str, Entry]]
+    """``frame`` and ``tool`` to entries by name."""
+    changed: Collection[str]
+    """Names of the data that programs change, lower case."""
+
+    def base(self, name: str) -> Frame | None:
+        """Return a frame in the world; None where it is not known before run time."""
+        return self._resolved("frame", name, 0)
+
+    def tool(self, name: str) -> Frame | None:
+        """Return a tool in the flange's frame; None where it is not known before run time."""
+        return self._resolved("tool", name if "[" in name else f"{name}[0]", 0)
+
+    def _resolved(self, kind: str, name: str, depth: int) -> Frame | None:
+        if name == _ROOTS[kind]:
+            return Frame()
+        entry = self.entries[kind].get(name)
+        # A frame that is its own father, over some others, has no place.
+        if entry is None or depth > len(self.entries[kind]) or name.partition("[")[0] in self.changed:
+            return None
+        father = self._resolved(kind, entry.father, depth + 1)
+        if father is None or any(math.isnan(number) for number in entry.native):
+            return None
+        return _composed(father, frame_of(Convention.moving_xyz, entry.native))
+
+
+def _composed(father: Frame, child: Frame) -> Frame:
+    pose = _pose(father) @ _pose(child)
+    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(pose.rotation)[:, 0])
+    x, y, z = (float(value) for value in pose.translation[:, 0])
+    return Frame((x, y, z), (roll, pitch, yaw))
+
+
+def _pose(frame: Frame) -> Poses:
+    return Poses(rotation_from_rpy(np.array(frame.rpy)[:, None]), np.array(frame.xyz)[:, None])
+
+
+# Motions of VAL3 programs (``.pgx``) to points, with their tools, and the variables that the programs change.
+
+_HIDDEN = re.compile(r'//[^\r\n]*|"[^"\r\n]*"|<!--.*?-->', re.S)
+_SECTION = re.compile(r"<!\[CDATA\[(.*?)\]\]>", re.S)
+_SIGNIFICANT = re.compile(r"[^\r\n]")
+_MOTION = re.compile(r"\bmov(e[jlc])\s*\(")
+_KINDS: dict[str, MotionType] = {"ej": "joint", "el": "linear", "ec": "circular"}
+_ELEMENT = re.compile(r"(?:\w+\s*:\s*)?(\w+)\s*(?:\[\s*(.*?)\s*\])?\Z", re.S)
+_ASSIGNED = re.compile(r"\b(\w+)\s*(?:\[[^\]\r\n]*\])?(?:\s*\.\s*\w+)*\s*=(?!=)")
+_LINKED = re.compile(r"\b(?:link|setFrame)\s*\(([^)]*)\)")
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Motion:
+    """Motion instruction to one target."""
+
+    file: str
+    line: int
+    text: str
+    motion: MotionType
+    element: str | None
+    """``ppick[0]``, or ``ppick`` for an element that is chosen at run time; None for a target that is computed."""
+    tool: str
+    """Tool as written; empty where it is computed."""
+
+    def move(self, target: int, tool: ProgramFrame | None) -> ProgramMove:
+        """Return the motion to a target of the data file."""
+        return ProgramMove(self.line, target, self.motion, tool)
+
+    def note(self, reason: str) -> ProgramNote:
+        """Return a note on the motion."""
+        return ProgramNote(self.line, f"{self.file}: {self.text}", reason)
+
+
+@dataclass(frozen=True, slots=True)
+class Val3Code:
+    """What the programs of an application do with its data."""
+
+    motions: tuple[Val3Motion, ...]
+    changed: Mapping[str, str]
+    """Name of each variable that a program assigns to, lower case, and the place of the first assignment."""
+
+
+def read_code(programs: Sequence[ProgramSource]) -> Val3Code:
+    """Return the motions of programs, in their order, and the variables that they change."""
+    motions: list[Val3Motion] = []
+    changed: dict[str, str] = {}
+    for program in programs:
+        text = mask(_code(program.text), _HIDDEN)
+        name = re.split(r"[\\/]", program.file)[-1]
+        for match in _ASSIGNED.finditer(text):
+            changed.setdefault(match[1].lower(), f"line {program.line(match.start())} of {name}")
+        for match in _LINKED.finditer(text):
+            for word in re.findall(r"\w+", match[1]):
+                changed.setdefault(word.lower(), f"line {program.line(match.start())} of {name}")
+        for match in _MOTION.finditer(text):
+            motions += _motions(program, name, text, match)
+    return Val3Code(tuple(motions), changed)
+
+
+def _code(text: str) -> str:
+    """Return the text with spaces in place of all that is XML; as it is where no section of code is marked."""
+    sections = list(_SECTION.finditer(text))
+    if not sections:
+        return text
+    pieces, position = [], 0
+    for section in sections:
+        pieces += [_SIGNIFICANT.sub(" ", text[position : section.start(1)]), section[1]]
+        position = section.end(1)
+    return "".join((*pieces, _SIGNIFICANT.sub(" ", text[position:])))
+
+
+def _motions(program: ProgramSource, name: str, text: str, match: re.Match[str]) -> Iterator[Val3Motion]:
+    arguments, end = _arguments(text, match.end())
+    n_targets = 2 if match[1] == "ec" else 1
+    tool = arguments[n_targets] if len(arguments) > n_targets else ""
+    element = _ELEMENT.match(tool)
+    tool = "" if element is None else f"{element[1]}[{element[2] or '0'}]"
+    for argument in arguments[:n_targets]:
+        element = _ELEMENT.match(argument)
+        place = None
+        if element is not None:
+            index = element[2] or "0"
+            place = f"{element[1]}[{index}]".lower() if index.isdecimal() else element[1].lower()
+        line = program.line(match.start())
+        yield Val3Motion(name, line, program.excerpt(match.start(), end), _KINDS[match[1]], place, tool)
+
+
+def _arguments(text: str, start: int) -> tuple[list[str], int]:
+    """Return the arguments of a call whose parenthesis opens before ``start``, and the place after it."""
+    depth, pieces, position = 1, [], start
+    for k in range(start, len(text)):
+        character = text[k]
+        if character in "([{":
+            depth += 1
+        elif character in ")]}":
+            depth -= 1
+        if depth == 0 or (depth == 1 and character == ","):
+            pieces.append(text[position:k].strip())
+            position = k + 1
+        if depth == 0:
+            return pieces, k + 1
+    return pieces, len(text)
+
 
 _SIGN = re.compile(r"<Database\b[^>]*/VAL3/Data/")
 _COMMENT = re.compile(r"<!--.*?-->", re.S)

@@ -1,10 +1,12 @@
-"""Robot description of a robot file or URDF: a plain, frozen record in SI units."""
+"""Robot description of a robot file or URDF, and the identity of what was tested: plain, frozen records."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
+
+from robacc.io.yaml_nodes import YamlSection
 
 Convention = Literal["standard", "modified", "urdf"]
 JointType = Literal["revolute", "prismatic", "fixed"]
@@ -145,7 +147,7 @@ class Robot:
     branches: tuple[BranchJoint, ...] = ()
     """Joints outside the chain that move mass; each stands behind its parent."""
     identity: Mapping[str, str] = field(default_factory=dict)
-    """What was tested, by the keys of :data:`robacc.robots.identity.IDENTITY`."""
+    """What was tested, by the keys of :data:`robacc.robots.description.IDENTITY`."""
     file_text: str | None = field(default=None, compare=False, repr=False)
     """Text of the robot file that the robot was read from, whose comments and units a fitted model keeps."""
 
@@ -180,3 +182,33 @@ class Robot:
 def effect_key(i: int) -> str:
     """Return the dotted key of an entry of the file's ``effects:``, for messages."""
     return f"effects[{i}]"
+
+
+# Identity of what was tested: the arm's serial number, the instrument, who measured where and when.
+
+IDENTITY = {
+    "customer": "Customer",
+    "order": "Order",
+    "robot": "Robot",
+    "serial_number": "Serial number",
+    "controller": "Controller",
+    "instrument": "Instrument",
+    "instrument_serial": "Serial number of the instrument",
+    "certificate": "Calibration certificate",
+    "operator": "Operator",
+    "place": "Place",
+    "date": "Date of the measurement",
+    "remarks": "Remarks",
+}
+"""Keys of an identity and their labels on a page, in the order of the page."""
+
+
+def read_identity(section: YamlSection) -> dict[str, str]:
+    """Return the identity of a section with the keys of :data:`IDENTITY`; its source collects problems."""
+    identity = {}
+    for key in IDENTITY:
+        node = section.get(key)
+        text = None if node is None else section.source.text(node, section.at(key))
+        if text is not None:
+            identity[key] = text
+    return identity

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpose
 from robacc.robots.arm import Arm
-from robacc.robots.summary import low_discrepancy
+from robacc.robots.library import low_discrepancy
 
 _STEPS = 80
 _REACHED = 1e-11

@@ -1,13 +1,21 @@
-"""Arms that come with the package, and their names."""
+"""Arms that come with the package, and the summary of an arm without measurements."""
 
 from __future__ import annotations
 
 import difflib
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+
+from robacc.chain import Chain
+from robacc.geometry import Array
+from robacc.robots.arm import build_chain
+from robacc.robots.description import BranchJoint, Campaign, Frame, Joint, Mimic, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"
 _SHOWN = 4
@@ -90,3 +98,191 @@ def similar_arms(name: str) -> tuple[str, ...]:
 
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
+
+
+# Summary of an arm without measurements: its reach and its moved mass.
+
+SAMPLES = 8192
+"""Joint configurations searched for the reach, before the best is refined."""
+_STEPS = 65
+"""Positions tried along each joint's range in a step of the refinement."""
+_ROUNDS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Reach:
+    """Greatest distance of a target from the robot's base, m."""
+
+    sampled: float | None
+    """Largest distance of the samples: the reach or slightly less. None where a prismatic joint has no limits."""
+    bound: float | None
+    """Sum of the lengths: the reach or more. None where a prismatic joint has no limits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Robot and the figures that follow from it."""
+
+    robot: Robot
+    reach: Mapping[str, Reach]
+    """Reach of each target; a robot without named targets has the target ``tool``."""
+    moved_mass: float | None
+    """Mass of all links that have a mass, kg; None where no link has a mass."""
+    coefficients: tuple[tuple[str, float, str], ...] = ()
+    """Name, value and unit of each coefficient of the effects that the file lists; SI."""
+
+
+def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = ()) -> Summary:
+    """Return the reach and masses of a robot; ``coefficients`` are those of its effects."""
+    targets = dict(robot.targets) or {"tool": robot.tool}
+    moved = [branch.joint for branch in robot.branches if robot.carrier(branch) is not None]
+    masses = [joint.mass for joint in (*robot.joints, *moved) if joint.mass is not None]
+    reach = {name: find_reach(robot, frame) for name, frame in targets.items()}
+    return Summary(robot, reach, sum(masses) if masses else None, coefficients)
+
+
+def find_reach(robot: Robot, target: Frame) -> Reach:
+    """Return the reach of a target from the base's origin within the joint limits (one turn for a joint without).
+
+    The best of low-discrepancy samples is improved one joint at a time. The bound adds up the lengths between the axes,
+    each prismatic joint at its longest.
+    """
+    chain = build_chain(replace(robot, base=Frame(), tool=target))
+    ranges = [_range(joint) for joint in robot.variables]
+    if any(pair is None for pair in ranges):
+        return Reach(None, None)
+    low, high = np.array([pair for pair in ranges if pair is not None]).T
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(len(ranges), SAMPLES)
+    distance = _distance(chain, q)
+    best = q[:, [int(np.argmax(distance))]]
+    for _ in range(_ROUNDS):
+        for i in range(len(ranges)):
+            trial = np.repeat(best, _STEPS + 1, axis=1)
+            # The best so far stays among the trials, so a step never reduces the reach.
+            trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
+            best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
+    return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
+
+
+def low_discrepancy(dimensions: int, count: int) -> Array:
+    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
+
+    They are multiples of the square roots of primes, modulo 1.
+
+    Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
+    properties of algebraic numbers", Los Alamos report LA-1342, 1951.
+    """
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < dimensions:
+        if all(candidate % prime for prime in primes):
+            primes.append(candidate)
+        candidate += 1
+    products = np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)
+    return np.asarray(products % 1.0, dtype=np.float64)
+
+
+def robot_document(summary: Summary) -> dict[str, Any]:
+    """Return the document of ``robacc.show/1``: m, rad, kg."""
+    robot = summary.robot
+    return {
+        "robot": {
+            "name": robot.name,
+            "convention": robot.convention,
+            "base_link": robot.base_link,
+            "tip_link": robot.tip_link,
+            "gravity_m_s2": list(robot.gravity),
+            "base": _frame_document(robot.base),
+            "tool": None if robot.targets else _frame_document(robot.tool),
+            "targets": {name: _frame_document(frame) for name, frame in robot.targets.items()},
+            "payload_com_m": None if robot.payload_com is None else list(robot.payload_com),
+            "effects": [dict(effect) for effect in robot.effects],
+            "fitted_to": list(robot.fitted_to),
+            "campaign": None if robot.campaign is None else _campaign_document(robot.campaign),
+            "coefficients": [{"name": n, "value": value, "unit": unit} for n, value, unit in summary.coefficients],
+        },
+        "n_joints": len(robot.variables),
+        "joints": [_joint_document(joint) for joint in robot.joints],
+        "branches": [_branch_document(branch) for branch in robot.branches],
+        "moved_mass_kg": summary.moved_mass,
+        "reach": {name: {"sampled_m": reach.sampled, "bound_m": reach.bound} for name, reach in summary.reach.items()},
+    }
+
+
+def _frame_document(frame: Frame) -> dict[str, Any]:
+    return {"xyz_m": list(frame.xyz), "rpy_rad": list(frame.rpy)}
+
+
+def _campaign_document(campaign: Campaign) -> dict[str, Any]:
+    frames = {"base": campaign.base, "tool": campaign.tool, **campaign.targets}
+    return {
+        "poses": list(campaign.poses),
+        "frames": [name for name, frame in frames.items() if frame is not None],
+        "effects": [dict(effect) for effect in campaign.effects],
+    }
+
+
+def _joint_document(joint: Joint) -> dict[str, Any]:
+    return {
+        "name": joint.name,
+        "type": joint.type,
+        "unit": "m" if joint.type == "prismatic" else "rad",
+        "parameters": dict(joint.parameters),
+        "axis": list(joint.axis),
+        "limits": None if joint.limits is None else list(joint.limits),
+        "sign": joint.sign,
+        "gear_ratio": joint.gear_ratio,
+        "mass_kg": joint.mass,
+        "com_m": None if joint.com is None else list(joint.com),
+        "tolerance": dict(joint.tolerance),
+        "mimic": _mimic_document(joint.mimic),
+        "coupling": dict(joint.coupling),
+        "passive": joint.is_passive,
+        "link": joint.link,
+    }
+
+
+def _mimic_document(mimic: Mimic | None) -> dict[str, Any] | None:
+    if mimic is None:
+        return None
+    return {"joint": mimic.master, "multiplier": mimic.multiplier, "offset": mimic.offset}
+
+
+def _branch_document(branch: BranchJoint) -> dict[str, Any]:
+    joint = branch.joint
+    return {
+        "name": joint.name,
+        "parent": branch.parent,
+        "type": joint.type,
+        "position": branch.position,
+        "mimic": _mimic_document(joint.mimic),
+        "mass_kg": joint.mass,
+        "com_m": None if joint.com is None else list(joint.com),
+    }
+
+
+def _range(joint: Joint) -> tuple[float, float] | None:
+    if joint.limits is not None:
+        return joint.limits
+    return (-np.pi, np.pi) if joint.type == "revolute" else None
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    result: Array = np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0))
+    return result
+
+
+def _bound(chain: Chain, low: Array, high: Array) -> float:
+    """Return the sum of lengths between rotations; motions between two rotations are one vector at its longest."""
+    travel: dict[int, list[float]] = {}
+    for drive in chain.drives:
+        limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
+        ends = travel.get(drive.motion, [0.0, 0.0])
+        travel[drive.motion] = [end + limit for end, limit in zip(ends, limits, strict=True)]
+    total, run = 0.0, np.zeros(3)
+    for k, motion in enumerate(chain.motions):
+        if motion.kind == "translation":
+            run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
+        elif motion.value != 0.0 or k in travel:
+            total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
+    return total + float(np.hypot.reduce(run))

@@ -18,7 +18,7 @@ from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
-from robacc.robots.summary import low_discrepancy
+from robacc.robots.library import low_discrepancy
 
 _DECIMALS = 6
 """Decimals of commanded joint variables: a microradian or micrometre, about the resolution of a controller."""

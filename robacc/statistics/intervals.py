@@ -1,4 +1,4 @@
-"""Confidence intervals with the name of their method, or the reason why there is none.
+"""Confidence intervals with the name of their method, or the reason why there is none; resamples.
 
 The assumptions decide which of three kinds is used:
 
@@ -31,7 +31,18 @@ from robacc.statistics.confidence_curves import (
     WiderCurve,
 )
 from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
-from robacc.statistics.resampling import resampled_counts
+
+# Resamples of poses for the bootstrap.
+
+
+def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Array:
+    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``, read-only."""
+    indices = np.random.default_rng(seed).integers(size, size=(draws, size))
+    indices += size * np.arange(draws)[:, None]
+    counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
+    counts.flags.writeable = False
+    return counts
+
 
 FEWEST_FOR_BOOTSTRAP = 10
 """Fewer poses give too few distinct resamples for meaningful quantiles."""

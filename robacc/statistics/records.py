@@ -1,15 +1,19 @@
-"""Records of error statistics and their intervals, filled by :mod:`robacc.accuracy.error_statistics`."""
+"""Records of error statistics and their intervals: covariances, the 95 % radius, differences of statistics."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.intervals import Interval
-from robacc.statistics.multivariate import AssumptionTests
-from robacc.statistics.scaled_percentile import LengthShape
-from robacc.statistics.variance_components import PoseStructure
+from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval, covariance_element, interpolated, tails
+from robacc.statistics.multivariate import BLOCK, NIL, AssumptionTests, PoseStructure, principal_axes
+from robacc.statistics.quadratic_form import LengthShape, length_quantile, shape_of, squared_quantile_gradient
 
 Unit = Literal["m", "rad"]
 Statistic = Literal["rms", "mean_error", "p95", "max"]
@@ -111,3 +115,300 @@ class ErrorStatistics:
             "p95": (self.p95, self.intervals.p95),
         }
         return values[statistic]
+
+
+# Intervals of a covariance's elements and of its principal standard deviations.
+
+_DISTINCT = 2.5
+"""Standard errors by which the logarithms of two neighbouring principal variances must differ to count as distinct."""
+
+
+def matrix_interval(
+    errors: Array, covariance: Array, dof: float | None, sampling: PoseSampling, confidence: float
+) -> MatrixInterval:
+    """Return intervals of the elements of ``covariance``, the mean of d d^T over ``errors`` ``(3, N)``.
+
+    Args:
+        errors: About zero or about their mean, as the covariance was.
+        covariance: ``(3, 3)``, divisor N.
+        dof: Degrees of freedom of Gaussian errors: N about their known mean, N - 1 about the estimated mean, less
+            where frames were fitted; None where the errors are not Gaussian or poses were repeated.
+        sampling: Groups and resampling of the poses.
+        confidence: Confidence of each interval.
+    """
+    if (why := sampling.too_few) is not None:
+        return MatrixInterval(None, None, confidence, "none", why)
+    lower, upper = np.empty((3, 3)), np.empty((3, 3))
+    method = "Wishart (chi-square)"
+    for i in range(3):
+        for j in range(i, 3):
+            if dof is None:
+                interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+                method, limits = interval.method, (interval.lower, interval.upper)
+            elif i == j:
+                variance = _unbiased(covariance[i, i], sampling, dof)
+                interval = chi2_interval(variance, dof, confidence, "Wishart (chi-square)")
+                interval = sampling.cautious(interval, np.square(errors[i]), confidence)
+                method = interval.method
+                limits = (interval.lower, interval.upper)
+            else:
+                first, second, cross = (_unbiased(covariance[k], sampling, dof) for k in ((i, i), (j, j), (i, j)))
+                limits = covariance_element(first, second, cross, dof, confidence)
+            lower[i, j], upper[i, j] = lower[j, i], upper[j, i] = limits
+    return MatrixInterval(lower, upper, confidence, method)
+
+
+def _unbiased(value: float, sampling: PoseSampling, dof: float) -> float:
+    return float(value) * sampling.n_independent / dof
+
+
+def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float) -> Ellipsoid:
+    """Return the principal axes of ``covariance`` about zero and intervals of the standard deviations along them.
+
+    Sampling separates the estimated variances of nearly equal axes, and no interval around either keeps its
+    confidence. Such axes share an interval, from the lower limit of the smallest to the upper limit of the largest;
+    it contains each with at least the confidence. The interval of a distinct axis is corrected for the bias of a
+    sample's principal variances, of which the smallest are too small and the largest too large (D. N.
+    Lawley, "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
+    """
+    variances, axes = principal_axes(covariance)
+    n = sampling.n_independent
+    if (why := sampling.too_few) is not None:
+        missing = Interval.missing(confidence, why)
+        return Ellipsoid(axes, np.sqrt(variances), (missing, missing, missing))
+    single, runs = [], _indistinct_runs(variances, n)
+    for k in range(3):
+        unbias = _without_bias(variances, k, n) if [k] in runs else 1.0
+        squares = unbias * np.square(axes[:, k] @ errors)
+        if gaussian:
+            value = unbias * float(variances[k])
+            interval = chi2_interval(value, n, confidence, "chi-square along a principal axis")
+            single.append(sampling.cautious(interval, squares, confidence))
+        else:
+            single.append(sampling.mean_interval(squares, confidence, positive=True))
+    intervals = [_shared([single[i] for i in run]).root() for run in runs for _ in run]
+    return Ellipsoid(axes, np.sqrt(variances), (intervals[0], intervals[1], intervals[2]))
+
+
+def _indistinct_runs(variances: Array, n: float) -> list[list[int]]:
+    """Return runs of neighbouring axes whose variances the sample does not distinguish."""
+    runs = [[0]]
+    for k in (1, 2):
+        large, small = float(variances[k - 1]), float(variances[k])
+        # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
+        distinct = small <= 0.0 < large or (small > 0.0 and math.log(large / small) > _DISTINCT * math.sqrt(4.0 / n))
+        if distinct:
+            runs.append([k])
+        else:
+            runs[-1].append(k)
+    return runs
+
+
+def _without_bias(variances: Array, k: int, n: float) -> float:
+    """Return the factor that corrects a distinct, k-th principal variance for its bias of order 1/n."""
+    # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
+    if variances[k] == 0.0 or n < 4:
+        return 1.0
+    others = np.delete(variances, k)
+    return 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)
+
+
+def _shared(intervals: list[Interval]) -> Interval:
+    """Combine the intervals of a run of axes, in falling order, that are not distinguishable."""
+    first, last = intervals[0], intervals[-1]
+    if len(intervals) == 1:
+        return first
+    method = (
+        f"{first.method}, shared by {len(intervals)} axes that are not distinguishable on these poses, "
+        "with at least the confidence"
+    )
+    return Interval(last.lower, first.upper, first.upper_bound, first.confidence, method)
+
+
+# Radius of the sphere that contains 95 % of poses under a fitted Gaussian, and its interval.
+
+PROBABILITY = 0.95
+_METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
+
+
+def satterthwaite(covariance: Array, n: float, confidence: float) -> Interval:
+    """Return the interval of the mean squared length of Gaussian errors with zero mean, of ``n`` independent poses.
+
+    n rms^2 is a sum of chi-squares weighted by the principal variances; a chi-square with (tr V)^2 n / tr(V^2)
+    degrees of freedom has its mean and variance. (tr V)^2 and tr(V^2) are estimated without the bias of a sample's
+    traces, which at ten poses is a quarter of the second.
+
+    Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics
+    Bulletin 2, 1946; moments of the Wishart distribution as in R. J. Muirhead (1982), 3.2.
+    """
+    trace = float(np.trace(covariance))
+    if trace == 0.0:
+        return Interval(0.0, 0.0, 0.0, confidence, "no scatter")
+    dof = n / _concentration(float(np.sum(np.square(covariance))) / trace**2, n)
+    return chi2_interval(trace, dof, confidence, _METHOD)
+
+
+def _concentration(ratio: float, n: float) -> float:
+    """Estimate tr(S^2) / (tr S)^2, from 1/3 (equal axes) to 1 (one direction), from the ``ratio`` of the sample.
+
+    For nV ~ W(n, S): E[(tr V)^2] = t + 2 s / n and E[tr(V^2)] = (1 + 1/n) s + t / n, with t = (tr S)^2, s = tr(S^2).
+    """
+    s = (n * ratio - 1.0) / (n + 1.0 - 2.0 / n)
+    t = 1.0 - 2.0 * s / n
+    return min(max(s / t, 1.0 / 3.0), 1.0)
+
+
+def _shrunk_to_mean(variances: Array, n: float) -> Array:
+    """Shrink principal variances towards their mean by the dispersion that sampling n poses adds; the sum stays.
+
+    A radius grows as the same trace goes into fewer axes, so a sample's own radius is too large for equal axes.
+    """
+    mean = float(np.mean(variances))
+    ratio = float(np.sum(np.square(variances))) / (3.0 * mean) ** 2
+    dispersion = ratio - 1.0 / 3.0
+    if dispersion <= 0.0:
+        return variances
+    shrink = min((_concentration(ratio, n) - 1.0 / 3.0) / dispersion, 1.0) ** 0.5
+    shrunk: Array = mean + shrink * (variances - mean)
+    return shrunk
+
+
+def radius95(
+    errors: Array, mean: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float
+) -> Radius:
+    """Return the radius about zero that contains 95 % of N(``mean``, ``covariance``).
+
+    Args:
+        errors: ``(3, N)``.
+        mean: ``(3,)``, zero for the fit about zero.
+        covariance: ``(3, 3)`` of the errors about ``mean``.
+        gaussian: Whether the errors are Gaussian and independent. If not, the interval comes from resampling the
+            poses' first-order influence on the squared radius; if frames were fitted, it is the wider of both.
+        sampling: Groups and resampling of the poses.
+        confidence: Confidence of the interval.
+    """
+    n, about_zero = sampling.n_independent, not np.any(mean)
+    fewest = 3 if about_zero else 4
+    if n < fewest:
+        why = f"{sampling.described}: scatter in three directions needs at least {fewest}"
+        return Radius(None, Interval.missing(confidence, why), why)
+    variances, axes = principal_axes(covariance)
+    along = axes.T @ mean
+    variances = np.where(variances > NIL * (variances[0] + along @ along), variances, 0.0)
+    radius = length_quantile(PROBABILITY, along, variances)
+    if not np.any(variances):
+        return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
+    shrunk = _shrunk_to_mean(variances, n)
+    squared = _gaussian_interval(along, shrunk, n, confidence) if gaussian else None
+    if squared is not None and sampling.share == 1.0:
+        return Radius(radius, squared.root(), shape=shape_of(along, shrunk))
+    by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
+    influence = np.empty(errors.shape[1])
+    for start in range(0, influence.size, BLOCK):
+        block = slice(start, start + BLOCK)
+        principal = axes.T @ errors[:, block] - along[:, None]
+        influence[block] = np.einsum("in,in->n", principal, by_covariance @ principal) + by_mean @ principal
+    influence += radius**2 - float(np.diag(by_covariance) @ variances)
+    resampled = sampling.mean_interval(influence, confidence, positive=True)
+    interval = resampled if squared is None else squared.wider(resampled)
+    return Radius(radius, interval.root(), shape=shape_of(along, shrunk))
+
+
+def _gaussian_interval(along: Array, variances: Array, n: float, confidence: float) -> Interval:
+    """Return the interval of the squared radius from its first-order variance, over mean and covariance."""
+    radius = length_quantile(PROBABILITY, along, variances)
+    by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
+    weighted = by_covariance * variances
+    variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ variances)) / n
+    return chi2_interval(radius**2, 2.0 * radius**4 / variance, confidence, _METHOD)
+
+
+# Intervals of the difference between two statistics of the same poses: common variation cancels.
+
+FEWEST_FOR_P95 = 20
+"""With fewer poses a resample's 95th percentile is nearly its maximum, which resampling does not describe."""
+_MOST_CELLS = 4_000_000
+"""Numbers in an array of resamples: about 30 MB."""
+
+
+def paired_difference(
+    first: Array,
+    second: Array,
+    statistic: Statistic,
+    confidences: Sequence[float],
+    *,
+    groups: NDArray[Any] | None = None,
+    draws: int = 2000,
+    seed: int = 0,
+) -> tuple[float, tuple[Interval, ...]]:
+    """Return the first statistic minus the second, and its interval over poses at each of ``confidences``.
+
+    Differences of RMS errors (by the first-order influence of each pose) and of mean errors are studentised;
+    differences of 95th percentiles are resampled over poses; differences of largest errors have no interval.
+
+    Args:
+        first: ``(3, N)`` errors, m or rad.
+        second: ``(3, N)`` of the same poses, in the same order.
+        statistic: Statistic of the error's length.
+        confidences: Confidences of the intervals.
+        groups: ``(N,)`` id of each row's commanded pose; rows of one pose are resampled together.
+        draws: Number of resamples.
+        seed: Seed of the resampling.
+    """
+    n = first.shape[1]
+    index = None if groups is None else np.unique(groups, return_inverse=True)[1].astype(np.int64)
+    if index is not None and index.max(initial=-1) + 1 == n:
+        index = None
+    first_lengths, second_lengths = (np.sqrt(np.einsum("in,in->n", errors, errors)) for errors in (first, second))
+    sampling = PoseSampling(n, index, draws, seed)
+    if statistic == "max":
+        why = "the difference of two largest errors has no interval"
+        value = float(first_lengths.max() - second_lengths.max())
+        return value, tuple(Interval.missing(confidence, why) for confidence in confidences)
+    if statistic == "p95":
+        return _percentile_difference(first_lengths, second_lengths, sampling, confidences)
+    if statistic == "mean_error":
+        values = first_lengths - second_lengths
+    else:
+        rms = [float(np.sqrt(np.mean(np.square(lengths)))) for lengths in (first_lengths, second_lengths)]
+        parts = [
+            0.5 * (np.square(lengths) / size + size) if size > 0.0 else lengths
+            for lengths, size in zip((first_lengths, second_lengths), rms, strict=True)
+        ]
+        values = parts[0] - parts[1]
+    value = float(np.mean(values))
+    return value, tuple(sampling.mean_interval(values, confidence, positive=False) for confidence in confidences)
+
+
+def _percentile_difference(
+    first: Array, second: Array, sampling: PoseSampling, confidences: Sequence[float]
+) -> tuple[float, tuple[Interval, ...]]:
+    value = interpolated(first, [0.95 * (sampling.n - 1)])[0] - interpolated(second, [0.95 * (sampling.n - 1)])[0]
+    if np.array_equal(first, second):
+        return 0.0, tuple(Interval(0.0, 0.0, 0.0, confidence, "no difference") for confidence in confidences)
+    if sampling.n_groups < FEWEST_FOR_P95:
+        why = f"{sampling.n_groups} poses: too few to resample a 95th percentile"
+        return value, tuple(Interval.missing(confidence, why) for confidence in confidences)
+    draws = min(sampling.draws, max(_MOST_CELLS // sampling.n, 200))
+    limited = PoseSampling(sampling.n, sampling.groups, draws, sampling.seed)
+    counts = limited.counts() if limited.groups is None else limited.counts()[:, limited.groups]
+    differences = _resampled_percentile(first, counts) - _resampled_percentile(second, counts)
+    method = f"bootstrap over {limited.n_groups} poses, {draws} draws"
+    intervals = []
+    for confidence in confidences:
+        low, high, bound = interpolated(differences, [p * (differences.size - 1) for p in tails(confidence)])
+        intervals.append(Interval(low, high, bound, confidence, method))
+    return value, tuple(intervals)
+
+
+def _resampled_percentile(lengths: Array, counts: Array) -> Array:
+    """Return each resample's 95th percentile ``(draws,)``, interpolated between two lengths as the sample's is."""
+    order = np.argsort(lengths, kind="stable")
+    below = np.cumsum(counts[:, order], axis=1)
+    last = below[:, -1] - 1.0
+    rank = np.floor(0.95 * last)
+    low, high = (
+        lengths[order][np.argmax(below > number[:, None], axis=1)] for number in (rank, np.minimum(rank + 1.0, last))
+    )
+    result: Array = low + (0.95 * last - rank) * (high - low)
+    return result

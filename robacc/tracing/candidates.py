@@ -26,7 +26,7 @@ from robacc.effects.change_points import (
 )
 from robacc.effects.instrument_place import LineOfSight, Place, first_places, lines_of_sight, neighbours
 from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, ORDER_STEP, high_orders, supported_orders
-from robacc.effects.periodic import PERIODIC, of_order, periodic_joints, searched_order
+from robacc.effects.search_forms import PERIODIC, of_order, periodic_joints, searched_order
 from robacc.errors import UsageError
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array

@@ -1,42 +1,194 @@
-"""What `calibrate` and `trace` both report of a fit: its error before and after, its coefficients, its warnings."""
+"""What `calibrate` and `trace` both report of a fit: errors before and after, causes, coefficients, warnings."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from robacc.accuracy.before_after import before_and_after
-from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.diagnostics.moved_frames import larger_error_warning, moved_frames
-from robacc.diagnostics.read_back_share import read_back_warning
-from robacc.diagnostics.rounded_joints import Rounding, evident_rounding
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
+from robacc.accuracy.stages import Gain, Residuals, Stage, before_and_after, paired_gain
+from robacc.chain import BLOCK
+from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
+from robacc.diagnostics.suspected_mistakes import larger_error_warning, moved_frames, suspected_mistakes
 from robacc.effects.base import Effect
-from robacc.error_model.structure import ErrorStructure, Repeatability
-from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.deflection_model import DeflectionChoice
+from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.gravity_direction import gravity_warning
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
-from robacc.fitting.noise import LackOfFit, lack_of_fit
-from robacc.fitting.parameters import FittedParameter, ParameterCovariance, parameter_covariance, parameters
-from robacc.fitting.places import places_warning
+from robacc.fitting.masses import DeflectionChoice, mass_warning, with_mass_uncertainty
+from robacc.fitting.normal_equations import posterior
+from robacc.fitting.parameters import FittedParameter, ParameterCovariance, apply_fit, parameter_covariance, parameters
+from robacc.fitting.registration import gravity_warning
+from robacc.fitting.visits import places, places_warning
 from robacc.fitting.warnings import (
+    LackOfFit,
     condition_warning,
     convergence_warning,
     frames_warning,
+    lack_of_fit,
     no_held_out_warning,
     outliers_warning,
     sigma_warning,
     weak_parameters_warning,
 )
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
-from robacc.tracing.causes import ErrorCause, causes
+
+# Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
+
+
+class HeldOutResult(Protocol):
+    """Result of a trace or a calibration, a dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Any]]
+
+    @property
+    def residuals(self) -> Residuals:
+        """Residuals of all poses, and of those that folds held out."""
+
+    @property
+    def holdout(self) -> Residuals | None:
+        """Residuals of validation poses; None without them."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences for readers of the result."""
+
+
+Result = TypeVar("Result", bound=HeldOutResult)
+
+
+def with_directional_weights(
+    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
+    data: Measurements,
+    holdout: Measurements | None,
+) -> Result:
+    """Return the result of ``run``, with weights by direction if the noise differs.
+
+    An error that the model lacks may be larger along a direction, too. With less weight there, the model would be worse
+    on other poses; then equal weights stay.
+
+    Args:
+        run: Function of the poses, which returns a result and the directional noise that it shows.
+        data: Measured poses.
+        holdout: Poses that are held out in place of folds of ``data``.
+    """
+    result, noise = run(data)
+    if noise is None:
+        return result
+    before = _held_out(result)
+    if before is not None and data.position_variance is None:
+        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
+        after = _held_out(weighted)
+        if (
+            after is not None
+            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
+        ):
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
+    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
+
+
+def _held_out(result: HeldOutResult) -> Array | None:
+    """Return the residuals ``(3 or 6, N)`` of held-out poses; None if there are none."""
+    return result.residuals.held_out_after if result.holdout is None else result.holdout.after
+
+
+# Causes of the error: every effect in a fit, declared or found, with what it does at the target.
+#
+# To first order, an effect with the coefficients c moves the target by J_c c. If it is left out and the rest fitted
+# again, the coefficients change by -C_:c C_cc^-1 c, C the inverse of the normal equations' matrix, and the error
+# grows by the part that nothing else in the model can describe.
+
+_NORMAL_95 = 1.96
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorCause:
+    """An effect in the model, or the constants of one joint of it."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    declared: bool
+    """Whether it was declared; else it was found."""
+    size: float
+    """Root mean square over the poses of the distance by which it alone moves the target, m."""
+    interval: tuple[float, float]
+    """95 % interval of :attr:`size`, m."""
+    left: float
+    """Root mean square of the error that its absence leaves, the rest of the model fitted again, m."""
+    share: float | None
+    """Mean square of that error over that of the nominal model, registered."""
+
+
+def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[Effect] = ()) -> tuple[ErrorCause, ...]:
+    """Return the effects of a fit other than base and tool, the largest share first.
+
+    An effect whose size the poses do not distinguish from zero is no cause.
+
+    Args:
+        fit: The fit, with the covariance of its coefficients.
+        data: Its poses.
+        nominal_rms: Position error of the nominal model, registered, m rms.
+        found: Effects that were not declared.
+    """
+    columns = fit.identifiability.columns
+    moved = _position_gram(fit, data)
+    inverse = posterior(fit.gram, fit.precision)
+    covariance = fit.covariance[np.ix_(columns, columns)]
+    listed = []
+    for (number, joint), indices in _groups(fit).items():
+        effect = fit.model.free[number]
+        values = fit.theta[columns[indices]]
+        own = np.ix_(indices, indices)
+        square = float(values @ moved[own] @ values)
+        noise = float(np.sum(moved[own] * covariance[own]))
+        size = np.sqrt(max(square, 1e-300))
+        std = np.sqrt(max(float(values @ moved[own] @ covariance[own] @ moved[own] @ values), 0.0)) / size
+        low = float(np.sqrt(max(square - noise, 0.0)) - _NORMAL_95 * std)
+        if not low > 0.0:
+            continue
+        change = inverse[:, indices] @ np.linalg.solve(inverse[own], values)
+        left = float(change @ moved @ change)
+        share = min(left / nominal_rms**2, 1.0) if nominal_rms > 0.0 else None
+        joints = effect.joints if joint is None else (joint,)
+        interval = (low, float(size + _NORMAL_95 * std))
+        declared = effect not in found
+        listed.append(
+            ErrorCause(
+                effect.name, joints, effect.settings(), declared, float(size), interval, max(left, 0.0) ** 0.5, share
+            )
+        )
+    return tuple(sorted(listed, key=lambda cause: -cause.left))
+
+
+def _groups(fit: Fit) -> dict[tuple[int, str | None], list[int]]:
+    """Return the identifiable coefficients of each effect, those of a constant effect by joint."""
+    groups: dict[tuple[int, str | None], list[int]] = {}
+    for index, column in enumerate(fit.identifiability.columns.tolist()):
+        number = fit.owners[column]
+        effect = fit.model.free[number]
+        if effect.is_frame:
+            continue
+        joint = next((name for name in effect.joints if name in fit.names[column].split(".")), None)
+        groups.setdefault((number, joint if effect.is_constant else None), []).append(index)
+    return groups
+
+
+def _position_gram(fit: Fit, data: Measurements) -> Array:
+    """Return ``(K, K)`` the mean over the inliers of J'J, J the derivative of the position."""
+    rows, columns = np.flatnonzero(fit.inliers), fit.identifiability.columns
+    total = np.zeros((columns.size, columns.size))
+    for start in range(0, rows.size, BLOCK):
+        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
+        for component in jacobian:
+            total += component @ component.T
+    result: Array = total / max(rows.size, 1)
+    return result
+
 
 Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""

@@ -19,30 +19,30 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.change_points import is_step, place_of, same_form
 from robacc.effects.orders import are_separable
-from robacc.effects.periodic import of_order, orders_of, searched_order
-from robacc.effects.processes import pose_correction, profile
-from robacc.error_model.covariance import CovarianceParameters, Whitened, usual_std, whitened
-from robacc.error_model.estimate import (
+from robacc.effects.search_forms import of_order, orders_of, pose_correction, profile, searched_order
+from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
+    CovarianceParameters,
+    Whitened,
     estimated,
     has_term_that_gains,
     least_gain,
     log_evidence,
     too_many_gross_errors,
+    usual_std,
+    whitened,
     with_gross_errors,
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.rows import Linearised, Rows, with_terms
-from robacc.error_model.terms import TERMS
+from robacc.error_model.terms import TERMS, Linearised, Rows, with_terms
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.bound import BoundModel
-from robacc.modelling.model import Model
+from robacc.modelling.model import BoundModel, Model
 from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
 from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Pool

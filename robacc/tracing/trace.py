@@ -5,31 +5,63 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.effects.base import Effect
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
-from robacc.fitting.deflection_model import DeflectionChoice, choose_form
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.gravity_direction import with_gravity_direction
 from robacc.fitting.held_out import HoldOut
+from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load
+from robacc.fitting.registration import with_gravity_direction
 from robacc.fitting.solver import fit
-from robacc.fitting.undeclared_load import undeclared_load
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.advice import Advice, advise, rival_effect
-from robacc.tracing.detection import detection_limits
-from robacc.tracing.directional_weights import with_directional_weights
-from robacc.tracing.findings import Finding, describe_finding, number_of
-from robacc.tracing.judging import Progress, judge
+from robacc.tracing.detection import Advice, DetectionLimit, advise, detection_limits, rival_effect
+from robacc.tracing.findings import (
+    Finding,
+    Unexplained,
+    Verdict,
+    assumption_of,
+    describe_finding,
+    explained_share,
+    number_of,
+    remaining_error,
+    verdict_of,
+)
+from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.refitting import frames_first, refit
-from robacc.tracing.remaining_error import remaining_error
-from robacc.tracing.search import Identified, search
-from robacc.tracing.trace_result import Trace
-from robacc.tracing.verdict import assumption_of, explained_share, verdict_of
+from robacc.tracing.search import Identified, SearchStep, search
+
+# Record of the result of `robacc trace`.
+
+
+@dataclass(frozen=True)
+class Trace(Judged):
+    """Result of `robacc trace`; without findings there is no gain."""
+
+    verdict: Verdict
+    assumption: str | None
+    """What the verdict presumes where the noise is known from the residual alone."""
+    declared: Fit
+    findings: tuple[Finding, ...]
+    undeclared_load: UndeclaredLoad | None
+    """Whether the torques point to a load on one link; None unless masses are uncertain."""
+    unexplained: Unexplained
+    explained_share: float | None
+    """Share of the baseline's held-out variance above noise and repeatability that the findings explain."""
+    steps: tuple[SearchStep, ...]
+    settled: bool
+    """Whether the search ended because no move gained."""
+    missing: dict[str, str]
+    detection: tuple[DetectionLimit, ...]
+    """Detection limits of these poses, given the findings."""
+    next_poses: tuple[Advice, ...]
+    """Poses that distinguish a finding from its nearest rival."""
+
 
 _MOST_TO_ADVISE = 200
 """Coefficients beyond which rivals are not fitted to choose the next poses."""

@@ -12,9 +12,7 @@ import pytest
 from scipy.stats import chi2
 
 from robacc.accuracy.error_statistics import error_statistics
-from robacc.accuracy.grade import Grade
-from robacc.accuracy.grade_scale import GradeStep, Scale, default_scale, load_scale
-from robacc.accuracy.grading import grade
+from robacc.accuracy.grade import Grade, GradeStep, Scale, default_scale, grade, load_scale
 from robacc.errors import InputError, UsageError
 from robacc.statistics.confidence_curves import ChiSquareCurve
 from robacc.statistics.intervals import Interval

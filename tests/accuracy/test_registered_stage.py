@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.accuracy.before_after import registered_residuals
+from robacc.accuracy.stages import registered_residuals
 from robacc.fitting.held_out import HoldOut
 from robacc.simulation.simulate import Plan, simulate
 

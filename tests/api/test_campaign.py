@@ -13,7 +13,7 @@ from arms import arm
 import robacc
 from robacc.errors import InputError, MissingColumnError
 from robacc.modelling.robot_file import read_robot
-from robacc.poses.csv_text import format_poses
+from robacc.poses.csv_file import format_poses
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

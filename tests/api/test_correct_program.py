@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.api.correct_program import correct_program
+from robacc.api.correct import correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.programs.configuration import joint_window, leaves_configuration
-from robacc.programs.flange import flange_targets
-from robacc.programs.fresh import joint_target, write_program
+from robacc.programs.frames import flange_targets
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
+from robacc.programs.writing import joint_target, write_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import robacc
 from robacc.cli.main import app
-from robacc.effects.entry_units import with_effect_units
+from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

@@ -10,12 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robacc.accuracy.grade_scale import default_scale
+from robacc.accuracy.grade import default_scale
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.configurations import sampled_configurations
 from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.parameters import uncertain_parameters
-from robacc.prediction.predicting import predict_accuracy
+from robacc.prediction.predicting import predict_accuracy, sampled_configurations
+from robacc.prediction.tolerances import uncertain_parameters
 from robacc.robots.arm import Arm
 
 ROBOT = read_robot(Path(__file__).resolve().parents[2] / "configs" / "robots" / "irb1600.yaml")

@@ -20,7 +20,7 @@ from costs import ROBACC, ROOT, costs, report, users_environment
 
 from robacc.chain import Chain
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 
 ROBOT = ROOT / "sample_data" / "robot.yaml"
 PYBOTICS_LOOP = 0.04e6

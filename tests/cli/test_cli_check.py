@@ -82,7 +82,7 @@ def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Pat
 
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
-    from robacc.gates.lookup import Missing, figure_at, sample_at
+    from robacc.gates.evaluate import Missing, figure_at, sample_at
 
     document = json.loads((stored / "calibrate.json").read_text())
     for stage in ("nominal", "before", "after"):
@@ -99,7 +99,7 @@ def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
     import numpy as np
 
-    from robacc.gates.lookup import figure_at, sample_at
+    from robacc.gates.evaluate import figure_at, sample_at
 
     lines = Path(POSES).read_text().splitlines()
     x = lines[1].split(",").index("x")

@@ -13,8 +13,8 @@ import robacc
 from robacc.cli.main import app
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
-from robacc.robots.assembly import build_chain
+from robacc.poses.reading import KnownRobot
+from robacc.robots.arm import build_chain
 from robacc.simulation.templates import poses_template
 
 URDF = """<robot name="two">

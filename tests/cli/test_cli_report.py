@@ -86,7 +86,7 @@ def test_without_the_extra_the_way_to_it_is_said(
 ) -> None:
     real = importlib.util.find_spec
     monkeypatch.setattr(
-        "robacc.render.plots.optional_dependencies.find_spec", lambda name: None if name == "matplotlib" else real(name)
+        "robacc.render.plots.canvas.find_spec", lambda name: None if name == "matplotlib" else real(name)
     )
     more = ("--kind", "poses") if command == "plot" else ()
     done = results.run(command, str(stored), *more, "-o", str(tmp_path / "x.png"))

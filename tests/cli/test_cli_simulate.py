@@ -18,7 +18,7 @@ from robacc.effects import REGISTRY
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 from robacc.robots.description import Frame
 from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate

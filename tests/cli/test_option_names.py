@@ -22,11 +22,10 @@ from robacc.render.text.parameter_names import _MARKED, as_options
 PACKAGE = Path(robacc.__file__).parent
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 SHOWS_COMMANDS = {
-    "render/html/reproduce.py",  # the command that makes a result again
+    "render/html/page.py",  # the command that makes a result again
     "simulation/templates.py",  # comments of files that `robacc init` writes
     "poses/column_proposal.py",  # the same
     "render/plots/canvas.py",  # variables of CSS
-    "render/plots/palette.py",
     "render/text/parameter_names.py",
 }
 

@@ -17,9 +17,9 @@ from rich.console import Console
 from robacc.io.files import sha256_of
 from robacc.modelling.robot_file import read_robot
 from robacc.render.text.robot import render_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
-from robacc.robots.summary import Reach, find_reach, low_discrepancy, summarise
+from robacc.robots.library import Reach, find_reach, low_discrepancy, summarise
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONFIGS = PROJECT / "configs" / "robots"

@@ -11,13 +11,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
-from robacc.comparison.comparing import compare
-from robacc.comparison.differences import SMOOTH, ErrorSample, difference
-from robacc.comparison.from_intervals import from_intervals
-from robacc.comparison.pairing import pair_poses
-from robacc.comparison.ranking import group_letters, holm, indistinguishable_groups
-from robacc.comparison.reading import read_compared_result
+from robacc.comparison.comparing import compare, group_letters, holm, indistinguishable_groups
+from robacc.comparison.differences import SMOOTH, ErrorSample, difference, from_intervals, pair_poses
+from robacc.comparison.reading import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet, read_compared_result
 from robacc.errors import InputError, UsageError
 
 RNG = np.random.default_rng

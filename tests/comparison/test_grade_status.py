@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.accuracy.grade_scale import GradeStep, Scale
-from robacc.comparison.compared_result import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
-from robacc.comparison.grade_status import GradeStatus, common_scale, grade_statuses
+from robacc.accuracy.grade import GradeStep, Scale
+from robacc.comparison.comparing import GradeStatus, common_scale, grade_statuses
+from robacc.comparison.reading import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
 from robacc.errors import UsageError
 
 SCALE = Scale("two", "rms", 0.95, (GradeStep("fine", 1.0, 0.1), GradeStep("coarse", 4.0, 0.4)), "none")

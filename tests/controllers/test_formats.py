@@ -13,10 +13,8 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from robacc.controllers.dh_table import dh_table
-from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
-from robacc.controllers.import_text import parse_controller_file
-from robacc.controllers.joint_frames import joint_frames
+from robacc.controllers.dh_table import dh_table, joint_frames
+from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model, parse_controller_file
 from robacc.controllers.restricted import remaining_error
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Array

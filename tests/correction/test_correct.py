@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slow_parameters import some_fast
 
 import robacc
-from robacc.correction.expected import length_bound
+from robacc.correction.correction import length_bound
 from robacc.effects.base import REGISTRY
 from robacc.effects.specification import entry_of
 from robacc.geometry import Array, log_between

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 import robacc
-from robacc.effects.entry_units import with_effect_units
-from robacc.fitting.apply_fit import absorb_constants
+from robacc.effects.specification import with_effect_units
+from robacc.fitting.parameters import absorb_constants
 from robacc.modelling.model import Model, predict
-from robacc.prediction.coverage import coverage
 from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.prediction.model_uncertainty import coverage, model_uncertainty
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -355,7 +354,7 @@ def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() 
 
 def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
     """Pose "P" with target "A A" is another point than pose "P A" with target "A"."""
-    from robacc.comparison.shared_targets import rows_of_targets
+    from robacc.comparison.paired_targets import rows_of_targets
 
     data = robacc.Measurements(
         position=np.zeros((3, 4)), pose=np.array(["P", "P A", "P A", "P"]), target=np.array(["A A", "A", "A", "A A"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, LIMITS, Run, measured, robot, target, torques
 
-from robacc.diagnostics.approach_memory import memory_of_play, previous_visit
+from robacc.diagnostics.joint_readings import memory_of_play, previous_visit
 from robacc.effects.base import effect_class
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options

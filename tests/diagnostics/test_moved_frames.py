@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.diagnostics.moved_frames import MovedFrames, larger_error_warning, moved_frames
+from robacc.diagnostics.suspected_mistakes import MovedFrames, larger_error_warning, moved_frames
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit

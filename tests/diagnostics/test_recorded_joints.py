@@ -10,17 +10,15 @@ import pytest
 from independent_arm import DECLARED, LIMITS, Run, measured, robot, run, target
 
 import robacc
-from robacc.diagnostics.read_back_share import read_back_warning
-from robacc.diagnostics.rounded_joints import evident_rounding, joint_step
+from robacc.diagnostics.joint_readings import evident_rounding, joint_step, read_back_warning
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.poses.csv_file import read_poses
-from robacc.poses.csv_text import format_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.csv_file import format_poses, read_poses
+from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.tracing.search import search
 from robacc.tracing.trace import trace

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 
-from robacc.documents.csv_columns import csv_cell, csv_text
+from robacc.documents.envelope import csv_cell, csv_text
 
 
 def test_cells_of_any_text_read_back() -> None:

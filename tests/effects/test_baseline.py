@@ -7,11 +7,10 @@ import pytest
 from arms import arm
 
 from robacc.effects import effect_class
-from robacc.effects.baseline import CONSTANTS, FRAMES, default_baseline
-from robacc.effects.request import build, parse_requests
+from robacc.effects.request import CONSTANTS, FRAMES, build, default_baseline, parse_requests
 from robacc.fitting.fit_result import Options
-from robacc.fitting.places import places
 from robacc.fitting.solver import fit
+from robacc.fitting.visits import places
 from robacc.geometry import rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

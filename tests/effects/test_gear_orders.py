@@ -8,15 +8,21 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, measured, robot, run, target
 
-from robacc.effects.gear_orders import order_tolerance, origin_of
-from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_ORDER, ORDER_STEP, high_orders, supported_orders
+from robacc.effects.orders import (
+    HIGHEST_OF_ALL,
+    HIGHEST_ORDER,
+    ORDER_STEP,
+    high_orders,
+    order_tolerance,
+    origin_of,
+    supported_orders,
+)
 from robacc.effects.request import build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import OrderGrid
-from robacc.tracing.trace import trace
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace, trace
 
 
 def with_ratio(ratio: float | None) -> Robot:

@@ -18,8 +18,7 @@ from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.trace import trace
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace, trace
 
 NOISE = 2e-5
 N = 90

@@ -12,8 +12,8 @@ from independent_arm import DECLARED, DH, GRAVITY, Matrix, measured, robot, run,
 from robacc.effects.joint_compliance import JointCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
+from robacc.fitting.masses import UndeclaredLoad, undeclared_load
 from robacc.fitting.solver import fit
-from robacc.fitting.undeclared_load import UndeclaredLoad, undeclared_load
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm

@@ -11,10 +11,17 @@ from arms import arm
 from scipy.stats import multivariate_normal
 
 from robacc.effects.request import build, parse_requests
-from robacc.error_model.covariance import CovarianceParameters, likelihood_and_gradient, unaccounted, whitened
-from robacc.error_model.estimate import GROSS_FACTORS, estimated, too_many_gross_errors, with_gross_errors
-from robacc.error_model.rows import Linearised, Rows
-from robacc.error_model.terms import TERMS
+from robacc.error_model.covariance import (
+    GROSS_FACTORS,
+    CovarianceParameters,
+    estimated,
+    likelihood_and_gradient,
+    too_many_gross_errors,
+    unaccounted,
+    whitened,
+    with_gross_errors,
+)
+from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.geometry import Array
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

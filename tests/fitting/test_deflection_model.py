@@ -13,21 +13,18 @@ import pytest
 from arms import arm
 from scipy import stats
 
-import robacc.calibration.plan
-import robacc.fitting.deflection_model
+import robacc.calibration.calibrating
+import robacc.fitting.masses
 from robacc.calibration.calibrating import Calibration, calibrate
-from robacc.documents.calibrate import calibration_payload
-from robacc.documents.trace import trace_payload
+from robacc.documents.fit import calibration_payload, trace_payload
 from robacc.effects.base import REGISTRY
-from robacc.effects.baseline import Baseline
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.deflection_model import BETTER, DeflectionChoice, choose_deflection, with_deflection
+from robacc.effects.request import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.masses import BETTER, DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.render.text.calibrate import draw_calibration
-from robacc.render.text.trace import draw_trace
+from robacc.render.text.fit import draw_calibration, draw_trace
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -93,7 +90,7 @@ def test_the_likelihood_picks_the_right_form_whatever_the_noise() -> None:
 
 def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     fits = []
-    monkeypatch.setattr(robacc.fitting.deflection_model, "fit", lambda *args: fits.append(args))
+    monkeypatch.setattr(robacc.fitting.masses, "fit", lambda *args: fits.append(args))
     found = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests(ASKED), n_folds=2)
     assert not fits
     assert found.deflection is not None
@@ -114,7 +111,7 @@ def test_each_fold_decides_for_itself_and_so_does_a_file_of_its_own(monkeypatch:
         chosen.append(result[1].free[-1].settings())
         return result
 
-    monkeypatch.setattr(robacc.calibration.plan, "choose_deflection", spy)
+    monkeypatch.setattr(robacc.calibration.calibrating, "choose_deflection", spy)
     data, apart = measured("rigid"), measured("rigid", seed=1)
     calibrate(arm("puma560").robot, data, parse_requests(ASKED), n_folds=4)
     assert asked == [{}] * 5

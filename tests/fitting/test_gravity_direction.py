@@ -7,8 +7,7 @@ import pytest
 from independent_arm import DECLARED, DH, Matrix, link_frames, measured, robot, run, target
 
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.gravity_direction import gravity_warning, with_gravity_direction
-from robacc.fitting.registration import align
+from robacc.fitting.registration import align, gravity_warning, with_gravity_direction
 from robacc.geometry import rotation_from_rpy
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

@@ -9,8 +9,7 @@ import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
-from robacc.fitting.fit_result import Options
-from robacc.fitting.identifiability import DEPENDENT, Dropped, identify
+from robacc.fitting.fit_result import DEPENDENT, Dropped, Options, identify
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -11,8 +11,8 @@ from arms import arm
 from robacc.effects.joint_compliance import JointCompliance
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.linear_algebra import inverted, solved
-from robacc.fitting.mass_uncertainty import mass_warning, with_mass_uncertainty
+from robacc.fitting.masses import mass_warning, with_mass_uncertainty
+from robacc.fitting.normal_equations import inverted, solved
 from robacc.fitting.parameters import parameters
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements

@@ -10,7 +10,7 @@ from arms import arm
 
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.outlier_pattern import outlier_pattern
+from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import outliers_warning
 from robacc.measurements import Measurements

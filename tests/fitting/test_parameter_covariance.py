@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.statistics import covariance_document
+from robacc.documents.parts import covariance_document
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.apply_fit import apply_fit
-from robacc.fitting.parameters import ParameterCovariance, parameter_covariance, parameters
+from robacc.fitting.parameters import ParameterCovariance, apply_fit, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit
 from robacc.geometry import exp_so3
 from robacc.io.json_text import json_text

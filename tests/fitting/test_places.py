@@ -13,8 +13,8 @@ from robacc.effects.request import build, parse_requests
 from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.places import places, places_warning
 from robacc.fitting.solver import fit
+from robacc.fitting.visits import places, places_warning
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm

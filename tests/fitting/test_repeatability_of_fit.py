@@ -12,7 +12,7 @@ import robacc
 from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import parse_requests
 from robacc.errors import InputError
-from robacc.fitting import gauss_newton
+from robacc.fitting import solver
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
@@ -100,7 +100,7 @@ def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
 def test_a_fit_that_does_not_converge_says_so_and_writes_no_model(
     monkeypatch: pytest.MonkeyPatch, tmp_path: object
 ) -> None:
-    monkeypatch.setattr(gauss_newton, "_STEPS", 1)
+    monkeypatch.setattr(solver, "_STEPS", 1)
     result = robacc.calibrate(
         "sample_data/poses.csv", robot="sample_data/robot.yaml", fit="joint_offset,link_geometry", folds=2
     )

@@ -9,10 +9,8 @@ import pytest
 from scipy.optimize import minimize
 
 from robacc.effects.base import Term
-from robacc.fitting.linear_algebra import posterior
-from robacc.fitting.normal_equations import NormalEquations
-from robacc.fitting.shrinkage import LARGEST_OF_PROFILE, PSEUDO_CONSTANTS, Priors
-from robacc.fitting.weak_parameters import BADLY_MADE
+from robacc.fitting.normal_equations import NormalEquations, posterior
+from robacc.fitting.priors import BADLY_MADE, LARGEST_OF_PROFILE, PSEUDO_CONSTANTS, Priors
 from robacc.geometry import Array
 
 ORDERS = np.arange(1, 37) / 2

@@ -17,8 +17,7 @@ from robacc.effects.link_geometry import LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
 from robacc.errors import InputError
-from robacc.fitting.apply_fit import absorb_constants, apply_values
-from robacc.fitting.parameters import parameters
+from robacc.fitting.parameters import absorb_constants, apply_values, parameters
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

@@ -10,8 +10,8 @@ from arms import arm
 
 import robacc.fitting.solver
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.apply_fit import apply_fit
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import weak_parameters_warning
 from robacc.measurements import Measurements

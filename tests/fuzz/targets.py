@@ -94,9 +94,9 @@ def _robot(path: str) -> None:
     import numpy as np
 
     from robacc.errors import RobaccError
-    from robacc.fitting.apply_fit import absorb_constants
+    from robacc.fitting.parameters import absorb_constants
     from robacc.modelling.robot_file import read_robot
-    from robacc.robots.assembly import build_chain
+    from robacc.robots.arm import build_chain
     from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
     robot = read_robot(path)

@@ -10,15 +10,21 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.gates.bound_curve import LEVELS, BoundCurve, difference_curve
-from robacc.gates.criteria import GateCriterion, Rule
-from robacc.gates.decision_rules import ASSURANCE, Decision, decide, poses_to_decide
-from robacc.gates.largest import decide_largest
+from robacc.gates.decision_rules import (
+    ASSURANCE,
+    LEVELS,
+    BoundCurve,
+    Decision,
+    decide,
+    decide_largest,
+    difference_curve,
+    poses_to_decide,
+)
+from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
-from robacc.statistics.paired_difference import paired_difference
-from robacc.statistics.radius95 import satterthwaite
+from robacc.statistics.records import paired_difference, satterthwaite
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))

@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.error_statistics import error_statistics
-from robacc.accuracy.grade_scale import default_scale
-from robacc.accuracy.grading import grade
+from robacc.accuracy.grade import default_scale, grade
 from robacc.documents.gate import gate_document
-from robacc.documents.statistics import grade_document, statistics_document
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, evaluate_gate
+from robacc.documents.parts import grade_document, statistics_document
+from robacc.gates.evaluate import (
+    CriterionEvaluation,
+    GateOutcome,
+    Missing,
+    evaluate_gate,
+    figure_at,
+    sample_at,
+    value_at,
+    word_at,
+)
 from robacc.gates.gate_file import load_gate
-from robacc.gates.lookup import Missing, figure_at, sample_at, value_at, word_at
 from robacc.io.json_text import json_text
 
 N = 80

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 from robacc.errors import InputError
-from robacc.gates.criteria import GateCriterion
-from robacc.gates.gate_file import load_gate
-from robacc.gates.keys import KEYS, is_known
+from robacc.gates.gate_file import KEYS, GateCriterion, is_known, load_gate
 
 EXAMPLES = sorted((Path(__file__).resolve().parents[2] / "configs" / "gates").glob("*.yaml"))
 HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"

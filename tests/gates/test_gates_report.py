@@ -9,14 +9,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from robacc.gates.criteria import Gate, GateCriterion
 from robacc.gates.decision_rules import Decision, Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
-from robacc.render.text.annotations import github_annotations
-from robacc.render.text.gate import draw_gate
-from robacc.render.text.gate_text import limit, probability, sentence, title
-from robacc.render.text.junit import junit
-from robacc.render.text.markdown import markdown
+from robacc.gates.gate_file import Gate, GateCriterion
+from robacc.render.text.gate import draw_gate, github_annotations, junit, limit, markdown, probability, sentence, title
 
 
 def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:

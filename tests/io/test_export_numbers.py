@@ -8,7 +8,7 @@ import pytest
 
 from robacc.errors import InputError
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 
 HEADER = "J1 [°];J2 [°];X [mm];Y [mm];Z [mm]\n"
 ROW = "1,5;-2,5;{x};200,5;300,5\n"

@@ -10,9 +10,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from robacc.iso_9283 import estimates
-from robacc.iso_9283.distance import distance
-from robacc.iso_9283.estimates import IntervalEstimate
-from robacc.iso_9283.repeatability import DELTA, mean_gaussian_length, position_repeatability
+from robacc.iso_9283.estimates import DELTA, IntervalEstimate, distance, mean_gaussian_length, position_repeatability
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 

@@ -11,8 +11,7 @@ from arms import CONFIGS, CONFIGURED, arm
 
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
-from robacc.iso_9283.cube import PLANES, CubeFit, corners, fit_cube, five_points
-from robacc.iso_9283.proposal import ORIENTATIONS, planned_poses, propose
+from robacc.iso_9283.cube import ORIENTATIONS, PLANES, CubeFit, corners, fit_cube, five_points, planned_poses, propose
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot

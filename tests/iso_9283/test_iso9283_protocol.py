@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.pose_errors import Commanded
-from robacc.iso_9283.characteristics import missing_characteristic
+from robacc.iso_9283.criteria import drift, missing_characteristic, repeatability
 from robacc.iso_9283.cube import five_points
-from robacc.iso_9283.drift import drift
-from robacc.iso_9283.evaluation import iso9283
-from robacc.iso_9283.pose_criteria import repeatability
-from robacc.iso_9283.protocol import protocol
+from robacc.iso_9283.evaluation import iso9283, protocol
 from robacc.iso_9283.records import Condition
 from robacc.iso_9283.visits import visits_of
 from robacc.measurements import Measurements, motion_between_rows

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from robot_files import URDF_LIKE
 
-from robacc.effects.entry_units import with_effect_units
-from robacc.modelling.model_file import model_text
-from robacc.modelling.robot_file import read_robot
+from robacc.effects.specification import with_effect_units
+from robacc.modelling.robot_file import model_text, read_robot
 from robacc.robots.description import Campaign, Frame, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_document

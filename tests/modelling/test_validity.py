@@ -16,7 +16,7 @@ from robacc.effects.joint_hardening import JointHardening
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
-from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.planning.acceptance import Demand, needed, poses_for, spread_poses
+from robacc.planning.campaign import Demand, needed, poses_for, spread_poses
 
 
 def demand(statistic: str = "rms", confidence: float = 0.95) -> Demand:

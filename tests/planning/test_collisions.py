@@ -12,8 +12,7 @@ import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
 from robacc.modelling.robot_file import read_robot
-from robacc.planning.collisions import LinkCollisions, link_collisions
-from robacc.planning.link_shapes import read_link_shapes
+from robacc.planning.collisions import LinkCollisions, link_collisions, read_link_shapes
 
 pytest.importorskip("fcl")
 ROOT = Path(__file__).resolve().parents[2]

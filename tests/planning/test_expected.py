@@ -8,7 +8,7 @@ from arms import arm
 
 from robacc.measurements import Measurements
 from robacc.planning.campaign import CampaignPlan, CampaignSettings
-from robacc.planning.constraints import Constraints, Sight
+from robacc.planning.candidates import Constraints, Sight
 from robacc.planning.planner import plan_campaign
 from robacc.robots.description import Robot
 

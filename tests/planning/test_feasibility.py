@@ -9,16 +9,20 @@ from arms import arm
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.candidates import given_candidates, sampled_candidates, task_joints
-from robacc.planning.constraints import (
+from robacc.planning.candidates import (
     Constraints,
     Sight,
+    filtered,
+    given_candidates,
+    joint_condition,
+    moving_points,
     parse_box,
     parse_distance,
     parse_half_space,
     parse_vector,
+    sampled_candidates,
+    task_joints,
 )
-from robacc.planning.feasibility import filtered, joint_condition, moving_points
 
 
 def model(name: str = "irb1600") -> Model:

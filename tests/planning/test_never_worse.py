@@ -10,11 +10,11 @@ from test_acceptance import energy_distance
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose
-from robacc.planning.conditions import conditions_of
+from robacc.planning.candidates import conditions_of
 from robacc.planning.design import CRITERIA, Criterion
 from robacc.planning.linear_model import candidate_rows, coefficients, free_effects, region_rows
 from robacc.planning.planner import plan_campaign
-from robacc.planning.power_design import expected_power, power_problem
+from robacc.planning.power import expected_power, power_problem
 
 ARMS = ("irb1600", "puma560", "scara")
 POSES, CANDIDATES, DRAWS = 14, 80, 30

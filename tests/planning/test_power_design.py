@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy import stats
 
-from robacc.planning.power_design import PowerProblem, choose_for_power, expected_power, random_power
+from robacc.planning.power import PowerProblem, choose_for_power, expected_power, random_power
 
 
 def problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -> PowerProblem:
@@ -44,7 +44,7 @@ def test_the_value_is_that_of_least_squares() -> None:
 
 
 def test_updates_keep_the_value() -> None:
-    from robacc.planning.power_design import _PowerSearch
+    from robacc.planning.power import _PowerSearch
 
     case = problem(3)
     search = _PowerSearch(case, np.ones(60, dtype=bool))

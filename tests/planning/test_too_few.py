@@ -5,9 +5,8 @@ from __future__ import annotations
 import pytest
 from arms import arm
 
-from robacc.planning.campaign import CampaignSettings
+from robacc.planning.campaign import CampaignSettings, too_few_warning
 from robacc.planning.planner import plan_campaign
-from robacc.planning.too_few import too_few_warning
 
 
 @pytest.mark.parametrize(

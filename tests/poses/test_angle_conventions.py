@@ -9,7 +9,7 @@ import pytest
 from pose_files import Reader, problem_texts
 from scipy.spatial.transform import Rotation
 
-from robacc.poses.angles import CONVENTIONS, try_conventions
+from robacc.poses.reading import CONVENTIONS, try_conventions
 
 SCIPY = {"fixed-xyz": "xyz", "zyx": "xyz", "moving-xyz": "XYZ", "kuka-abc": "ZYX", "zyz": "ZYZ"}
 """scipy's letters: small for fixed axes, capital for moving ones."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 
 JOINTS = [f"q{i + 1}" for i in range(6)]
 

@@ -7,9 +7,8 @@ import pytest
 from pose_files import Reader, problem_texts
 
 from robacc.errors import UsageError
-from robacc.poses.headings import heading_of, meaning_of
-from robacc.poses.known_robot import KnownRobot
-from robacc.poses.reading import Reading
+from robacc.poses.columns import heading_of, meaning_of
+from robacc.poses.reading import KnownRobot, Reading
 
 ABC = frozenset({"a", "b", "c"})
 NAMES = {

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from robacc.errors import InputError
 from robacc.io import lines, table
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10" / "series_B.csv"
 

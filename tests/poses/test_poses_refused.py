@@ -12,7 +12,7 @@ from pose_files import Reader, one_row, problem_texts
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 
 # What is refused
 

@@ -12,8 +12,8 @@ import pytest
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
-from robacc.poses.plausibility import check_scale
+from robacc.poses.reading import KnownRobot
+from robacc.poses.units import check_scale
 
 RNG = np.random.default_rng(7)
 N = 40

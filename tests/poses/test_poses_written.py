@@ -13,7 +13,7 @@ from pose_files import Reader
 from scipy.spatial.transform import Rotation
 
 from robacc.measurements import Measurements
-from robacc.poses.csv_text import format_poses
+from robacc.poses.csv_file import format_poses
 
 finite = st.floats(-1e8, 1e8)  # what a file of poses may hold
 ids = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)

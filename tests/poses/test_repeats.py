@@ -10,8 +10,7 @@ import numpy as np
 from typer.testing import CliRunner
 
 from robacc.cli.main import app
-from robacc.poses.csv_file import read_poses
-from robacc.poses.csv_text import format_poses
+from robacc.poses.csv_file import format_poses, read_poses
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,7 +9,7 @@ import pytest
 
 import robacc
 from robacc.errors import InputError
-from robacc.io.cell_units import split_cell
+from robacc.io.dialect import split_cell
 
 HEADER = "Point,J1,J2,X,Y,Z"
 ROWS = ("P1,10.5°,-20°,381.289 mm,-7.5 mm,1043.999 mm", "P2,30°,40.25°,1 mm,2 mm,3 mm")

@@ -12,16 +12,20 @@ import pytest
 from paper_matrices import error_matrices
 from scipy.spatial.transform import Rotation
 
-from robacc.accuracy.grade_scale import default_scale
+from robacc.accuracy.grade import default_scale
 from robacc.chain import BLOCK
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.allocation import allocate
-from robacc.prediction.configurations import configurations_of, sampled_configurations
 from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.parameters import Tolerances, uncertain_parameters
-from robacc.prediction.predicting import Prediction, predict_accuracy
+from robacc.prediction.predicting import (
+    Prediction,
+    allocate,
+    configurations_of,
+    predict_accuracy,
+    sampled_configurations,
+)
+from robacc.prediction.tolerances import Tolerances, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 

@@ -16,13 +16,16 @@ from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.comparison import compare_with_measured
-from robacc.prediction.components import bartlett_mean, variance_components
-from robacc.prediction.configurations import sampled_configurations
-from robacc.prediction.consistency import consistency, scale_test
-from robacc.prediction.measurement_noise import MeasurementNoise
-from robacc.prediction.parameters import ToleranceParameter, Tolerances, uncertain_parameters
-from robacc.prediction.sufficient_statistics import SufficientStatistics, reduce_residuals
+from robacc.prediction.comparison import compare_with_measured, consistency, scale_test
+from robacc.prediction.components import (
+    MeasurementNoise,
+    SufficientStatistics,
+    bartlett_mean,
+    reduce_residuals,
+    variance_components,
+)
+from robacc.prediction.predicting import sampled_configurations
+from robacc.prediction.tolerances import ToleranceParameter, Tolerances, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from robacc.prediction.carlson import carlson_rg
 from robacc.prediction.lengths import (
     _cdf_and_density,
+    carlson_rg,
     length_quantiles,
     mean_lengths,
     mixture_quantile,

@@ -10,16 +10,14 @@ from arms import arm
 
 from robacc.effects.joint_offset import JointOffset
 from robacc.errors import InputError
-from robacc.fitting.apply_fit import apply_fit
+from robacc.fitting.parameters import apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.coverage import coverage
 from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import model_uncertainty
-from robacc.prediction.registered_uncertainty import registered_uncertainty
+from robacc.prediction.model_uncertainty import coverage, model_uncertainty, registered_uncertainty
 from robacc.robots.description import Robot
 
 LOW, HIGH, SIZE = -0.6, 0.4, 3e-4

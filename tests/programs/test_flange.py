@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robacc.programs.flange import flange_targets, joint_targets, values_at
+from robacc.programs.frames import flange_targets, joint_targets, values_at
 from robacc.programs.reading import read_program
 
 SAMPLES = Path(__file__).parent / "samples"

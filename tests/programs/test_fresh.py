@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from robacc.errors import UsageError
-from robacc.programs.fresh import SUFFIX, cartesian_target, joint_target, write_program
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
+from robacc.programs.writing import SUFFIX, cartesian_target, joint_target, write_program
 
 JOINTS = [(0.1, -1.2, 1.3, -0.4, 0.5, 3.0), (0.0, -1.5707963, 1.5707963, 0.0, 1e-9, -3.1)]
 POSES = [(0.8, -0.25, 1.2, 0.5, 0.5, -0.5, 0.5), (0.7, 0.0, 0.3, 0.0, 1.0, 0.0, 0.0)]

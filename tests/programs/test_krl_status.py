@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.api.correct_program import correct_program
+from robacc.api.correct import correct_program
 from robacc.geometry import Array
 from robacc.modelling.robot_file import read_robot
-from robacc.programs.configuration import joint_window
-from robacc.programs.krl_status import allowed_by_status
+from robacc.programs.configuration import allowed_by_status, joint_window
 from robacc.programs.program import Dialect
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robacc.programs.program import Dialect, Program
+from robacc.programs.program import NUMBER, Dialect, Program, ProgramSource
 from robacc.programs.reading import read_program
-from robacc.programs.source import NUMBER, ProgramSource
 from robacc.programs.writing import with_targets
 
 FOLDER = Path(__file__).parent / "samples"

@@ -10,11 +10,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.programs.flange import flange_targets
-from robacc.programs.fresh import write_program
+from robacc.programs.frames import flange_targets
 from robacc.programs.program import Dialect, Program, ProgramTarget
 from robacc.programs.reading import read_program
-from robacc.programs.writing import with_targets
+from robacc.programs.writing import with_targets, write_program
 
 SAMPLES = Path(__file__).parent / "samples" / "val3"
 

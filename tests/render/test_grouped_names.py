@@ -8,8 +8,8 @@ import pytest
 
 import robacc
 from robacc.modelling.robot_file import read_robot
-from robacc.render.text.calibrate import draw_calibration
-from robacc.render.text.grouped_names import grouped
+from robacc.render.text.fit import draw_calibration
+from robacc.render.text.layout import grouped
 from robacc.robots.library import find_arm
 from robacc.simulation.simulate import Plan, simulate
 

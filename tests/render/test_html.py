@@ -25,8 +25,7 @@ from typer.testing import CliRunner
 
 from robacc.cli.main import app
 from robacc.render.html.headline import headline_of
-from robacc.render.html.page import render, script_json
-from robacc.render.html.reproduce import command_line
+from robacc.render.html.page import command_line, render, script_json
 from robacc.render.plots.catalogue import charts_of
 
 COMMANDS = tuple(results.CALLS)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.cli.pages import page_of_document
-from robacc.render.html.reproduce import command_line
+from robacc.cli.output import page_of_document
+from robacc.render.html.page import command_line
 from robacc.render.plots.catalogue import charts_of
 from robacc.render.plots.plan import effect_families
 

@@ -12,18 +12,22 @@ import results
 from matplotlib.figure import Figure
 
 from robacc.errors import UsageError
-from robacc.render.plots.canvas import as_file, as_part
+from robacc.render.plots.canvas import (
+    DARK,
+    DEGREE,
+    LIGHT,
+    MILLIMETRE,
+    as_file,
+    as_part,
+    joint_unit,
+    length_unit,
+    need,
+    short,
+    thinned,
+)
 from robacc.render.plots.catalogue import chart_of, charts_of
-from robacc.render.plots.comparison import comparison_charts
-from robacc.render.plots.distribution import _scale
-from robacc.render.plots.ellipsoids import SHARES
-from robacc.render.plots.gate import operating_curve_charts
-from robacc.render.plots.labels import short
-from robacc.render.plots.optional_dependencies import need
-from robacc.render.plots.palette import DARK, LIGHT
-from robacc.render.plots.stage_errors import stages_of
-from robacc.render.plots.thinning import thinned
-from robacc.render.plots.units import DEGREE, MILLIMETRE, joint_unit, length_unit
+from robacc.render.plots.errors import SHARES, _scale, stages_of
+from robacc.render.plots.results import comparison_charts, operating_curve_charts
 from robacc.statistics.distributions import chi2_cdf
 
 KINDS = {

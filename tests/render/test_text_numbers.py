@@ -6,8 +6,16 @@ import math
 
 import pytest
 
-from robacc.render.text.effect_label import effect_label
-from robacc.render.text.numbers import decimals, exponent_of_thousand, fixed, measured, odds, p_value, three_digits
+from robacc.render.text.layout import (
+    decimals,
+    effect_label,
+    exponent_of_thousand,
+    fixed,
+    measured,
+    odds,
+    p_value,
+    three_digits,
+)
 
 
 @pytest.mark.parametrize(

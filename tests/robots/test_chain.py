@@ -11,7 +11,7 @@ import pytest
 from robacc.chain import BLOCK, TOOL, Chain
 from robacc.geometry import Array, log_so3
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs" / "robots").glob("*.yaml"))

@@ -10,11 +10,10 @@ import pytest
 
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
-from robacc.robots.arm import Arm
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import Arm, build_chain
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, pose_jacobian
-from robacc.robots.summary import find_reach
+from robacc.robots.library import find_reach
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

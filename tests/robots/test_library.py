@@ -18,7 +18,7 @@ from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import read_robot, robot_path
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
 from robacc.robots.library import find_arm, library, similar_arms
 from robacc.robots.urdf import parse_urdf, robot_to_urdf

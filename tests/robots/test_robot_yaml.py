@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from robot_files import MINIMAL, URDF_LIKE, edit
 
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

@@ -15,7 +15,7 @@ from slow_parameters import some_fast
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

@@ -10,7 +10,7 @@ import pytest
 
 from robacc.geometry import Array
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.assembly import build_chain
+from robacc.robots.arm import build_chain
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 

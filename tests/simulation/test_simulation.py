@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
 from robacc.modelling.model import predict
-from robacc.poses.csv_text import format_poses
+from robacc.poses.csv_file import format_poses
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, joint_samples, simulate
 

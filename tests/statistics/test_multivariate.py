@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.statistics.multivariate import assumption_tests, principal_axes
-from robacc.statistics.variance_components import pose_structure
+from robacc.statistics.multivariate import assumption_tests, pose_structure, principal_axes
 
 FRAME = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.statistics.noncentral_f import f_critical, needed_noncentrality, noncentral_f_sf
+from robacc.statistics.distributions import f_critical, needed_noncentrality, noncentral_f_sf
 
 
 @pytest.mark.parametrize("dof1", [1.0, 2.0, 6.0, 20.0])

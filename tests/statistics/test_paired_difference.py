@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robacc.statistics.paired_difference import _resampled_percentile
+from robacc.statistics.records import _resampled_percentile
 
 
 @pytest.mark.parametrize("n", [10, 37, 200])

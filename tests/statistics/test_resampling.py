@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robacc.statistics.resampling import resampled_counts
+from robacc.statistics.intervals import resampled_counts
 
 
 def test_each_resample_has_as_many_poses_as_the_sample_and_each_pose_once_on_average() -> None:

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import error_statistics
-from robacc.statistics.scaled_percentile import LengthShape, ScaledPercentileCurve
+from robacc.statistics.quadratic_form import LengthShape, ScaledPercentileCurve
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ import pytest
 from draws import KINDS, draw
 from scipy import stats
 
-from robacc.tracing.trace import trace
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace, trace
 
 FOLDS = 5
 SEEDS = 20

@@ -9,7 +9,7 @@ import pytest
 from robacc.accuracy.estimation import estimate
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 from robacc.render.text.estimate import opening
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"

@@ -18,13 +18,12 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.poses.known_robot import KnownRobot
+from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.findings import Finding
-from robacc.tracing.trace import trace
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace, trace
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared"
 CASES = SHARED / "cases"

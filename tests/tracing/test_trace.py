@@ -11,22 +11,21 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.trace import trace_payload
+from robacc.documents.fit import trace_payload
 from robacc.effects.request import build, parse_requests
-from robacc.error_model.estimate import ACCEPTED
+from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit
 from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.render.text.trace import at_tool
+from robacc.render.text.fit import at_tool
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.refitting import SEARCH, refit
-from robacc.tracing.trace import trace
-from robacc.tracing.trace_result import Trace
+from robacc.tracing.trace import Trace, trace
 
 NOISE = 2e-5
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"

@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 
 from robacc.error_model.structure import Repeatability
-from robacc.fitting.noise import LackOfFit
+from robacc.fitting.warnings import LackOfFit
 from robacc.modelling.observation import Noise
-from robacc.render.text.trace import _remaining_error, _residual
-from robacc.tracing.remaining_error import Unexplained
-from robacc.tracing.verdict import assumption_of, is_hidden_noise
+from robacc.render.text.fit import _remaining_error, _residual
+from robacc.tracing.findings import Unexplained, assumption_of, is_hidden_noise
 
 ESTIMATED = LackOfFit(Noise(2e-5, None, "residual"), None, 1.0)
 TINY = LackOfFit(Noise(4e-8, None, "residual"), None, 1.0)

@@ -78,9 +78,8 @@ def calibrate(
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
     from robacc.api.calibrate import calibrate as run_calibrate
-    from robacc.cli.output import Outlets, deliver_fit
-    from robacc.cli.progress import progress_bar
-    from robacc.render.text.calibrate import draw_calibration
+    from robacc.cli.output import Outlets, deliver_fit, progress_bar
+    from robacc.render.text.fit import draw_calibration
 
     with progress_bar() as progress:
         result = run_calibrate(

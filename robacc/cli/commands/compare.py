@@ -119,9 +119,9 @@ def _compare_paired(
     results: list[str], model: str | None, nominal: str | None, noise: str | None, form: Format, output: str
 ) -> None:
     """Compare two CSVs of the same targets."""
-    from robacc.api.compare_paired import compare_paired
+    from robacc.api.compare import compare_paired
     from robacc.cli.output import Outlets, deliver
-    from robacc.render.text.compare_paired import draw_paired_targets
+    from robacc.render.text.compare import draw_paired_targets
 
     before, after = results
     result = compare_paired(before, after, model=model, nominal=nominal, noise=noise)

@@ -191,7 +191,7 @@ def _correct_program(
     path: str, model: str, nominal: str | None, frames: list[str], output: str, options: dict[str, Any]
 ) -> None:
     """Write a program with corrected targets, and one line for what was corrected."""
-    from robacc.api.correct_program import correct_program
+    from robacc.api.correct import correct_program
     from robacc.io.files import write_bytes
     from robacc.render.text.console import warnings_below
 

@@ -51,7 +51,7 @@ def effects(
     from robacc.errors import UsageError
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
-    from robacc.render.text.effects import draw_effects
+    from robacc.render.text.robot import draw_effects
 
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")

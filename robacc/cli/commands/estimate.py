@@ -90,7 +90,7 @@ def estimate(
     """
     from robacc.api.estimate import estimate as run_estimate
     from robacc.api.result import effect_names
-    from robacc.cli.many_work import EstimateOptions
+    from robacc.cli.many import EstimateOptions
     from robacc.cli.output import Outlets, deliver
 
     options = EstimateOptions(
@@ -119,7 +119,7 @@ def estimate(
         if full:
             from robacc.render.text.estimate import draw_estimate as draw
         else:
-            from robacc.render.text.estimate_short import draw_short_estimate as draw
+            from robacc.render.text.estimate import draw_short_estimate as draw
         draw(result, poses[0], robot, stream)
 
     if per_pose is not None:

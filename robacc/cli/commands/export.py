@@ -89,7 +89,7 @@ def _write_format(
 
     from robacc.api.export import export as run_export
     from robacc.io.files import write_text
-    from robacc.render.text.export import write_export
+    from robacc.render.text.correct import write_export
 
     nominal, arm, template, document = options
     result = run_export(
@@ -116,7 +116,7 @@ def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip
     from robacc.documents import envelope as results
     from robacc.documents.export import urdf_payload
     from robacc.errors import UsageError
-    from robacc.fitting.apply_fit import absorb_constants
+    from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of, write_text
     from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.render.text.console import say_warnings

@@ -11,7 +11,7 @@ import typer
 from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainSummaryFormatOption, TipLinkOption
 
 if TYPE_CHECKING:
-    from robacc.iso_9283.proposal import Proposal
+    from robacc.iso_9283.cube import Proposal
     from robacc.robots.description import Robot
 
 
@@ -79,11 +79,11 @@ def iso9283_poses(
 
     from robacc.cli.call_checks import refuse_json_beside_csv
     from robacc.io.files import write_text
-    from robacc.iso_9283.proposal import planned_poses, propose
+    from robacc.iso_9283.cube import planned_poses, propose
     from robacc.modelling.robot_file import read_robot
-    from robacc.poses.csv_text import format_poses
+    from robacc.poses.csv_file import format_poses
     from robacc.quantities import size
-    from robacc.render.text.iso9283_poses import proposal_comments
+    from robacc.render.text.iso9283 import proposal_comments
 
     refuse_json_beside_csv(form, output)
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
@@ -114,7 +114,7 @@ def _write_summary(
     from robacc.documents.iso9283 import proposal_payload
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
-    from robacc.render.text.iso9283_poses import draw_proposal
+    from robacc.render.text.iso9283 import draw_proposal
 
     inputs = (results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"),)
     payload = {**proposal_payload(proposal), "file_sha256": sha256_of(output)}

@@ -186,7 +186,7 @@ def plan(
     """
     from robacc.api.plan import plan as run_plan
     from robacc.cli.call_checks import refuse_json_beside_csv
-    from robacc.cli.number_lists import numbers_of
+    from robacc.cli.options import numbers_of
     from robacc.errors import UsageError
 
     refuse_json_beside_csv(form, output)
@@ -258,7 +258,7 @@ def _write(
         for path, text in programs.items():
             write_text(path, text)
         if report is not None:
-            from robacc.cli.pages import page_of_document
+            from robacc.cli.output import page_of_document
 
             write_text(report, page_of_document(result.document()))
         if output == "-":

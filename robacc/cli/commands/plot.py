@@ -36,9 +36,8 @@ def plot(
     from robacc.documents.read_result import read_result, understood
     from robacc.errors import UsageError
     from robacc.io.files import write_bytes
-    from robacc.render.plots.canvas import as_file
+    from robacc.render.plots.canvas import as_file, need
     from robacc.render.plots.catalogue import chart_of
-    from robacc.render.plots.optional_dependencies import need
 
     form = PurePath(output).suffix.removeprefix(".").lower()
     if form not in FORMS:

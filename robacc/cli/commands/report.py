@@ -31,12 +31,11 @@ def report(
 
     Example: robacc report result.json --identity cell7.yaml --output report.html
     """
-    from robacc.cli.output import write
-    from robacc.cli.pages import page_of_results
+    from robacc.cli.output import page_of_results, write
     from robacc.documents.identity import read_identity
     from robacc.documents.read_result import read_result
     from robacc.errors import UsageError
-    from robacc.render.plots.optional_dependencies import need
+    from robacc.render.plots.canvas import need
 
     need("matplotlib", "plotly", "jinja2")
     if results.count("-") > 1:

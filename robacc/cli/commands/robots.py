@@ -25,7 +25,7 @@ def robots(
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
     from robacc.errors import InputError, Problem
-    from robacc.render.text.robots import draw_robots
+    from robacc.render.text.robot import draw_robots
     from robacc.robots.library import library, similar_arms
 
     wanted = (name or "").lower()

@@ -26,7 +26,7 @@ def show(
     from robacc.effects.specification import coefficients
     from robacc.render.text.console import console_for
     from robacc.render.text.robot import render_robot
-    from robacc.robots.summary import robot_document, summarise
+    from robacc.robots.library import robot_document, summarise
 
     arm, record = load_robot(robot, base_link, tip_link)
     summary = summarise(arm, coefficients(arm))

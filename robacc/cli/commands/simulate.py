@@ -145,7 +145,7 @@ def simulate(
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
-    from robacc.cli.number_lists import numbers_of
+    from robacc.cli.options import numbers_of
     from robacc.errors import UsageError
 
     if text is None:
@@ -157,6 +157,6 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
 
 
 def _payloads(text: str | None) -> tuple[float, ...]:
-    from robacc.cli.number_lists import numbers_of
+    from robacc.cli.options import numbers_of
 
     return () if text is None else numbers_of(text, ",", "--payload")

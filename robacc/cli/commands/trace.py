@@ -73,9 +73,8 @@ def trace(
     Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
     from robacc.api.trace import trace as run_trace
-    from robacc.cli.output import Outlets, deliver_fit
-    from robacc.cli.progress import progress_bar
-    from robacc.render.text.trace import draw_trace
+    from robacc.cli.output import Outlets, deliver_fit, progress_bar
+    from robacc.render.text.fit import draw_trace
 
     with progress_bar() as progress:
         result = run_trace(

@@ -1,12 +1,12 @@
-"""The parts of an HTML report: numbers with their units, tables, lists, sections."""
+"""The parts of an HTML report: numbers with their units, tables, lists, sections, titles."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from robacc.render.plots.units import DEGREE, Unit, length_unit
-from robacc.render.text.numbers import decimals, fixed
+from robacc.render.plots.canvas import DEGREE, Document, Unit, length_unit
+from robacc.render.text.layout import decimals, fixed
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,3 +132,18 @@ def interval(value: float | None, low: float | None, high: float | None, confide
 
 def _gap(unit: Unit) -> str:
     return "" if unit.name == "°" else " "
+
+
+# The robot of a result in titles.
+
+
+def robot_name(document: Document) -> str | None:
+    """Return the robot's name from its file, None without a robot."""
+    robot = document.get("robot")
+    return None if robot is None else str(robot["name"])
+
+
+def of_robot(document: Document) -> str:
+    """Return ``of`` and the robot's name, to follow a title; empty without a robot."""
+    name = robot_name(document)
+    return "" if name is None else f" of {name}"

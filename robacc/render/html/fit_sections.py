@@ -7,12 +7,9 @@ from typing import Any
 
 from robacc.effects import REGISTRY
 from robacc.render.html.blocks import Block, Cell, Grid, Listing, Number, ReportSection, Text, angle, length, quantity
-from robacc.render.plots.chart import Document
-from robacc.render.plots.stage_errors import STAGE_LABELS, STAGE_MEANINGS
-from robacc.render.plots.units import DEGREE
-from robacc.render.text.effect_label import effect_label
-from robacc.render.text.numbers import measured, odds, p_value
-from robacc.render.text.units import table_unit
+from robacc.render.plots.canvas import DEGREE, Document
+from robacc.render.plots.errors import STAGE_LABELS, STAGE_MEANINGS
+from robacc.render.text.layout import effect_label, measured, odds, p_value, table_unit
 
 _INDISTINGUISHABLE = 0.9999
 """Similarity from which two effects predict the same on the poses."""

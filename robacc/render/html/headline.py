@@ -2,14 +2,234 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
-from robacc.render.html.accuracy_headlines import estimate_headline, iso9283_headline, predict_headline
-from robacc.render.html.blocks import Badge, ReportHeadline, Tile, angle, length
-from robacc.render.html.fit_headlines import calibrate_headline, trace_headline
+from robacc.render.html.blocks import Badge, ReportHeadline, Tile, angle, interval, length, of_robot, robot_name
 from robacc.render.html.plan_sections import plan_headline
-from robacc.render.html.robot_title import of_robot, robot_name
-from robacc.render.plots.chart import Document
+from robacc.render.plots.canvas import DEGREE, Document, length_unit
+from robacc.render.plots.errors import STAGE_LABELS
+from robacc.render.text.layout import confirmation
+
+# Headlines of the results of ``estimate``, ``predict`` and ``iso9283``.
+
+
+def estimate_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``estimate``."""
+    position, grade = document["position"], document["grade"]
+    confirmed = confirmation(grade["demonstrated"], grade["confidence"])
+    alignment = document["alignment"]
+    registration = "none"
+    if alignment is not None:
+        registration = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
+    robot = document.get("robot") or {}
+    modelled = robot.get("effects") or robot.get("fitted_to")
+    reference = "the model's predictions" if modelled else "the commanded positions"
+    summary = (
+        f"The measured positions differ from {reference} by {length(position['rms_m'])} rms over {document['n_poses']} "
+        f"poses; 95 % of the poses are within {length(position['p95_m'])}. This is grade {grade['grade']}, {confirmed}."
+    )
+    return ReportHeadline(
+        f"Accuracy{of_robot(document)}",
+        summary,
+        _estimate_tiles(document),
+        (Badge(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open"),),
+        [
+            ("Registration", registration),
+            ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
+            ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
+        ],
+    )
+
+
+def _estimate_tiles(document: Document) -> list[Tile]:
+    position, orientation = document["position"], document["orientation"]
+    tiles = [
+        _statistic("position, rms", position, "rms_m", "m"),
+        _statistic("position, 95th percentile", position, "p95_m", "m"),
+    ]
+    if orientation is not None:
+        tiles.append(_statistic("orientation, 95th percentile", orientation, "p95_rad", "rad"))
+    return tiles
+
+
+def _statistic(label: str, statistics: Mapping[str, Any], key: str, unit: str) -> Tile:
+    value, bounds = statistics[key], statistics["intervals"][key]
+    low, high = bounds["lower"], bounds["upper"]
+    number = length(value, low, high) if unit == "m" else angle(value, low, high)
+    interval_text = interval(value, low, high, bounds["confidence"], length_unit(value) if unit == "m" else DEGREE)
+    return Tile(label, number, interval_text or bounds.get("why") or "no interval")
+
+
+def predict_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``predict``."""
+    position, grade = document["position"], document["grade"]
+    first = document["budget"][0] if document["budget"] else None
+    source = "The tolerances give" if document["tolerances"]["parameters"] else "The fit of the model gives"
+    summary = (
+        f"{source} an expected position error of {length(position['rms_m'])} rms over robots and poses, "
+        f"95 % of the errors within {length(position['p95_m'])}: grade {grade['grade']}."
+    )
+    if first is not None:
+        summary += (
+            f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        )
+    worst = position["worst"]
+    tiles = [
+        Tile("position, rms", length(position["rms_m"]), "over robots and poses"),
+        Tile("position, 95th percentile", length(position["p95_m"]), "over robots and poses"),
+        Tile("worst pose, rms", length(worst["rms_m"]), f"at {worst['label']}"),
+    ]
+    facts = [
+        ("Configurations", document["configurations"]),
+        ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+    ]
+    if document["against"] is not None:
+        facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
+    if document["coverage"] is not None:
+        facts.append(("Measured poses within their 95 % bound", _covered(document)))
+    badge = Badge(f"grade {grade['grade']}, expected", "plain")
+    return ReportHeadline(f"Predicted accuracy{of_robot(document)}", summary, tiles, (badge,), facts)
+
+
+def _covered(document: Document) -> str:
+    shares = [(name, document["coverage"][name]) for name in ("position", "orientation")]
+    return ", ".join(f"{name} {100 * part['share']:.1f} %" for name, part in shares if part is not None)
+
+
+def iso9283_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``iso9283``."""
+    criteria = document["iso9283"]
+    names = (("AP", "accuracy, AP"), ("RP", "repeatability, RP"), ("vAP", "multi-directional, vAP"))
+    tiles = []
+    for key, label in names:
+        criterion = criteria[key]
+        bounds = criterion["intervals"]["max_m"]
+        value, low, high = criterion["max_m"], bounds["lower"], bounds["upper"]
+        if value is None:
+            continue
+        interval_text = interval(value, low, high, bounds["confidence"], length_unit(value))
+        tiles.append(
+            Tile(
+                label,
+                length(value, low, high),
+                f"at {criterion['max_at']}{f'; {interval_text}' if interval_text else ''}",
+            )
+        )
+    met = sum(condition["status"] == "met" for condition in document["protocol"])
+    summary = (
+        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
+        f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
+        "standard's protocol."
+    )
+    registration = "none" if not document["alignment"] else " and ".join(document["alignment"][0]["what"])
+    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
+    return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
+
+
+# Headlines of the results of ``trace`` and ``calibrate``.
+
+VERDICTS = {
+    "clean": ("clean", "good"),
+    "explained": ("explained", "good"),
+    "partly_explained": ("partly explained", "open"),
+    "unexplained": ("unexplained", "bad"),
+}
+_UNSTRUCTURED = "the remaining error has no structure"
+"""The text does not say noise: the size of the noise may be unknown."""
+
+
+def trace_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``trace``."""
+    label, tone = VERDICTS[document["verdict"]]
+    declared = document["options"].get("declared") or "none"
+    unexplained = document["unexplained"]
+    facts = [("Declared effects", declared.replace(",", ", ")), ("Measurement noise", _noise(document))]
+    if unexplained["structured"]:
+        facts.append(("Remaining error", f"{length(unexplained['rms_m'])}, structured"))
+    return ReportHeadline(
+        f"Trace{of_robot(document)}: {label}", _trace_summary(document), _tiles(document), (Badge(label, tone),), facts
+    )
+
+
+def _trace_summary(document: Document) -> str:
+    before, after, pose_set = _sides(document)
+    structured = document["unexplained"]["structured"]
+    start = f"With the declared effects fitted, the model predicts the measured poses to {length(before['rms_m'])} rms"
+    arm = _arm_itself(document)
+    names = [_effect(finding) for finding in document["findings"]]
+    if not names:
+        end = "the remaining error is structured, but no effect of the catalogue explains it"
+        return f"{start} ({pose_set}). No effect was found; {end if structured else _UNSTRUCTURED}. {arm}"
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    end = "the remaining error has a structure that no candidate explains" if structured else _UNSTRUCTURED
+    return (
+        f"{start} ({pose_set}). The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model "
+        f"predicts the measured poses to {length(after['rms_m'])} rms; {end}. {arm}"
+    )
+
+
+def _arm_itself(document: Document) -> str:
+    """Return the error of the arm: a model changes no arm until it is used."""
+    key = "fitted" if document["nominal"]["held_out"] is None else "held_out"
+    rms = length(document["nominal"][key]["position"]["rms_m"])
+    return (
+        f"The arm itself keeps its error of {rms} rms, base and tool registered, until its controller uses the model."
+    )
+
+
+def _effect(finding: Mapping[str, Any]) -> str:
+    where = f" on {', '.join(finding['joints'])}" if finding["joints"] else ""
+    return f"{finding['effect'].replace('_', ' ')}{where}"
+
+
+def calibrate_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``calibrate``."""
+    before, after, pose_set = _sides(document)
+    summary = (
+        f"With {document['options'].get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses "
+        f"to {length(after['rms_m'])} rms ({pose_set}); with only base and tool fitted, to {length(before['rms_m'])}. "
+        f"{_arm_itself(document)}"
+    )
+    effects = ", ".join(effect["effect"] for effect in document["effects"])
+    facts = [("Fitted effects", effects), ("Measurement noise", _noise(document))]
+    return ReportHeadline(f"Calibration{of_robot(document)}", summary, _tiles(document), (), facts)
+
+
+def _sides(document: Document) -> tuple[Mapping[str, Any], Mapping[str, Any], str]:
+    """Return the position errors before and after, and the pose set."""
+    key = "fitted" if document["after"]["held_out"] is None else "held_out"
+    pose_set = "held-out poses" if key == "held_out" else "calibration poses"
+    return document["before"][key]["position"], document["after"][key]["position"], pose_set
+
+
+def _tiles(document: Document) -> list[Tile]:
+    before, after, pose_set = _sides(document)
+    labels = STAGE_LABELS[document["command"]]
+    sides = ((labels["before"], before), (labels["after"], after))
+    tiles = [_side(f"{label}, rms", metrics, pose_set) for label, metrics in sides]
+    gain = document["gain_m"]
+    if gain is not None:
+        low, high = gain["low"], gain["high"]
+        unit = length_unit(gain["value"])
+        interval_text = interval(gain["value"], low, high, gain["confidence"], unit)
+        tiles.append(Tile("rms reduction", length(gain["value"], low, high), interval_text))
+    return tiles
+
+
+def _side(name: str, metrics: Mapping[str, Any], pose_set: str) -> Tile:
+    """Return the tile of one stage's rms error with its interval."""
+    value, bounds = metrics["rms_m"], (metrics.get("intervals") or {}).get("rms_m") or {}
+    low, high = bounds.get("lower"), bounds.get("upper")
+    interval_text = interval(value, low, high, bounds.get("confidence", 0.95), length_unit(value))
+    return Tile(name, length(value, low, high), f"{interval_text}; {pose_set}" if interval_text else pose_set)
+
+
+def _noise(document: Document) -> str:
+    noise = document["noise"]
+    source = {"file": "the file's sigma columns", "repeats": "repeated poses", "residual": "the remaining error"}
+    return f"{length(noise['position_m'])} along each axis, from {source.get(noise['source'], noise['source'])}"
+
 
 _GATES = {
     "pass": ("gate passed", "good"),

@@ -6,7 +6,7 @@ from html import escape
 
 from robacc.render.html.blocks import ReportHeadline
 from robacc.render.html.headline import headline_of
-from robacc.render.plots.chart import Document
+from robacc.render.plots.canvas import Document
 
 
 def notebook_html(document: Document) -> str:

@@ -1,36 +1,187 @@
-"""The HTML page of one result or of several results side by side."""
+"""The HTML page of one result or of several side by side: what was tested, and how to reproduce it."""
 
 from __future__ import annotations
 
 import gzip
 import hashlib
 import json
+import shlex
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from robacc.render.html.blocks import Listing, ReportHeadline, ReportSection
-from robacc.render.html.compare_sections import compare_sections
-from robacc.render.html.correct_sections import correct_sections
-from robacc.render.html.estimate_sections import estimate_sections
+from robacc.render.html.accuracy_sections import (
+    compare_sections,
+    correct_sections,
+    estimate_sections,
+    gate_section,
+    iso9283_sections,
+    predict_sections,
+)
+from robacc.render.html.blocks import Block, Cell, Command, Grid, Listing, ReportHeadline, ReportSection, Text
 from robacc.render.html.fit_sections import fit_sections, outliers
-from robacc.render.html.gate_section import gate_section
 from robacc.render.html.headline import headline_of
-from robacc.render.html.identity import identity_rows
-from robacc.render.html.iso9283_sections import iso9283_sections
 from robacc.render.html.plan_sections import plan_sections
-from robacc.render.html.predict_sections import predict_sections
-from robacc.render.html.reproduce import reproduce
-from robacc.render.html.side_by_side import side_by_side
-from robacc.render.plots.canvas import as_part
+from robacc.render.plots.canvas import DARK, LIGHT, Chart, ChartTable, Document, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
-from robacc.render.plots.chart import Chart, ChartTable, Document
-from robacc.render.plots.optional_dependencies import need
-from robacc.render.plots.palette import DARK, LIGHT, css_variables
 from robacc.render.text.parameter_names import as_options
+from robacc.robots.description import IDENTITY
 from robacc.version import __version__
+
+# Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
+
+
+def identity_rows(
+    documents: Sequence[Document], names: Sequence[str], identity: Mapping[str, str]
+) -> list[tuple[str, str]]:
+    """Return labels and texts in the order of the page; a text of ``identity`` replaces those of the results.
+
+    Different texts, such as the serial numbers of two arms, stand side by side with the names of the results; those
+    of two files of one result with the names of the files.
+    """
+    rows = []
+    for key, label in IDENTITY.items():
+        texts = list(_stated(documents, names, key)) if key not in identity else [("", identity[key])]
+        distinct = list(dict.fromkeys(text for _, text in texts))
+        if len(distinct) == 1:
+            rows.append((label, distinct[0]))
+        elif distinct:
+            rows.append((label, "; ".join(f"{name}: {text}" for name, text in texts)))
+    return rows
+
+
+def _stated(documents: Sequence[Document], names: Sequence[str], key: str) -> Iterator[tuple[str, str]]:
+    """Yield the name of each result whose robot files state ``key``, and its text.
+
+    Where the robot files of a result state different texts, the name of each file stands in place of the result's, or
+    behind it if there are several results.
+    """
+    for name, document in zip(names, documents, strict=True):
+        files = [file for file in document["inputs"] if key in file.get("identity", ())]
+        texts = [file["identity"][key] for file in files]
+        if len(set(texts)) > 1:
+            lead = f"{name}, " if len(documents) > 1 else ""
+            yield from ((f"{lead}{file['name']}", text) for file, text in zip(files, texts, strict=True))
+        elif texts:
+            yield name, texts[0]
+
+
+# The section about reproducing a result: command line, version, and hashes of the inputs.
+
+_SWITCHES = {"empirical": "--named-only", "robust": "--all-rows"}
+"""Options that are on by default, with the flags that switch them off."""
+_SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
+_FLAGS = {"purpose": "--for"}
+"""Options whose flag has another name than the parameter."""
+_REPEATED = {"outside", "half_space"}
+"""Options that are given once for each value."""
+_FIRST = {"predict": "robot", "plan": "robot"}
+"""Kind of the input that follows the command's name; poses for the others."""
+
+
+def reproduce(document: Document) -> ReportSection:
+    """Return the last section of a result."""
+    blocks: list[Block] = [
+        Text(
+            f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
+            "same files gives the same bytes."
+        ),
+        Command(command_line(document)),
+    ]
+    if document["inputs"]:
+        rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
+        blocks.append(Grid(("input", "file", "SHA-256"), rows, is_text=True))
+    return ReportSection("How to reproduce this result", blocks)
+
+
+def command_line(document: Document) -> str:
+    """Return the command line from the options and inputs of the result; files by name without folders."""
+    arguments = ["robacc", document["command"]]
+    files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
+    first = _FIRST.get(document["command"], "poses")
+    arguments += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
+    for kind, name in files.items():
+        if kind not in (first, "result"):
+            arguments += [f"--{kind}", name]
+    arguments += _options(document, set(files))
+    arguments += _reading(document)
+    if document["seed"] is not None and document["command"] in _SEEDED:
+        arguments += ["--seed", str(document["seed"])]
+    return " ".join(shlex.quote(argument) for argument in arguments)
+
+
+def _reading(document: Document) -> Iterator[str]:
+    """Yield the options that were stated on the names of the poses' file."""
+    stated: dict[str, object] = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
+    for name, value in stated.items():
+        if name == "commanded_sha256":
+            continue
+        yield f"--{name.replace('_', '-')}"
+        if value is not True:
+            yield "columns.yaml" if name == "columns" else f"{value}"
+
+
+def _options(document: Document, files: set[str]) -> Iterator[str]:
+    for name, value in document["options"].items():
+        flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
+        if name in files or value is None or value == [] or value == "":
+            continue
+        if name in _SWITCHES:
+            if value is False:
+                yield _SWITCHES[name]
+        elif name in _REPEATED:
+            for each in value:
+                yield from (flag, str(each))
+        elif value is True:
+            yield flag
+        elif value is not False:
+            yield flag
+            yield ",".join(map(str, value)) if isinstance(value, list) else f"{value}"
+
+
+# Several results in one table, one column per result.
+
+_SAME = ("poses", "robot", "holdout")
+
+
+def side_by_side(
+    documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]
+) -> ReportSection:
+    """Return outcome, key figures and facts of each result, with warnings about different inputs."""
+    rows: list[Sequence[Cell]] = [
+        ["command", *(str(document["command"]) for document in documents)],
+        ["outcome", *(", ".join(badge.text for badge in headline.badges) or "–" for headline in headlines)],
+    ]
+    labels = dict.fromkeys(tile.label for headline in headlines for tile in headline.tiles)
+    for label in labels:
+        cells: list[Cell] = [label]
+        for headline in headlines:
+            tile = next((tile for tile in headline.tiles if tile.label == label), None)
+            cells.append("–" if tile is None else tile.value)
+        rows.append(cells)
+    for term in dict.fromkeys(term for headline in headlines for term, _ in headline.facts):
+        rows.append([term, *(dict(headline.facts).get(term, "–") for headline in headlines)])
+    rows.append(["made by", *(f"robacc {document['robacc']}" for document in documents)])
+    rows.append(["call", *(command_line(document) for document in documents)])
+    blocks = [Grid(("", *names), rows, is_text=True)]
+    return ReportSection("Side by side", [*blocks, *_differences(documents)])
+
+
+def _differences(documents: Sequence[Document]) -> list[Listing]:
+    """Return warnings about differences in inputs and versions."""
+    warnings = []
+    for kind in _SAME:
+        hashes = {
+            tuple(record["sha256"] for record in document["inputs"] if record["kind"] == kind) for document in documents
+        }
+        if len(hashes) > 1:
+            warnings.append(f"the results were not made from the same {kind} file")
+    if len({document["robacc"] for document in documents}) > 1:
+        warnings.append("the results were made by different versions of robacc")
+    return [Listing(warnings, "warning")] if warnings else []
+
 
 _SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
     "trace": fit_sections,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.planning.detectability import InseparablePair
+from robacc.planning.power import InseparablePair
 from robacc.render.html.blocks import (
     Badge,
     Block,
@@ -19,10 +19,10 @@ from robacc.render.html.blocks import (
     Text,
     Tile,
     length,
+    of_robot,
 )
-from robacc.render.html.robot_title import of_robot
-from robacc.render.plots.chart import Document
-from robacc.render.text.numbers import three_digits
+from robacc.render.plots.canvas import Document
+from robacc.render.text.layout import three_digits
 from robacc.render.text.plan import PURPOSES, pair_texts
 
 _LISTED = 20

@@ -5,21 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from robacc.errors import UsageError
-from robacc.render.plots.budget import budget_charts
-from robacc.render.plots.candidates import candidate_charts
-from robacc.render.plots.chart import Chart, Document
-from robacc.render.plots.comparison import comparison_charts
-from robacc.render.plots.corrections import correction_charts
-from robacc.render.plots.distribution import distribution_charts
-from robacc.render.plots.effects import effect_charts
-from robacc.render.plots.ellipsoids import ellipsoid_charts
-from robacc.render.plots.error_over_time import error_over_time_charts
-from robacc.render.plots.gate import operating_curve_charts
-from robacc.render.plots.iso9283 import iso9283_charts
+from robacc.render.plots.canvas import Chart, Document
+from robacc.render.plots.effects import candidate_charts, effect_charts
+from robacc.render.plots.errors import distribution_charts, ellipsoid_charts, error_over_time_charts
 from robacc.render.plots.plan import plan_charts
-from robacc.render.plots.warranty import warranty_charts
-from robacc.render.plots.workspace import workspace_charts
-from robacc.render.plots.workspace_3d import workspace_3d_charts
+from robacc.render.plots.results import budget_charts, comparison_charts, iso9283_charts, operating_curve_charts
+from robacc.render.plots.workspace import correction_charts, warranty_charts, workspace_3d_charts, workspace_charts
 
 _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     distribution_charts,

@@ -1,17 +1,16 @@
-"""A correction as tables in mm and degrees, at most 80 columns."""
+"""A correction and an export as tables in mm and degrees, at most 80 columns."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TextIO
+import math
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any, TextIO
 
-from robacc.accuracy.metrics import ErrorMetrics
-from robacc.correction.correction import Correction
-from robacc.correction.expected import ExpectedErrors, grade_counts
+from robacc.accuracy.pose_errors import ErrorMetrics
+from robacc.correction.correction import Correction, ExpectedErrors, grade_counts
 from robacc.render.text.console import width_of, write_lines
-from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
-from robacc.render.text.numbers import three_digits
-from robacc.render.text.units import IN_DEGREES, IN_MM
+from robacc.render.text.layout import BLANK, IN_DEGREES, IN_MM, TextLine, columns, heading, items, three_digits
 
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
@@ -83,3 +82,48 @@ def _row(label: str, position: ErrorMetrics, orientation: ErrorMetrics | None) -
             # Below a micrometre the solver's tolerance decides, not the arm.
             cells.append(three_digits(size) if size >= least else f"< {least:g}")
     return tuple(cells)
+
+
+# Table of ``robacc export``, at most 80 columns.
+
+_WIDTH = 80
+_LEAST = 1e-4
+"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
+_LABEL = 19
+"""Columns that the labels take."""
+
+
+def write_export(stream: TextIO, result: Mapping[str, Any]) -> None:
+    """Write what the file holds, the error that remains in it, and the tool to set."""
+    remaining = result["remaining_error"]
+    arm = f" of {result['arm']}" if result["arm"] else ""
+    lines = [f"Export as {result['format']}{arm}"]
+    if result["refitted"]:
+        lines += _labelled("fitted again to", ", ".join(result["refitted"]))
+    if result["not_carried"]:
+        lines += _labelled("not in the format", ", ".join(result["not_carried"]))
+    lines += _labelled("remaining error", f"position {_sizes(remaining['position'], 'm', IN_MM, ' mm')};")
+    lines += _labelled("", f"orientation {_sizes(remaining['orientation'], 'rad', IN_DEGREES, '°')};")
+    lines += _labelled("", f"over {remaining['n_poses']} poses within the joint limits")
+    place = ", ".join(_fixed(IN_MM * value, 4) for value in result["tool"]["xyz_m"])
+    turn = ", ".join(_fixed(math.degrees(value), 5) for value in result["tool"]["rpy_rad"])
+    lines += _labelled("tool to set", f"x, y, z {place} mm")
+    lines += _labelled("", f"roll, pitch, yaw {turn}°")
+    print("\n".join(lines), file=stream)
+
+
+def _sizes(errors: Mapping[str, float], unit: str, factor: float, name: str) -> str:
+    sizes = (errors[f"{key}_{unit}"] * factor for key in ("rms", "max"))
+    rms, largest = (three_digits(size) if size >= _LEAST else f"< {_LEAST:g}" for size in sizes)
+    return f"{rms}{name} rms, {largest}{name} largest"
+
+
+def _labelled(label: str, text: str) -> list[str]:
+    """Return a label and its text, wrapped with a hanging indent."""
+    return textwrap.wrap(
+        text, _WIDTH, initial_indent=f"{label:<{_LABEL}}", subsequent_indent=" " * _LABEL, break_on_hyphens=False
+    )
+
+
+def _fixed(value: float, places: int) -> str:
+    return f"{round(value, places) + 0.0:.{places}f}"

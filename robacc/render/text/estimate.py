@@ -1,4 +1,4 @@
-"""An estimate as tables in mm and degrees: digits follow the uncertainty, at most 80 columns."""
+"""An estimate as tables, in about fifteen lines, and as one line of a table of several files."""
 
 from __future__ import annotations
 
@@ -9,24 +9,35 @@ from typing import TYPE_CHECKING, TextIO
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.grade import Grade
 from robacc.geometry import Array
+from robacc.outcomes import FileOutcome
 from robacc.render.text.console import width_of, write_lines
-from robacc.render.text.layout import BLANK, TextLine, beside, columns, heading, items
-from robacc.render.text.numbers import (
+from robacc.render.text.gate import OUTCOME_LABELS, annotation, sentence, title
+from robacc.render.text.layout import (
+    BLANK,
+    IN_DEGREES,
+    IN_MM,
+    TextLine,
+    beside,
     chance,
+    columns,
     confirmation,
     decimals,
     exponent_of_thousand,
     fixed,
+    heading,
+    items,
     p_value,
     three_digits,
+    wrapped,
 )
-from robacc.render.text.units import IN_DEGREES, IN_MM
+from robacc.render.text.parameter_names import as_options
 from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
 if TYPE_CHECKING:
-    from robacc.accuracy.metrics import ErrorMetrics
+    from robacc.accuracy.pose_errors import ErrorMetrics
+
 
 _MIN_PROBABILITY = 0.005
 """Less probable grades are not listed."""
@@ -46,7 +57,7 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
     yield from opening(result, poses, robot)
     yield TextLine(_FRAMES[result.errors.frame])
     yield BLANK
-    yield from _grade(result, width)
+    yield from _grade_lines(result, width)
     before = result.unaligned
     earlier = None if before is None else before.position
     yield from _block("Position", "mm", IN_MM, result.position, earlier, result.worst_position)
@@ -55,8 +66,8 @@ def estimate_lines(result: EstimateResult, poses: str, robot: str | None, width:
         yield from _block("Orientation", "°", IN_DEGREES, result.orientation, earlier, result.worst_orientation)
     if result.targets:
         yield from targets_table(result)
-    for title, texts in _interval_notes(result):
-        yield from (BLANK, heading(title), *items(texts, width))
+    for name, texts in _interval_notes(result):
+        yield from (BLANK, heading(name), *items(texts, width))
     yield from (BLANK, heading("Limitations"))
     yield from items([result.position.structure.text, *result.notes], width)
 
@@ -80,7 +91,7 @@ def _registration(result: EstimateResult) -> str:
     return f"{text}; not identifiable on these poses: {', '.join(unknown)}" if unknown else text
 
 
-def _grade(result: EstimateResult, width: int) -> Iterator[TextLine]:
+def _grade_lines(result: EstimateResult, width: int) -> Iterator[TextLine]:
     grade = result.grade
     yield grade_heading(grade)
     yield from items([*grade.reason.split(". "), *_odds(grade)], width)
@@ -297,3 +308,179 @@ def measured_figure(
 def _limits(interval: Interval, factor: float) -> tuple[float | None, float | None]:
     lower, upper = interval.lower, interval.upper
     return None if lower is None else lower * factor, None if upper is None else upper * factor
+
+
+# An estimate in about fifteen lines: the grade, the size of the errors, and the worst poses.
+
+_MAX_WORST = 3
+_MORE = "`full=True` adds covariances, tests, methods of the intervals and limitations"
+
+
+def draw_short_estimate(result: EstimateResult, poses: str, robot: str | None, stream: TextIO) -> None:
+    """Write the short report of ``robacc estimate`` to ``stream``; ``poses`` and ``robot`` are file names."""
+    write_lines(short_lines(result, poses, robot, width_of(stream)), stream)
+
+
+def short_lines(result: EstimateResult, poses: str, robot: str | None, width: int) -> Iterator[TextLine]:
+    """Return the report's lines; text is wrapped to ``width`` columns."""
+    yield from opening(result, poses, robot)
+    yield BLANK
+    yield grade_heading(result.grade)
+    yield from items(_short_grade(result), width)
+    yield BLANK
+    yield from _short_figures(result)
+    if result.targets:
+        yield from targets_table(result)
+    yield BLANK
+    yield from wrapped(f"largest errors: {', '.join(map(_short_worst, result.worst_position[:_MAX_WORST]))}", width)
+    yield TextLine(_MORE, "dim")
+
+
+def _short_grade(result: EstimateResult) -> Iterator[str]:
+    """Return the limits that the grade meets, and for a grade that is not confirmed what would confirm it."""
+    grade = result.grade
+    met, *others = grade.reason.split(". ")
+    yield met
+    if grade.demonstrated:
+        return
+    yield from others[-1:]
+    if grade.poses_to_demonstrate is not None:
+        yield (
+            f"{grade.poses_to_demonstrate} poses in total would confirm it with a probability of {chance(ASSURANCE)}, "
+            "if the estimate does not change"
+        )
+
+
+def _short_figures(result: EstimateResult) -> list[TextLine]:
+    """Return RMS, mean, 95th percentile and maximum of position and orientation with their intervals."""
+    quantities = [(result.position, IN_MM), *([(result.orientation, IN_DEGREES)] if result.orientation else [])]
+    percent = f"{100 * result.position.confidence:g} % interval"
+    header = ["error", "position, mm", percent, *(["orientation, °", percent] if result.orientation else [])]
+    rows: list[list[str]] = []
+    for label, name in (("rms", "rms"), ("mean", "mean_error"), ("95th percentile", "p95"), ("maximum", "max")):
+        cells = [label]
+        for statistics, factor in quantities:
+            interval = (
+                Interval.missing(statistics.confidence, "") if name == "max" else getattr(statistics.intervals, name)
+            )
+            cells += measured_figure(getattr(statistics, name), interval, factor)
+        rows.append(cells)
+    return [*columns(header, rows), *_unregistered(result)]
+
+
+def _unregistered(result: EstimateResult) -> Sequence[TextLine]:
+    if result.unaligned is None:
+        return ()
+    return (TextLine(f"before registration: {three_digits(result.unaligned.position.rms * IN_MM)} mm rms", "dim"),)
+
+
+def _short_worst(pose: WorstPose) -> str:
+    name = "" if pose.pose is None else f" (pose {pose.pose})"
+    return f"{pose.place}{name} {three_digits(pose.position * IN_MM)} mm"
+
+
+# Several files in one table: one line per file, in the order given.
+
+_LEVELS = {4: "error", 5: "warning"}
+"""Level of an annotation by the exit status of a gate."""
+
+
+def draw_many(
+    outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None, stream: TextIO
+) -> None:
+    """Write the table of all files to ``stream``; ``robot`` is a file name, ``aligned`` the effects fitted first."""
+    write_lines(many_lines(outcomes, robot, aligned, width_of(stream)), stream)
+
+
+def many_lines(
+    outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None, width: int
+) -> Iterator[TextLine]:
+    """Return the report's lines."""
+    alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
+    alignment = "registered where the frames do not agree" if aligned is None else alignment
+    yield heading(f"Pose errors in {len(outcomes)} files, {alignment}")
+    yield TextLine(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}")
+    yield BLANK
+    yield from _table(outcomes)
+    if notes := [*_unmet_criteria(outcomes), *_failures(outcomes)]:
+        yield from (BLANK, *items(notes, width))
+
+
+def _unmet_criteria(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
+    """Return a line for each criterion that a file does not pass."""
+    for outcome in outcomes:
+        for evaluation in outcome.gate.evaluations if outcome.gate is not None else ():
+            if evaluation.outcome != "pass":
+                label = OUTCOME_LABELS[evaluation.outcome]
+                yield f"{outcome.name}, {evaluation.criterion.name}: {label}; {sentence(evaluation)}"
+
+
+def _failures(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
+    if failed := sum(outcome.failed for outcome in outcomes):
+        yield f"{failed} of {len(outcomes)} files could not be estimated"
+
+
+def _table(outcomes: Sequence[FileOutcome]) -> list[TextLine]:
+    has_orientation = any(
+        outcome.headline is not None and outcome.headline.orientation_rms is not None for outcome in outcomes
+    )
+    has_gate = any(outcome.gate is not None for outcome in outcomes)
+    header = ["position error, mm", "poses", "rms", "95th pct.", "max", *(["rms, °"] if has_orientation else [])]
+    header += ["grade", "confirmed", *(["gate"] if has_gate else [])]
+    lines = columns(header, [_cells(outcome, has_orientation, has_gate) for outcome in outcomes])
+    start = max(len(header[0]), *(len(outcome.name) for outcome in outcomes)) + 2
+    return [
+        lines[0],
+        *(
+            TextLine(f"{outcome.name:<{start}}{reason(outcome)}", "bold") if outcome.failed else line
+            for outcome, line in zip(outcomes, lines[1:], strict=True)
+        ),
+    ]
+
+
+def _cells(outcome: FileOutcome, has_orientation: bool, has_gate: bool) -> list[str]:
+    headline = outcome.headline
+    if headline is None:
+        return [outcome.name]
+    cells = [
+        outcome.name,
+        str(headline.n_poses),
+        *(three_digits(size * IN_MM) for size in (headline.rms, headline.p95, headline.max)),
+    ]
+    if has_orientation:
+        cells.append("–" if headline.orientation_rms is None else three_digits(headline.orientation_rms * IN_DEGREES))
+    cells += [headline.grade, "yes" if headline.demonstrated else "no"]
+    return [
+        *cells,
+        *([OUTCOME_LABELS[outcome.gate.outcome]] if outcome.gate is not None else ["–"] if has_gate else []),
+    ]
+
+
+def reason(outcome: FileOutcome) -> str:
+    """Return the reason why a file has no result, in one line."""
+    first = outcome.problems[0]
+    counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
+    place = ", ".join(part for part in (counted, first.column) if part)
+    others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
+    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
+
+
+def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
+    """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
+    return "".join(f"{line}\n" for outcome in outcomes for line in _annotated(outcome))
+
+
+def _annotated(outcome: FileOutcome) -> Iterator[str]:
+    head = f"robacc estimate {outcome.name}"
+    for warning in outcome.warnings:
+        yield annotation("warning", head, warning)
+    headline = outcome.headline
+    if headline is None:
+        yield annotation("error", head, reason(outcome))
+        return
+    sizes = zip(("rms", "95th pct.", "max"), (headline.rms, headline.p95, headline.max), strict=True)
+    parts = [f"{headline.n_poses} poses", *(f"{name} {three_digits(size * IN_MM)} mm" for name, size in sizes)]
+    parts.append(f"grade {headline.grade}, {'confirmed' if headline.demonstrated else 'not confirmed'}")
+    if outcome.gate is not None:
+        parts.append(title(outcome.gate))
+    yield annotation(_LEVELS.get(outcome.exit_status, "notice"), head, "; ".join(parts))

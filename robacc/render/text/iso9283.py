@@ -1,4 +1,4 @@
-"""An evaluation by ISO 9283 as tables in mm and degrees: accuracy and repeatability each under its heading.
+"""An evaluation by ISO 9283 as tables in mm and degrees, and the five poses of a cube.
 
 The report keeps accuracy and repeatability in separate tables: reading RP as AP is the commonest mistake with the
 standard.
@@ -6,15 +6,154 @@ standard.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TextIO
 
-from robacc.iso_9283.records import Characteristic, Iso9283Result, Symbol
+from robacc.iso_9283.cube import Proposal
+from robacc.iso_9283.records import Characteristic, CriterionFigure, Iso9283Result, IsoCriterion, Symbol
 from robacc.render.text.console import width_of, write_lines
-from robacc.render.text.iso9283_parts import measured, pair_tables, pose_tables
-from robacc.render.text.layout import BLANK, TextLine, columns, heading, items
-from robacc.render.text.numbers import three_digits
-from robacc.render.text.units import IN_DEGREES, IN_MM
+from robacc.render.text.layout import (
+    BLANK,
+    IN_DEGREES,
+    IN_MM,
+    TextLine,
+    columns,
+    decimals,
+    fixed,
+    heading,
+    items,
+    three_digits,
+)
+from robacc.robots.description import Robot
+
+# The tables of an ISO 9283 evaluation by pose and by pair of poses.
+
+_MAX_ROWS = 12
+"""Places in a table; the JSON result has all of them."""
+
+
+def measured(figure: CriterionFigure, factor: float) -> tuple[str, str]:
+    """Return the value and its interval with the decimals that the interval supports."""
+    if figure.value is None:
+        return "–", "–"
+    lower, upper = (None if end is None else end * factor for end in _ends(figure))
+    places = decimals(figure.value * factor, lower, upper)
+    if lower is None or upper is None:
+        return fixed(figure.value * factor, places), "–"
+    return fixed(figure.value * factor, places), f"{fixed(lower, places)} … {fixed(upper, places)}"
+
+
+def pose_tables(result: Iso9283Result) -> Iterator[TextLine]:
+    """Return the tables by pose, one for each criterion."""
+    percent = f"{100 * result.confidence:g} % interval"
+    multiple_files = len(result.sources) > 1
+    accuracy = result.characteristic("AP")
+    yield from _table(
+        "Pose accuracy AP by pose, mm",
+        accuracy,
+        multiple_files,
+        ("visits", "AP_p", percent, "x", "y", "z"),
+        lambda place: (str(place.n), *measured(place.position, IN_MM), *_parts(place.axes, IN_MM)),
+    )
+    yield from _angles("Pose accuracy AP of orientation by pose, °", accuracy, multiple_files)
+    repeatability = result.characteristic("RP")
+    yield from _table(
+        "Pose repeatability RP by pose, mm (not accuracy)",
+        repeatability,
+        multiple_files,
+        ("visits", "RP_l", percent, "mean l", "S_l"),
+        lambda place: (str(place.n), *measured(place.position, IN_MM), *_distances(place)),
+    )
+    yield from _angles(
+        "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", repeatability, multiple_files
+    )
+    for symbol, title in (
+        ("vAP", "Multi-directional variation vAP by pose, mm"),
+        ("E", "Exchangeability E by pose, mm"),
+    ):
+        yield from _table(
+            title,
+            next(item for item in result.characteristics if item.symbol == symbol),
+            multiple_files and symbol == "vAP",
+            ("visits", symbol, percent, "between"),
+            lambda place: (str(place.n), *measured(place.position, IN_MM), place.between or ""),
+        )
+
+
+def pair_tables(result: Iso9283Result) -> Iterator[TextLine]:
+    """Return the tables of the distances between poses, accuracy and repeatability separately."""
+    percent = f"{100 * result.confidence:g} % interval"
+    multiple_files = len(result.sources) > 1
+    for symbol, title in (
+        ("AD", "Distance accuracy AD by pair of poses, mm"),
+        ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)"),
+    ):
+        characteristic = next(
+            characteristic for characteristic in result.characteristics if characteristic.symbol == symbol
+        )
+        yield from _table(
+            title,
+            characteristic,
+            multiple_files,
+            ("visits", f"{symbol}_p", percent, "x", "y", "z"),
+            lambda place: (str(place.n), *measured(place.position, IN_MM), *_parts(place.axes, IN_MM)),
+        )
+
+
+def _table(
+    title: str,
+    characteristic: Characteristic,
+    multiple_files: bool,
+    header: Sequence[str],
+    cells: Callable[[IsoCriterion], Sequence[str]],
+) -> Iterator[TextLine]:
+    """Return one row per place, the largest first if there are too many."""
+    if not characteristic.places:
+        return
+    places = list(characteristic.places)
+    if len(places) > _MAX_ROWS:
+        places = sorted(places, key=lambda place: -abs(place.position.value or 0.0))[:_MAX_ROWS]
+        title += f" (the {_MAX_ROWS} largest of {len(characteristic.places)})"
+    files = ["file"] if multiple_files else []
+    rows = [
+        ("–".join(place.poses), *([place.source or ""] if multiple_files else []), *cells(place)) for place in places
+    ]
+    yield from (BLANK, heading(title), *columns(("", *files, *header), rows))
+
+
+def _angles(title: str, characteristic: Characteristic, multiple_files: bool) -> Iterator[TextLine]:
+    """Return the table of the three angles, empty without orientations."""
+    if all(place.angles is None for place in characteristic.places):
+        return
+
+    yield from _table(
+        title, characteristic, multiple_files, ("a", "b", "c"), lambda place: _parts(place.angles, IN_DEGREES)
+    )
+
+
+def _parts(figures: Sequence[CriterionFigure] | None, factor: float) -> list[str]:
+    """Return values with the decimals that the widest of their intervals supports."""
+    if figures is None:
+        return []
+    places = min(
+        decimals((figure.value or 0.0) * factor, *(end if end is None else end * factor for end in _ends(figure)))
+        for figure in figures
+    )
+    return [fixed(None if figure.value is None else figure.value * factor, places) for figure in figures]
+
+
+def _ends(figure: CriterionFigure) -> tuple[float | None, float | None]:
+    return figure.interval.lower, figure.interval.upper
+
+
+def _distances(place: IsoCriterion) -> list[str]:
+    """Return mean and standard deviation of the distances from the barycentre with the decimals of RP."""
+    ends = (None if end is None else end * IN_MM for end in _ends(place.position))
+    places = decimals((place.position.value or 0.0) * IN_MM, *ends)
+    return [
+        fixed(None if value is None else value * IN_MM, places) for value in (place.mean_distance, place.sd_distance)
+    ]
+
 
 _NAMES: dict[Symbol, str] = {
     "AP": "pose accuracy",
@@ -157,3 +296,50 @@ def _methods(result: Iso9283Result) -> list[str]:
         "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error"
     )
     return texts
+
+
+# The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
+
+
+def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+    """Return the comment lines above the columns: cube, plane and tool orientation."""
+    return [
+        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
+        *_facts(proposal),
+        *proposal.notes,
+    ]
+
+
+def draw_proposal(proposal: Proposal, robot: Robot, stream: TextIO) -> None:
+    """Write the tables of the five poses to ``stream``."""
+    write_lines(proposal_lines(proposal, robot, width_of(stream)), stream)
+
+
+def proposal_lines(proposal: Proposal, robot: Robot, width: int) -> Iterator[TextLine]:
+    """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
+    yield heading(f"Test poses of ISO 9283:1998 for {robot.name}")
+    yield from items(_facts(proposal), width)
+    units = ["°" if joint.type == "revolute" else "mm" for joint in robot.variables]
+    factors = [IN_DEGREES if unit == "°" else IN_MM for unit in units]
+    places = proposal.poses.translation * IN_MM
+    rows = [(f"P{i + 1}", *(fixed(float(value), 2) for value in places[:, i])) for i in range(5)]
+    yield from (BLANK, *columns(("commanded, mm", "x", "y", "z"), rows), BLANK)
+    names = [f"{name}, {unit}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    joints = [
+        (f"P{i + 1}", *(fixed(float(q) * factor, 3) for q, factor in zip(proposal.q[:, i], factors, strict=True)))
+        for i in range(5)
+    ]
+    yield from columns(("joints", *names), joints)
+    if proposal.notes:
+        yield from (BLANK, heading("Limitations"), *items(proposal.notes, width))
+
+
+def _facts(proposal: Proposal) -> list[str]:
+    x, y, z = (float(value) * IN_MM for value in proposal.centre)
+    edge = proposal.edge * IN_MM
+    return [
+        f"cube with an edge of {edge:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in the base frame",
+        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
+        f"{proposal.orientation_text}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its range to "
+        "each limit",
+    ]

@@ -1,14 +1,18 @@
-"""Lines of text in columns, the common layout of reports for terminals and files.
+"""Texts of reports: lines in columns, numbers with the digits that their uncertainty supports, units and names.
 
 rich only styles the lines on a terminal: laying out its tables takes longer than estimating 100 poses.
 """
 
 from __future__ import annotations
 
+import math
+import re
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
+
+from robacc.fitting.parameters import FittedParameter
 
 Style = Literal["", "bold", "dim", "green", "bold red", "bold yellow"]
 
@@ -61,3 +65,182 @@ def items(texts: Iterable[str], width: int) -> list[TextLine]:
 def wrapped(text: str, width: int) -> list[TextLine]:
     """Return a paragraph wrapped to ``width`` columns."""
     return [TextLine(line) for line in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)]
+
+
+# Numbers as text: as many digits as the uncertainty supports.
+
+_MOST_DECIMALS = 9
+_DIGITS_OF_UNCERTAINTY = 2
+"""Digits of an interval's half width (JCGM 100:2008, 7.2.6)."""
+_MAX_EXPONENT = 700.0
+"""Beyond it the exponential overflows."""
+_DIGITS_WITHOUT = 3
+"""Digits of a number of unknown uncertainty."""
+
+
+def decimals(value: float, lower: float | None, upper: float | None) -> int:
+    """Return the decimals of a value with the interval ``lower … upper``; three significant digits without one."""
+    if lower is not None and upper is not None and upper > lower:
+        return _places(0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY)
+    return _places(abs(value), _DIGITS_WITHOUT)
+
+
+def fixed(value: float | None, places: int) -> str:
+    """Return the number with ``places`` decimals, zero without a sign; a dash for None and NaN."""
+    if value is None or not math.isfinite(value):
+        return "–"
+    text = f"{value:.{places}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text
+
+
+def three_digits(value: float) -> str:
+    """Return three significant digits, with an exponent only for very small and very large values."""
+    if 1e-4 <= abs(value) < 1e6:
+        return fixed(value, decimals(value, None, None))
+    return "0" if abs(value) < 1e-12 else f"{value:.2e}"
+
+
+def measured(value: float, error: float) -> tuple[str, str]:
+    """Return value and standard error: two digits of the error, the value to the same place (JCGM 100:2008, 7.2.6)."""
+    if not (error > 0.0 and math.isfinite(error) and math.isfinite(value)):
+        return f"{value + 0.0:.6g}", f"{error:g}"
+    error_text = f"{error:.{_DIGITS_OF_UNCERTAINTY - 1}e}"
+    place = int(error_text.partition("e")[2]) - (_DIGITS_OF_UNCERTAINTY - 1)
+    if 1e-4 <= abs(float(error_text)) < 1e6:
+        error_text = fixed(round(error, -place), max(-place, 0))
+    size = max(abs(value), error)
+    if 1e-4 <= size < 1e6:
+        # A double has no more than fifteen digits, however small the error of noise-free poses.
+        places = min(max(-place, 0), 14 - math.floor(math.log10(size)))
+        return fixed(round(value, -place), places), error_text
+    digits = math.floor(math.log10(abs(value))) - place if value else -1
+    if digits < 0:
+        rounded = round(value * 10.0**-place)
+        return ("0" if rounded == 0 else f"{rounded * 10.0**place:.0e}"), error_text
+    return f"{value:.{min(digits, 14)}e}", error_text
+
+
+def exponent_of_thousand(size: float) -> int:
+    """Return the power of ten, a multiple of three, that scales ``size`` to 0.1 … 100, or 0 for readable sizes."""
+    if size <= 0.0 or not math.isfinite(size) or 0.05 <= size < 1e5:
+        return 0
+    return 3 * math.floor((math.log10(size) + 1.0) / 3.0)
+
+
+def p_value(probability: float | None) -> str:
+    """Return ``p = 0.032``, or ``p < 1e-6`` for smaller probabilities."""
+    if probability is None or math.isnan(probability):
+        return "–"
+    return "p < 1e-6" if probability < 1e-6 else f"p = {probability:.2g}"
+
+
+def chance(probability: float) -> str:
+    """Return a probability in whole percent, at most ``> 99 %`` and at least ``< 1 %``."""
+    if probability > 0.995:
+        return "> 99 %"
+    return "< 1 %" if probability < 0.005 else f"{100 * probability:.0f} %"
+
+
+def confirmation(confirmed: bool, confidence: float) -> str:
+    """Return ``confirmed at 95 % confidence`` or its negation."""
+    return f"{'' if confirmed else 'not '}confirmed at {100 * confidence:g} % confidence"
+
+
+def _places(size: float, digits: int) -> int:
+    if size <= 0.0 or not math.isfinite(size):
+        return _DIGITS_WITHOUT
+    # Rounding first makes 0.0996 count as 0.10.
+    exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
+    return min(max(digits - 1 - exponent, 0), _MOST_DECIMALS)
+
+
+def odds(difference: float) -> str:
+    """Return the odds of an alternative whose evidence is lower by ``difference`` (log Bayes factor)."""
+    ratio = f"{math.exp(min(abs(difference), _MAX_EXPONENT)):.3g}"
+    return f"{ratio} to 1" if difference < 0 and ratio != "1" else f"1 to {ratio}"
+
+
+# Units of tables: mm and degrees, whatever the unit of the result or of the robot file.
+
+IN_MM = 1e3
+IN_DEGREES = 180.0 / math.pi
+_LEADING = {"m": (IN_MM, "mm"), "rad": (IN_DEGREES, "°")}
+
+
+def table_unit(unit: str) -> tuple[float, str]:
+    """Return the factor and the name of the unit that tables show for an SI unit.
+
+    ``rad/(N m)`` becomes ``°/(N m)``: only the unit before the first slash or space is that of an effect's size.
+    """
+    if unit == "1":
+        return 1.0, ""
+    for separator in ("/", " "):
+        head, sign, others = unit.partition(separator)
+        if head in _LEADING:
+            factor, name = _LEADING[head]
+            return factor, f"{name}{sign}{others}"
+    return 1.0, unit
+
+
+def with_table_unit(number: str, name: str) -> str:
+    """Return a number with its unit; degrees follow without a space."""
+    return f"{number}{'' if name.startswith('°') else ' '}{name}".rstrip()
+
+
+# Many names in few words: coefficients of uncertain masses, and names with a common beginning.
+
+_OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
+"""Coefficient of an elastic effect times a mass, or times a first moment of mass, of one link."""
+
+
+def without_mass_coefficients(parameters: Iterable[FittedParameter]) -> tuple[list[FittedParameter], dict[str, int]]:
+    """Return the parameters that are not of uncertain masses, and how many are, by effect and joint."""
+    others: list[FittedParameter] = []
+    counts: dict[str, int] = {}
+    for parameter in parameters:
+        match = _OF_MASS.fullmatch(parameter.name)
+        if match and " kg" in parameter.unit:
+            counts[match["effect"]] = counts.get(match["effect"], 0) + 1
+        else:
+            others.append(parameter)
+    return others, counts
+
+
+def mass_coefficients(effect: str, count: int) -> str:
+    """Return a sentence about the coefficients of uncertain masses of one effect."""
+    return (
+        f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
+        "(the JSON result has each)"
+    )
+
+
+def grouped(names: Sequence[str]) -> str:
+    """Return names with a common beginning together: ``tool_frame.a (roll, pitch)``."""
+    members: dict[str, list[str]] = {}
+    for name in names:
+        start, _, last = name.rpartition(".")
+        members.setdefault(start, []).append(last)
+    return ", ".join(
+        f"{start} ({', '.join(parts)})"
+        if start and len(parts) > 1
+        else ", ".join(f"{start}.{part}".lstrip(".") for part in parts)
+        for start, parts in members.items()
+    )
+
+
+# Name of a finding or an alternative for a reader.
+
+
+def effect_label(effect: str, joints: Sequence[str], settings: Mapping[str, Any]) -> str:
+    """Return ``backlash[j3]``, ``step[base]``: the effect, with its joints or with the part that changes.
+
+    Masses that are fitted too are named: the same effect with the file's masses may be another finding.
+    """
+    masses = settings.get("masses", "known")
+    if masses != "known":
+        return f"{effect_label(effect, joints, {**settings, 'masses': 'known'})} with {masses} masses"
+    part = settings.get("part")
+    if joints and part != "payload":
+        return f"{effect}[{','.join(joints)}]"
+    where = settings.get("target") or part
+    return f"{effect}[{where}]" if where else effect

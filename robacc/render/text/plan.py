@@ -9,13 +9,21 @@ from typing import TextIO
 
 from robacc.planning.campaign import CampaignPlan
 from robacc.planning.collisions import LinkCollisions
-from robacc.planning.detectability import Detectability, ExpectedLimit, InseparablePair
 from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient, Sufficiency
-from robacc.planning.power_design import ExpectedPower
+from robacc.planning.power import Detectability, ExpectedLimit, ExpectedPower, InseparablePair
 from robacc.render.text.console import width_of, write_lines
-from robacc.render.text.layout import BLANK, TextLine, columns, heading, items, wrapped
-from robacc.render.text.numbers import fixed, three_digits
-from robacc.render.text.units import IN_MM, table_unit
+from robacc.render.text.layout import (
+    BLANK,
+    IN_MM,
+    TextLine,
+    columns,
+    fixed,
+    heading,
+    items,
+    table_unit,
+    three_digits,
+    wrapped,
+)
 
 _LISTED_PAIRS = 8
 PURPOSES = {

@@ -1,19 +1,22 @@
-"""A robot as tables in mm and degrees, one row per joint."""
+"""A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
 
 from __future__ import annotations
 
+import textwrap
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, TextIO
 
-from robacc.render.text.console import PLAIN_WIDTH
-from robacc.render.text.units import IN_DEGREES, IN_MM, table_unit
+from robacc.effects.catalogue import CatalogueEntry
+from robacc.render.text.console import PLAIN_WIDTH, width_of, write_lines
+from robacc.render.text.layout import BLANK, IN_DEGREES, IN_MM, TextLine, heading, items, table_unit, wrapped
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
-from robacc.robots.summary import Reach, Summary
+from robacc.robots.library import LibraryArm, Reach, Summary
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.table import Table
+
 
 _CHAINS = {
     "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
@@ -39,7 +42,7 @@ def render_robot(summary: Summary) -> RenderableType:
     parts.append(_drive_table(robot))
     if robot.has_masses or any(joint.mass is not None for joint in robot.joints):
         parts.append(_mass_table(robot))
-    parts.extend(Text(line) for line in _facts(summary))
+    parts.extend(Text(line) for line in _robot_facts(summary))
     return Group(*parts)
 
 
@@ -145,7 +148,7 @@ def _mass_table(robot: Robot) -> Table:
     return table
 
 
-def _facts(summary: Summary) -> list[str]:
+def _robot_facts(summary: Summary) -> list[str]:
     robot = summary.robot
     lines = [f"base     {_frame(robot.base)}"]
     if robot.targets:
@@ -223,3 +226,90 @@ def _number(value: float) -> str:
     """Return up to four decimals (0.1 µm, 0.0001°) without trailing zeros."""
     text = f"{value:.4f}".rstrip("0").rstrip(".")
     return "0" if text in ("-0", "") else text
+
+
+# The arms that come with the package, as a table.
+
+_USE = (
+    "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init NAME "
+    "writes a copy to which you add the tool or several targets"
+)
+
+
+def draw_robots(arms: Sequence[LibraryArm], stream: TextIO) -> None:
+    """Write a line per arm to ``stream``."""
+    rows = [("name", "maker", "model", "axes", "reach mm")]
+    rows += [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    texts = [
+        "  ".join(
+            f"{cell:>{width}}" if place > 2 else f"{cell:<{width}}"
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]
+    lines = [TextLine(text, "dim" if number == 0 else "") for number, text in enumerate(texts)]
+    write_lines([*lines, BLANK, *items([_USE], width_of(stream))], stream)
+
+
+# The catalogue of effects as text to read.
+
+_COEFFICIENTS_SHOWN = 12
+_LABEL = 16
+"""Columns that the labels take."""
+
+
+def draw_effects(entries: Sequence[CatalogueEntry], in_detail: bool, stream: TextIO) -> None:
+    """Write the catalogue to ``stream`` as a list, or ``in_detail`` the facts of its only entry."""
+    lines = _details(entries[0], width_of(stream)) if in_detail else _overview(entries, width_of(stream))
+    write_lines(lines, stream)
+
+
+def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLine]:
+    """Return a line or two for each effect, with the reason why it is not applicable."""
+    label = max(len(entry.name) for entry in entries) + 2
+    for entry in entries:
+        text = entry.about.summary
+        if entry.availability is not None and entry.availability.why is not None:
+            text += f" (not applicable: {entry.availability.why})"
+        first = f"{entry.name:<{label}}"
+        lines = textwrap.wrap(text, width, initial_indent=first, subsequent_indent=" " * label)
+        yield from (TextLine(line) for line in lines)
+    yield BLANK
+    text = "robacc effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+    yield from (TextLine(line.text, "dim") for line in wrapped(text, width))
+
+
+def _details(entry: CatalogueEntry, width: int) -> Iterator[TextLine]:
+    """Return the facts of an effect."""
+    yield heading(entry.name)
+    yield from (
+        TextLine(text)
+        for text in textwrap.wrap(entry.about.summary, width, initial_indent="  ", subsequent_indent="  ")
+    )
+    for label, value in _effect_facts(entry):
+        indent = " " * (_LABEL + 2)
+        first = f"  {label:<{_LABEL}}"
+        lines = textwrap.wrap(value, width, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
+        yield from (TextLine(text) for text in lines)
+
+
+def _effect_facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
+    about = entry.about
+    yield "equation", about.equation
+    yield "unit", about.unit
+    yield "usual size", about.usual_size
+    yield "needs", about.needs
+    yield "confused with", about.confused_with
+    yield "source", about.source
+    yield "in a file", about.example
+    if entry.availability is None:
+        return
+    if entry.availability.why is not None:
+        yield "this robot", f"not applicable: {entry.availability.why}"
+        return
+    joints = f" to {', '.join(entry.availability.joints)}" if entry.availability.joints else ""
+    yield "this robot", f"applicable{joints}"
+    names = [f"{name} ({unit})" for name, unit in entry.availability.coefficients]
+    more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
+    yield "coefficients", ", ".join(names[:_COEFFICIENTS_SHOWN]) + more

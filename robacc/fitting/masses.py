@@ -1,0 +1,525 @@
+"""Masses in a fit with elastic joints: their uncertainty, the deflection model, and a load that nobody declared."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.chain import BLOCK
+from robacc.effects.base import Effect, Term
+from robacc.effects.elastic import Deflection, Elastic
+from robacc.effects.joint_compliance import JointCompliance, regressor_stds
+from robacc.errors import EquilibriumError
+from robacc.fitting.fit_result import Fit, Options, with_added_covariance
+from robacc.fitting.normal_equations import solved
+from robacc.fitting.solver import fit
+from robacc.fitting.sparse_prior import without_idle_rotations
+from robacc.fitting.visits import random_rows
+from robacc.geometry import Array, rms_length
+from robacc.gravity.loads import own_weight, unit_loads
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.robots.arm import Arm
+from robacc.robots.description import Joint
+
+# What the weights of an arm's links do to its measured poses, through the joints that deflect under them.
+#
+# To first order the whitened residual without the springs is
+#
+#     y = sum_j c_j (b_j0 + sum_k p_k b_jk) + noise,
+#
+# c_j the compliance of joint j, b_j0 the column of the weights in the robot file, b_jk that of a unit mass or of a
+# unit first moment of one link, p_k how far that mass or moment is from the file's. Columns of all other coefficients
+# are projected out.
+
+
+@dataclass(frozen=True, eq=False)
+class WeightColumns:
+    """Products of the columns of weights with one another and with the residual."""
+
+    joints: tuple[str, ...]
+    """J joints that deflect."""
+    labels: tuple[str, ...]
+    """K unit masses and first moments, as :func:`robacc.gravity.loads.unit_loads` names them."""
+    gram: Array
+    """``(J (1 + K), J (1 + K))``: of each joint the file's weights first."""
+    rhs: Array
+    """``(J (1 + K),)``"""
+    cost: float
+    """Whitened sum of squares of the residual."""
+
+
+def springs_of(fit: Fit) -> tuple[JointCompliance, ...]:
+    """Return the free springs of the fit whose torques start from the masses of the robot file."""
+    return tuple(e for e in fit.model.free if isinstance(e, JointCompliance) and e.masses != "unknown")
+
+
+def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
+    """Return the columns of the springs' joints, on the inliers of the fit."""
+    arm, springs = fit.model.arm, springs_of(fit)
+    rows = np.flatnonzero(fit.inliers)
+    data, whitening = data.subset(rows), fit.whitening.subset(rows)
+    joints = tuple(dict.fromkeys(joint for effect in springs for joint in effect.joints))
+    units = unit_loads(arm, min(arm.owners[arm.number(joint)] for joint in joints))
+    loads = (own_weight(arm, data), *units.values())
+    form = {joint: effect for effect in springs for joint in effect.joints}
+    added = [Term("", "", 1.0, (form[joint].part(arm.axis_motion(joint), load),)) for joint in joints for load in loads]
+    bound = fit.model.bind(data)
+    count = len(bound.terms)
+    extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
+    poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))), rows=len(fit.residual))
+    residual = residuals(data, poses)
+    columns = np.moveaxis(whitening.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
+    is_spring = np.array([fit.model.free[owner] in springs for owner in fit.owners])
+    put_back = np.einsum("mpn,p->mn", columns[:, :count][:, is_spring], fit.theta[is_spring])
+    identified = fit.identifiability.columns
+    others = identified[~is_spring[identified]]
+    target = np.concatenate((columns[:, count:], (whitening.apply(residual) + put_back)[:, None]), axis=1)
+    new = _without(_long(columns[:, others]), fit.precision[~is_spring[identified]], _long(target))
+    products = new.T @ new
+    return WeightColumns(joints, tuple(units), products[:-1, :-1], products[:-1, -1], float(products[-1, -1]))
+
+
+def _long(columns: Array) -> Array:
+    """Return columns ``(M, C, N)`` as ``(M N, C)``."""
+    return columns.transpose(0, 2, 1).reshape(-1, columns.shape[1])
+
+
+def _without(others: Array, precision: Array, columns: Array) -> Array:
+    """Return columns ``(R, C)`` without what the other coefficients ``(R, P)`` and their priors reproduce."""
+    lengths = np.linalg.norm(others, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    complete = np.vstack((others / lengths, np.diag(np.sqrt(precision) / lengths)))
+    padded = np.vstack((columns, np.zeros((len(precision), columns.shape[1]))))
+    # Identified columns are independent, and so are columns with a prior.
+    directions = np.linalg.qr(complete)[0]
+    return np.asarray(padded - directions @ (directions.T @ padded))
+
+
+# Uncertainty of the links' masses in the standard errors of a fit.
+#
+# Compliances are fitted to torques of the masses in the robot file. An error of a mass is no noise of the
+# measurements: every pose has the same one. To first order a relative error of mass i moves the coefficients by
+#
+#     -(J^T W J + P)^-1 J^T W (dy / d ln m_i),
+#
+# with J the Jacobian, W the weights and P the priors' precision, so independent errors add a covariance.
+
+DEFAULT = 0.1
+"""Relative standard deviation of a link's mass where the robot file states none."""
+_MOST_ROWS = 4096
+"""Rows that the sensitivity to a mass is taken from: a mean over random poses, known to some per cent."""
+_STEP = 1e-3
+"""Relative change of a mass for the central difference; the prediction is almost linear in a mass."""
+
+
+def relative_std(fit: Fit) -> float:
+    """Return the relative standard deviation of the masses: the robot file's, else :data:`DEFAULT`."""
+    stated = fit.model.arm.robot.mass_uncertainty
+    return DEFAULT if stated is None else stated
+
+
+def depends_on_masses(effects: Sequence[Effect]) -> bool:
+    """Return whether coefficients are fitted to torques of the masses as the file states them."""
+    return any(effect.uses_masses for effect in effects)
+
+
+def mass_warning(fit: Fit) -> tuple[str, ...]:
+    """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
+    if fit.model.arm.robot.mass_uncertainty is not None or not depends_on_masses(fit.model.free):
+        return ()
+    return (
+        f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
+        "mass_uncertainty in the robot file if the masses are better or worse known",
+    )
+
+
+def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
+    """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
+    std = relative_std(fit)
+    if std == 0.0 or not fit.identifiability.columns.size or not depends_on_masses(fit.model.free):
+        return fit
+    try:
+        sensitivity = _sensitivity(fit, data)
+    except EquilibriumError:
+        return fit
+    return with_added_covariance(fit, std**2 * sensitivity @ sensitivity.T)
+
+
+def _sensitivity(fit: Fit, data: Measurements) -> Array:
+    """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
+    inliers = np.flatnonzero(fit.inliers)
+    rows = inliers[random_rows(data.subset(inliers), _MOST_ROWS)]
+    names = _names_with_mass(fit.model.arm)
+    rhs = np.zeros((fit.identifiability.columns.size, len(names)))
+    for start in range(0, rows.size, BLOCK):
+        block = rows[start : start + BLOCK]
+        subset = data.subset(block)
+        count = fit.residual.shape[0]
+        _, jacobian = fit.model.bind(subset).linearise(fit.theta, fit.identifiability.columns, count)
+        weighted = jacobian * np.square(fit.weight[:, block])[:, None, :]
+        for column, name in enumerate(names):
+            higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
+            # A residual is measured minus predicted.
+            rhs[:, column] += np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
+    rhs *= inliers.size / max(rows.size, 1)
+    matrix = fit.gram + np.diag(fit.precision)
+    scale = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
+    result: Array = scale[:, None] * solved(matrix * scale[:, None] * scale, scale[:, None] * rhs)
+    return result
+
+
+def _names_with_mass(arm: Arm) -> list[str]:
+    """Return the joints of the chain, and of branches, whose link has a mass."""
+    joints = [arm.robot.joints[owner] for owner in dict.fromkeys(body.owner for body in arm.chain.bodies)]
+    joints += [branch.joint for branch in arm.robot.branches if branch.joint.mass]
+    return [joint.name for joint in joints]
+
+
+def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float) -> Array:
+    """Return the residuals ``(M, N)`` of the fitted model with the mass of a joint's link times ``factor``."""
+    robot = fit.model.arm.robot
+
+    def changed(joint: Joint) -> Joint:
+        return dataclasses.replace(joint, mass=(joint.mass or 0.0) * factor) if joint.name == name else joint
+
+    joints = tuple(map(changed, robot.joints))
+    branches = tuple(dataclasses.replace(branch, joint=changed(branch.joint)) for branch in robot.branches)
+    arm = Arm.of(dataclasses.replace(robot, joints=joints, branches=branches))
+    model = Model(arm, fit.model.known, fit.model.free)
+    return residuals(data, model.bind(data).poses(fit.theta))
+
+
+# Choice of the deflection model: gravity torques in equilibrium, or at the undeflected pose.
+#
+# A real arm is in equilibrium. Poses that a program made, or that a controller corrected, may follow the first-order
+# form instead; on an arm that sags by millimetres the two differ by micrometres. They have the same coefficients, so
+# the larger likelihood decides, and equilibrium stands unless the other form is significantly better.
+
+_DISTINGUISHABLE = 1.0
+"""Length of the whitened difference between the forms, over all rows, below which no data of such noise distinguish
+them: twice the log-likelihood gains about its square where the rigid form is the true one."""
+BETTER = 10.83
+"""Twice the log-likelihood by which the rigid form has to be better: chi-square of one degree at 0.001."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeflectionChoice:
+    """The chosen form, and the figures behind the choice."""
+
+    form: Deflection
+    difference: float
+    """Root mean square of the predicted positions' difference between the forms, the coefficients the same, m."""
+    separation: float
+    """Length of the whitened difference over all rows."""
+    gain: float | None
+    """Twice the log-likelihood of the rigid form less that of the equilibrium; None if the forms are not
+    distinguishable."""
+
+
+def choose_form(
+    fitted: Fit, original: Model, data: Measurements, options: Options
+) -> tuple[Fit, DeflectionChoice | None]:
+    """Return ``fitted``, the fit of ``original``, or the fit with the chosen deflection and geometry; and the choice.
+
+    First the deflection model is chosen, then idle rotations of the geometry are left out.
+    """
+    fitted, model, choice = choose_deflection(fitted, original, data, options)
+    return without_idle_rotations(fitted, model, data, options), choice
+
+
+def choose_deflection(
+    equilibrium_fit: Fit, original: Model, data: Measurements, options: Options
+) -> tuple[Fit, Model, DeflectionChoice | None]:
+    """Return the fit in the chosen form, ``original`` in that form, and the choice.
+
+    ``equilibrium_fit`` is the fit of ``original``, whose free elastic effects are in equilibrium. The rigid form is
+    fitted only if the two predictions are distinguishable. The choice is None if no such effect is free.
+    """
+    if not any(isinstance(effect, Elastic) and effect.deflection == "equilibrium" for effect in original.free):
+        return equilibrium_fit, original, None
+    inliers = equilibrium_fit.inliers
+    rigid_model = dataclasses.replace(equilibrium_fit.model, free=with_deflection(equilibrium_fit.model.free, "rigid"))
+    poses = rigid_model.bind(data).poses(equilibrium_fit.theta)
+    moved = (residuals(data, poses) - equilibrium_fit.residual) * inliers
+    difference = rms_length(moved[:3, inliers])
+    separation = float(np.linalg.norm(equilibrium_fit.whitening.apply(moved)))
+    if separation < _DISTINGUISHABLE:
+        return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, None)
+    start = dataclasses.replace(
+        options,
+        start=equilibrium_fit.theta,
+        group_stds=equilibrium_fit.group_stds,
+        prior_stds=equilibrium_fit.prior_stds,
+    )
+    rigid_fit = fit(rigid_model, data, start)
+    if rigid_fit.prior_stds.keys() - equilibrium_fit.prior_stds.keys():
+        # Both fits need the same priors, or their likelihoods cannot be compared.
+        start = dataclasses.replace(start, prior_stds=rigid_fit.prior_stds)
+        equilibrium_fit = fit(equilibrium_fit.model, data, start)
+    rows = equilibrium_fit.inliers & rigid_fit.inliers
+    gain = 2.0 * (_log_likelihood(rigid_fit, rows) - _log_likelihood(equilibrium_fit, rows))
+    if gain <= BETTER:
+        return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, gain)
+    model = dataclasses.replace(original, free=with_deflection(original.free, "rigid"))
+    return rigid_fit, model, DeflectionChoice("rigid", difference, separation, gain)
+
+
+def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect, ...]:
+    """Return the effects, elastic effects in the form."""
+    return tuple(dataclasses.replace(e, deflection=form) if isinstance(e, Elastic) else e for e in effects)
+
+
+def _log_likelihood(fitted: Fit, rows: NDArray[np.bool_]) -> float:
+    """Return the log-likelihood of the rows and of the priors, up to a constant that both forms share."""
+    weight = fitted.weight[:, rows]
+    with_prior = fitted.precision > 0
+    precision = fitted.precision[with_prior]
+    theta = fitted.theta[fitted.identifiability.columns][with_prior]
+    cost = float(np.square(fitted.whitening.apply(fitted.residual * rows)).sum()) + float(precision @ np.square(theta))
+    return float(np.log(weight).sum()) + 0.5 * (float(np.log(precision).sum()) - cost)
+
+
+# A load on one link that the robot file does not state, against errors of the file's masses.
+#
+# Both change the torques on all joints below. Masses and first moments of the file have errors of independent prior
+# distributions, in proportion to each link's mass; their relative size is unknown, near the file's
+# `mass_uncertainty`. A load on a link adds a mass, and a first moment within a share of the arm's length. Each
+# hypothesis has a marginal likelihood: compliances are free (uniform in their logarithm), masses and moments are
+# integrated out by Laplace's method, the relative error and the load's mass on grids. A load is named only if its
+# marginal likelihood is far above that of errors of the masses alone.
+
+NAMED = 5.0
+"""Log Bayes factor from which a load is named, and within which other links are alternatives (odds of 150 to 1)."""
+_ERRORS = np.array([1.0, 1.6, 2.5, 4.0])
+"""Relative errors of the masses, in units of the stated or default one …"""
+_ERRORS_STD = math.log(2.0)
+"""… and standard deviation of their logarithm."""
+_LEAST_ERROR = 0.01
+"""Least relative standard deviation of the masses: a first moment is not known better than that."""
+_LOADS = np.geomspace(0.005, 0.5, 15)
+"""Loads as shares of the mass that the joints carry."""
+_OFFSETS = np.array([0.02, 0.06, 0.15])
+"""Distances of a load from its link's frame (standard deviation along each axis), as shares of the arm's length."""
+_LEAST_REACH = 0.1
+"""Least distance (m) that the error of a link's centre of mass is in proportion to."""
+_STEPS = 25
+_LEAST_DAMPING = 1e-9
+_CONVERGED = 1e-3
+_LEAST_START = 0.05
+"""Least compliance to start from, as a share of the largest: with the masses of the prior it may seem negative."""
+_LEAST_CURVATURE = 1.0
+"""Least curvature in a compliance's logarithm: with less, the joint does not deflect at all."""
+_INTERVAL = (0.025, 0.5, 0.975)
+
+
+@dataclass(frozen=True, slots=True)
+class LoadPlace:
+    """One hypothesis: the weight of one link is not the file's."""
+
+    link: str
+    """Joint that moves the link."""
+    mass: float
+    """Median of the load, kg; negative if the link is lighter than the file states."""
+    low: float
+    """Ends of the 95 % credible interval, kg."""
+    high: float
+    log_bayes_factor: float
+    """Marginal likelihood against errors of the file's masses alone."""
+
+
+@dataclass(frozen=True, slots=True)
+class UndeclaredLoad:
+    """Whether the torques point to a load on one link."""
+
+    joints: tuple[str, ...]
+    """Joints whose deflections show it."""
+    places: tuple[LoadPlace, ...]
+    """Links that the poses do not distinguish from the best, best first; if no load is named, the best alone."""
+    is_named: bool
+    """True if the best is far more likely than errors of the file's masses alone."""
+    mass_error: float
+    """Relative error of the file's masses that explains the torques best without a load."""
+
+    @property
+    def statement(self) -> str:
+        """Return what the torques point to, in one sentence."""
+        joints = ", ".join(self.joints)
+        if not self.is_named:
+            return (
+                f"by the torques of {joints}, a load on one link is not distinguishable from errors of about "
+                f"{100 * self.mass_error:.0f} % of the masses in the robot file"
+            )
+        texts = [
+            f"{_kg(place.mass)} kg {'more' if place.mass > 0 else 'less'} on the link of {place.link} "
+            f"(95 %: {' to '.join(map(_kg, sorted((place.low, place.high), key=abs)))} kg)"
+            for place in self.places
+        ]
+        return f"the torques of {joints} point to {', or '.join(texts)} than the robot file states"
+
+
+def _kg(mass: float) -> str:
+    return f"{abs(mass):.2g}" if abs(mass) < 100 else f"{abs(mass):.0f}"
+
+
+def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
+    """Return which load the springs of a fit point to; None unless one of them has uncertain masses."""
+    springs = springs_of(fit)
+    if not any(effect.masses == "uncertain" for effect in springs):
+        return None
+    arm = fit.model.arm
+    columns = weight_columns(fit, data)
+    usual = _usual_stds(arm, columns)
+    error = max(relative_std(fit), _LEAST_ERROR)
+    log_prior = -0.5 * np.square(np.log(_ERRORS) / _ERRORS_STD)
+    log_prior -= math.log(np.sum(np.exp(log_prior)))
+    none = _log_evidence(columns, np.zeros((_ERRORS.size, usual.size)), error * _ERRORS[:, None] * usual) + log_prior
+    evidence_of_none = float(np.logaddexp.reduce(none))
+    if not math.isfinite(evidence_of_none):
+        return None
+    places = []
+    for link, masses in _hypotheses(arm, columns):
+        mean, std = _prior(arm, columns, link, masses, error * _ERRORS[:, None] * usual)
+        evidence = _log_evidence(columns, mean, std).reshape(masses.size, -1, _ERRORS.size) + log_prior
+        by_mass = np.logaddexp.reduce(evidence.reshape(masses.size, -1), axis=1) - math.log(_OFFSETS.size)
+        places.append(_place(arm.robot.joints[link].name, masses, by_mass - evidence_of_none))
+    places = sorted((p for p in places if math.isfinite(p.log_bayes_factor)), key=lambda p: -p.log_bayes_factor)
+    if not places:
+        return None
+    best = places[0].log_bayes_factor
+    # Each hypothesis is as likely as the others before the poses are seen.
+    is_named = best - math.log(len(places)) > NAMED
+    near = [place for place in places if place.log_bayes_factor > best - NAMED] if is_named else places[:1]
+    return UndeclaredLoad(columns.joints, tuple(near), is_named, error * float(_ERRORS[int(np.argmax(none))]))
+
+
+def _usual_stds(arm: Arm, columns: WeightColumns) -> Array:
+    """Return ``(K,)`` standard deviations of the masses and first moments at a relative error of 1."""
+    stds = regressor_stds(arm, 1.0)
+    for body in arm.chain.bodies:
+        least = _LEAST_REACH * body.mass
+        stds |= {f"{axis}{body.owner + 1}": max(stds[f"{axis}{body.owner + 1}"], least) for axis in ("hx", "hy", "hz")}
+    return np.array([stds[label] for label in columns.labels])
+
+
+def _hypotheses(arm: Arm, columns: WeightColumns) -> Iterator[tuple[int, Array]]:
+    """Yield links (numbers of their joints in the robot) with masses to try: more than the file's, and less."""
+    carried = {link: sum(body.mass for body in arm.chain.bodies if body.owner == link) for link in arm.owners}
+    links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
+    total = sum(carried[link] for link in links)
+    for link in links:
+        yield link, total * _LOADS
+        if (lacking := total * _LOADS[total * _LOADS < 0.9 * carried[link]]).size:
+            yield link, -lacking
+
+
+def _prior(arm: Arm, columns: WeightColumns, link: int, masses: Array, stds: Array) -> tuple[Array, Array]:
+    """Return mean and std ``(Q, K)`` of the masses and first moments.
+
+    Q counts masses, then offsets of the load, then relative errors of the masses, of which ``stds`` ``(E, K)`` are the
+    standard deviations.
+    """
+    offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
+    mean = np.zeros((masses.size, offsets.size, len(stds), stds.shape[1]))
+    std = np.broadcast_to(stds, mean.shape).copy()
+    for k, label in enumerate(columns.labels):
+        if label == f"m{link + 1}":
+            mean[..., k] = masses[:, None, None]
+        elif label[0] == "h" and label[2:] == str(link + 1):
+            std[..., k] = np.hypot(std[..., k], np.abs(np.multiply.outer(masses, offsets))[:, :, None])
+    return mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1])
+
+
+def _place(link: str, masses: Array, by_mass: Array) -> LoadPlace:
+    """Return a hypothesis from the log evidence ``(S,)`` of each mass; the prior of the mass is even in its log."""
+    weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
+    if not weights.any():
+        return LoadPlace(link, 0.0, 0.0, 0.0, -math.inf)
+    cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
+    low, middle, high = np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
+    sign = float(np.sign(masses[0]))
+    ends = sorted((sign * float(low), sign * float(high)))
+    return LoadPlace(
+        link, sign * float(middle), ends[0], ends[1], float(np.logaddexp.reduce(by_mass)) - math.log(masses.size)
+    )
+
+
+def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
+    """Return the log marginal likelihood ``(Q,)`` of priors ``(Q, K)`` of the masses and first moments.
+
+    It is Laplace's: the mode over the logarithms of the compliances and the masses, and the curvature there. Where a
+    joint would rise with the weight, there is none, and the likelihood is zero.
+    """
+    n = len(columns.joints)
+    state = np.concatenate((np.log(_start(columns, mean)), np.zeros_like(mean)), axis=1)
+    squares, gradient, hessian = _objective(columns, mean, std, state)
+    damping = np.full(len(mean), _LEAST_DAMPING)
+    for _ in range(_STEPS):
+        damped = hessian + damping[:, None, None] * np.eye(state.shape[1]) * np.einsum("qii->qi", hessian)[:, None]
+        step = np.linalg.solve(damped, gradient[..., None])[..., 0]
+        step[:, :n] = np.clip(step[:, :n], -1.0, 1.0)
+        tried = _objective(columns, mean, std, state + step)
+        better = tried[0] <= squares
+        state = np.where(better[:, None], state + step, state)
+        squares = np.where(better, tried[0], squares)
+        gradient = np.where(better[:, None], tried[1], gradient)
+        hessian = np.where(better[:, None, None], tried[2], hessian)
+        damping = np.maximum(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING)
+        if float(np.max(np.abs(step), initial=0.0)) < _CONVERGED:
+            break
+    possible = np.all(hessian[:, range(n), range(n)] > _LEAST_CURVATURE, axis=1)
+    return np.where(possible, -0.5 * squares - 0.5 * np.linalg.slogdet(hessian)[1], -np.inf)
+
+
+def _start(columns: WeightColumns, changes: Array) -> Array:
+    """Return ``(Q, J)`` compliances by least squares at given masses, all of them positive."""
+    n, size = len(columns.joints), len(columns.labels) + 1
+    weights = np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
+    gram = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(n, size, n, size), weights, weights)
+    rhs = weights @ columns.rhs.reshape(n, size).T
+    compliance = np.linalg.solve(gram, rhs[..., None])[..., 0]
+    return np.asarray(np.maximum(compliance, _LEAST_START * np.abs(compliance).max()))
+
+
+def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) -> tuple[Array, Array, Array]:
+    """Return squares of residual and prior ``(Q,)``, half their slope downwards and their Gauss-Newton curvature.
+
+    ``state`` ``(Q, J + K)`` holds the logarithms of the compliances, and the masses over ``std`` from ``mean``.
+    """
+    n = len(columns.joints)
+    compliance, values = np.exp(state[:, :n]), state[:, n:]
+    coefficients = _coefficients(compliance, mean + std * values)
+    slope = _slope(compliance, mean + std * values, std)
+    product = coefficients @ columns.gram
+    squares = columns.cost - 2.0 * coefficients @ columns.rhs + np.einsum("qw,qw->q", product, coefficients)
+    gradient = np.einsum("qwi,qw->qi", slope, columns.rhs - product)
+    gradient[:, n:] -= values
+    hessian = np.swapaxes(slope, 1, 2) @ (columns.gram @ slope)
+    masses = range(n, state.shape[1])
+    hessian[:, masses, masses] += 1.0
+    return squares + np.sum(np.square(values), axis=1), gradient, hessian
+
+
+def _coefficients(compliance: Array, changes: Array) -> Array:
+    """Return ``(Q, J (1 + K))`` coefficients of the columns."""
+    weights = np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
+    return (compliance[:, :, None] * weights[:, None]).reshape(len(changes), -1)
+
+
+def _slope(compliance: Array, changes: Array, std: Array) -> Array:
+    """Return the coefficients' derivative ``(Q, J (1 + K), J + K)`` to log compliances and to masses over stds."""
+    count, n = compliance.shape
+    size = changes.shape[1]
+    slope = np.zeros((count, n, size + 1, n + size))
+    weights = np.concatenate((np.ones((count, 1)), changes), axis=1)
+    for joint in range(n):
+        slope[:, joint, :, joint] = compliance[:, joint, None] * weights
+    each = np.arange(size)
+    slope[:, :, 1 + each, n + each] = compliance[:, :, None] * std[:, None]
+    return slope.reshape(count, n * (size + 1), n + size)

@@ -1,0 +1,453 @@
+"""Recordings of messages as tables: ROS bags and MCAP files, a row for each measured pose."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.geometry import Array
+from robacc.io.bag_options import EXAMPLE, BagOptions
+from robacc.io.column_table import ColumnTable
+from robacc.io.table import TableOptions
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+
+# Joint states and poses of a recording: ROS 2 bags (SQLite or MCAP), MCAP files of ROS messages, and ROS 1 bags.
+
+_JOINTS = frozenset({"JointState", "JointTrajectoryControllerState"})
+_POSES = frozenset({"PoseStamped", "PoseWithCovarianceStamped", "PointStamped", "TransformStamped", "Pose", "Point"})
+_TRANSFORMS = "TFMessage"
+_COMMAND_WORDS = ("command", "cmd", "target", "goal", "desired", "reference", "setpoint", "nominal")
+_MOST_MESSAGES = 20_000_000
+_SHOWN = 12
+
+
+@dataclass(slots=True)
+class Samples:
+    """Values of one topic, in the order of the recording."""
+
+    topic: str
+    frame: str = ""
+    """Frame that the first message names."""
+    stamped: list[int] = field(default_factory=list)
+    """Times of the messages' headers, ns; the time of recording where a header has none."""
+    received: list[int] = field(default_factory=list)
+    """Times of recording, ns."""
+    values: list[tuple[float, ...]] = field(default_factory=list)
+
+    def times(self, clock: str) -> NDArray[np.int64]:
+        """Return the times ``(N,)`` by the stated clock, ns."""
+        return np.array(self.received if clock == "recorder" else self.stamped, dtype=np.int64)
+
+    def array(self) -> Array:
+        """Return the values ``(K, N)``."""
+        return np.array(self.values, dtype=float).reshape(len(self.values), -1).T
+
+
+@dataclass(slots=True)
+class Recording:
+    """Samples of the topics in use."""
+
+    joints: dict[str, Samples]
+    """By name of the joint; messages may have some of the joints only."""
+    measured: Samples
+    """x, y, z, qx, qy, qz, qw and the standard deviations of x, y, z; NaN for what the messages do not have."""
+    commanded: Samples | None
+
+
+def read_recording(path: str, options: BagOptions) -> Recording:
+    """Return the joint states and poses of a recording.
+
+    Raises:
+        InputError: The recording is damaged, or it does not say which topics to take.
+        UsageError: The extra ``ros`` is not installed.
+    """
+    with _opened(path) as bag:
+        types = {topic: (info.msgtype or "").rpartition("/")[2] for topic, info in bag.topics.items()}
+        counts = {topic: info.msgcount for topic, info in bag.topics.items()}
+        roles = _roles(path, types, counts, options)
+        recording = Recording({}, Samples(roles["measured"]), None)
+        if "commanded" in roles:
+            recording.commanded = Samples(roles["commanded"])
+        topics = {topic.partition(":")[0]: role for role, topic in roles.items()}
+        if sum(counts[topic] for topic in topics) > _MOST_MESSAGES:
+            raise InputError(Problem("the recording is too long", path, fix="cut it with the tools of ROS"))
+        for connection, received, data in bag.messages([c for c in bag.connections if c.topic in topics]):
+            message = bag.deserialize(data, connection.msgtype)
+            if topics[connection.topic] == "joints":
+                _add_joints(recording.joints, connection.topic, message, received)
+            elif topics[connection.topic] == "measured":
+                _add_pose(recording.measured, message, received)
+            elif recording.commanded is not None:
+                _add_pose(recording.commanded, message, received)
+        return recording
+
+
+@contextmanager
+def _opened(path: str) -> Iterator[AnyReader]:
+    try:
+        from rosbags.highlevel import AnyReader
+        from rosbags.typesys import Stores, get_typestore
+    except ImportError as error:
+        message = f"{path} is a recording of ROS messages, which needs an optional package; run {install_advice('ros')}"
+        raise UsageError(message) from error
+    try:
+        with AnyReader([Path(path)], default_typestore=get_typestore(Stores.LATEST)) as bag:
+            yield bag
+    except (InputError, UsageError):
+        raise
+    except (MemoryError, KeyboardInterrupt):
+        raise
+    except Exception as error:  # the readers of rosbags, of SQLite and of the codecs share no base class
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        fix = "give the folder with metadata.yaml, or the .mcap file, complete and closed by the recorder"
+        raise InputError(Problem(f"cannot be read as a ROS recording ({reason})", path, fix=fix)) from error
+
+
+def _roles(path: str, types: Mapping[str, str], counts: Mapping[str, int], options: BagOptions) -> dict[str, str]:
+    """Return the topic of each role: those stated, else the only one that can have it."""
+    stated = {"joints": options.joints, "measured": options.measured, "commanded": options.commanded}
+    roles = {role: topic for role, topic in stated.items() if topic}
+    for role, topic in roles.items():
+        _check_topic(path, role, topic, types)
+    free = [topic for topic in types if counts[topic] and topic not in roles.values()]
+    if "joints" not in roles and "commanded" not in roles:
+        joints = [topic for topic in free if types[topic] == "JointState"] or [t for t in free if types[t] in _JOINTS]
+        if len(joints) > 1:
+            raise _question(path, "joints", joints, types, counts)
+        roles |= {"joints": joints[0]} if joints else {}
+    poses = [topic for topic in free if types[topic] in _POSES]
+    orders = [topic for topic in poses if any(word in topic.lower() for word in _COMMAND_WORDS)]
+    if "measured" not in roles:
+        measured = [topic for topic in poses if topic not in orders]
+        if len(measured) != 1:
+            raise _question(path, "measured", measured or poses, types, counts)
+        roles["measured"] = measured[0]
+    if "commanded" not in roles and "joints" not in roles:
+        if len(orders) > 1:
+            raise _question(path, "commanded", orders, types, counts)
+        roles |= {"commanded": orders[0]} if orders else {}
+    return roles
+
+
+def _check_topic(path: str, role: str, topic: str, types: Mapping[str, str]) -> None:
+    import difflib
+
+    name = topic.partition(":")[0]
+    expected = _JOINTS if role == "joints" else _POSES | {_TRANSFORMS}
+    if name not in types:
+        near = difflib.get_close_matches(name, types, 1)
+        hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(list(types)[:_SHOWN])}"
+        raise InputError(Problem(f"the recording has no topic {name}", path, fix=hint))
+    if types[name] not in expected:
+        message = f"topic {name} holds {types[name]}, expected {', '.join(sorted(expected))}"
+        raise InputError(Problem(message, path, fix=f"choose another topic with `bag`, as in {EXAMPLE}"))
+    if types[name] == _TRANSFORMS and ":" not in topic:
+        fix = f"name the child frame, as in {role}={name}:tracker_target"
+        raise InputError(Problem(f"topic {name} holds transforms of many frames", path, fix=fix))
+
+
+def _question(
+    path: str, role: str, candidates: Sequence[str], types: Mapping[str, str], counts: Mapping[str, int]
+) -> InputError:
+    shown = list(candidates) or [topic for topic in types if counts[topic]]
+    listed = ", ".join(f"{topic} ({types[topic]}, {counts[topic]} messages)" for topic in shown[:_SHOWN])
+    content = {"joints": "joint states", "measured": "measured poses", "commanded": "commanded poses"}[role]
+    message = f"the recording does not say which topic has the {content}: it has {listed or 'no messages'}"
+    example = candidates[0] if candidates else "/tf:CHILD_FRAME" if _TRANSFORMS in types.values() else "/TOPIC"
+    return InputError(Problem(message, path, fix=f"give `bag`, as in {role}={example}"))
+
+
+def _stamp(message: Any, received: int) -> int:
+    """Return the time of a message's header, ns; the time of recording where it has none."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    time = 0 if stamp is None else int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    return time or received
+
+
+def _add_joints(joints: dict[str, Samples], topic: str, message: Any, received: int) -> None:
+    names = getattr(message, "name", None)
+    if names is None:
+        names = message.joint_names
+        points = [getattr(message, key, None) for key in ("reference", "desired")]
+        positions = next(point.positions for point in points if point is not None)
+    else:
+        positions = message.position
+    stamp = _stamp(message, received)
+    for name, value in zip(names, positions, strict=False):  # a message without positions has velocities only
+        samples = joints.setdefault(str(name), Samples(topic))
+        samples.stamped.append(stamp)
+        samples.received.append(received)
+        samples.values.append((float(value),))
+
+
+def _add_pose(samples: Samples, message: Any, received: int) -> None:
+    child = samples.topic.partition(":")[2]
+    messages = [part for part in message.transforms if part.child_frame_id == child] if child else [message]
+    for part in messages:
+        header = getattr(part, "header", None)
+        samples.frame = samples.frame or str(getattr(header, "frame_id", ""))
+        samples.stamped.append(_stamp(part, received))
+        samples.received.append(received)
+        samples.values.append(_pose_values(part))
+
+
+def _pose_values(message: Any) -> tuple[float, ...]:
+    """Return x, y, z, qx, qy, qz, qw and the standard deviations of x, y, z; NaN for what the message does not have."""
+    spread = (np.nan,) * 3
+    body = getattr(message, "pose", None) or getattr(message, "point", None) or getattr(message, "transform", message)
+    if hasattr(body, "covariance"):
+        variances = np.asarray(body.covariance, dtype=float).reshape(6, 6).diagonal()[:3]
+        spread = tuple(np.sqrt(variances)) if np.all(variances > 0) else spread
+        body = body.pose
+    place = getattr(body, "position", None) or getattr(body, "translation", body)
+    turn = getattr(body, "orientation", None) or getattr(body, "rotation", None)
+    quaternion = (np.nan,) * 4 if turn is None else (turn.x, turn.y, turn.z, turn.w)
+    return (float(place.x), float(place.y), float(place.z), *map(float, quaternion), *spread)
+
+
+def is_recording_folder(path: str) -> bool:
+    """Return whether a path is the folder of a ROS 2 bag."""
+    return Path(path, "metadata.yaml").is_file()
+
+
+def recorded_files(path: str) -> list[Path]:
+    """Return the files of a recording in the order of their names."""
+    root = Path(path)
+    return sorted(item for item in root.iterdir() if item.is_file()) if root.is_dir() else [root]
+
+
+# Table of a recording: a row for each measured pose, with the joints or the command at its time.
+
+_LONGEST_GAP = 0.1
+"""Time between neighbouring samples over which a moving joint is interpolated, s."""
+_WINDOW = 0.1
+"""The robot stands at a sample if nothing moves between this time before and after it, s."""
+_STANDING = 2e-4
+"""Largest change in that time of a robot that stands, rad and m: 1 mrad/s, above the noise of encoders."""
+_SAME_CLOCK = 0.25
+"""Largest difference between the delays of two topics whose stamps are of one clock, s."""
+_POSE = ("position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w")
+_SPREAD = ("std x [m]", "std y [m]", "std z [m]")
+
+
+def bag_table(path: str, options: TableOptions) -> ColumnTable:
+    """Return the poses of a recording as a table with the names of ROS messages, in SI.
+
+    Raises:
+        InputError: The recording cannot be read, or leaves a question open.
+        UsageError: The extra ``ros`` is not installed.
+    """
+    recording = read_recording(path, options.bag)
+    measured = recording.measured
+    if not measured.values:
+        raise InputError(Problem(f"topic {measured.topic} has no measured poses", path))
+    _check_clocks(path, recording, options.bag)
+    origin = int(measured.times(options.bag.clock)[0])
+    tracks = _tracks(recording, options.bag, origin)
+    times = (measured.times(options.bag.clock) - origin) / 1e9
+    stands = _stands(times, tracks)
+    are_stands = _use_rest(path, stands, options.bag)
+    groups = _groups(stands) if are_stands else [np.array([i]) for i in range(times.size)]
+    columns = _columns(measured, tracks, times, groups)
+    columns += _time_columns(origin, times, groups)
+    if not are_stands and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
+        columns.append(("visit", (stands + 1).astype(str)))
+    return ColumnTable(
+        columns,
+        path,
+        options,
+        _digest(path),
+        _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, are_stands),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """Values over time of a joint, or of the coordinates of a command."""
+
+    names: tuple[str, ...]
+    times: Array
+    """``(M,)`` s, ascending."""
+    values: Array
+    """``(K, M)``"""
+    repeats_last: bool
+    """A command is valid until the next; a joint moves from sample to sample."""
+
+    def at(self, times: Array) -> Array:
+        """Return the values ``(K, N)`` at ``times``, NaN where the recording does not show them."""
+        if self.repeats_last:
+            before = np.searchsorted(self.times, times, side="right") - 1
+            return np.where(before >= 0, self.values[:, np.maximum(before, 0)], np.nan)
+        result = np.array([np.interp(times, self.times, row) for row in self.values])
+        after = np.clip(np.searchsorted(self.times, times), 0, self.times.size - 1)
+        before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 1)
+        distance = np.maximum(np.abs(self.times[after] - times), np.abs(times - self.times[before]))
+        moved = np.abs(self.values[:, after] - self.values[:, before]).max(axis=0)
+        outside = (times < self.times[0]) | (times > self.times[-1])
+        unknown = (distance > _LONGEST_GAP) & (outside | (moved > _STANDING))
+        return np.where(unknown, np.nan, result)
+
+    def change(self, times: Array) -> Array:
+        """Return the largest change ``(N,)`` of a value around ``times``."""
+        rows = self.values[:3] if self.repeats_last else self.values
+        sides = [
+            np.array([np.interp(times + shift, self.times, row) for row in rows]) for shift in (-_WINDOW, 0.0, _WINDOW)
+        ]
+        change: Array = np.ptp(np.array(sides), axis=0).max(axis=0)
+        return change
+
+
+def _tracks(recording: Recording, options: BagOptions, origin: int) -> list[_Track]:
+    tracks = []
+    for name, samples in recording.joints.items():
+        times, values = _sorted(samples, options, origin)
+        tracks.append(_Track((f"{samples.topic}/{name}/position",), times, np.unwrap(values), repeats_last=False))
+    if recording.commanded is not None and recording.commanded.values:
+        times, values = _sorted(recording.commanded, options, origin)
+        n = 7 if np.isfinite(values[3:7]).all() else 3
+        names = tuple(f"commanded/{name}" for name in _POSE[:n])
+        tracks.append(_Track(names, times, values[:n], repeats_last=True))
+    return tracks
+
+
+def _sorted(samples: Samples, options: BagOptions, origin: int) -> tuple[Array, Array]:
+    """Return times (s, ascending) and values; of messages with one time, the last."""
+    times = samples.times(options.clock) - origin
+    order = np.argsort(times, kind="stable")
+    last = np.append(np.diff(times[order]) > 0, True)
+    return times[order][last] / 1e9, samples.array()[:, order][:, last]
+
+
+def _check_clocks(path: str, recording: Recording, options: BagOptions) -> None:
+    """Raise an error where the stamps of two topics are not of one clock, as the times of recording show."""
+    if options.clock == "recorder":
+        return
+    others = list(recording.joints.values())[:1] + ([recording.commanded] if recording.commanded else [])
+    topics = [samples for samples in (recording.measured, *others) if samples.values]
+    delays = {s.topic: float(np.median(np.array(s.received) - np.array(s.stamped))) / 1e9 for s in topics}
+    low, high = min(delays, key=delays.__getitem__), max(delays, key=delays.__getitem__)
+    if delays[high] - delays[low] > _SAME_CLOCK:
+        message = (
+            f"the time stamps of {low} and {high} are not from the same clock: compared with the times of recording, "
+            f"{high} is {delays[high] - delays[low]:.3g} s later than {low}"
+        )
+        fix = "synchronise the clocks, or use the times of recording: `bag` with clock=recorder"
+        raise InputError(Problem(message, path, fix=fix))
+
+
+def _stands(times: Array, tracks: list[_Track]) -> NDArray[np.int64]:
+    """Return the number ``(N,)`` of the stand in which each sample was measured, -1 in motion; empty without tracks."""
+    if not tracks:
+        return np.empty(0, dtype=np.int64)
+    moving = np.max([track.change(times) for track in tracks], axis=0) > _STANDING
+    order = np.argsort(times, kind="stable")
+    places = np.nan_to_num(np.vstack([track.at(times) for track in tracks]), nan=np.inf)[:, order]
+    with np.errstate(invalid="ignore"):
+        moved = np.any(np.abs(np.diff(places, axis=1)) > _STANDING, axis=0)
+    starts = np.concatenate([[0], np.cumsum(moved | moving[order][1:] | moving[order][:-1])])
+    numbers = np.full(times.size, -1)
+    still = ~moving[order]
+    numbers[order[still]] = np.unique(starts[still], return_inverse=True)[1]
+    return numbers
+
+
+def _use_rest(path: str, stands: NDArray[np.int64], options: BagOptions) -> bool:
+    """Return whether each stand makes one row.
+
+    Raises:
+        InputError: The robot moved during some samples and nobody said whether to use them, or it never stood.
+    """
+    if not stands.size:
+        return False
+    moving = int(np.sum(stands < 0))
+    if options.at is None and moving:
+        message = f"the robot moved during {moving} of {stands.size} measured poses, where a delay makes large errors"
+        fix = "give `bag` with at=rest for one pose at each stop, the mean of its samples, or at=any for every sample"
+        raise InputError(Problem(message, path, fix=fix))
+    if options.at == "rest" and moving == stands.size:
+        raise InputError(
+            Problem("the robot never stood still during a measured pose", path, fix="`bag`: at=any uses all")
+        )
+    return options.at == "rest"
+
+
+def _groups(stands: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    return [np.flatnonzero(stands == number) for number in range(int(stands.max()) + 1)]
+
+
+def _columns(
+    measured: Samples, tracks: list[_Track], times: Array, groups: list[NDArray[np.int64]]
+) -> list[tuple[str, NDArray[Any]]]:
+    """Return the columns of numbers, the mean of each group in a row."""
+    columns: list[tuple[str, NDArray[Any]]] = []
+    for track in tracks:
+        values = track.at(times)
+        columns += [(name, _means(row, groups)) for name, row in zip(track.names, values, strict=True)]
+    values = measured.array()
+    columns += [(name, _means(row, groups)) for name, row in zip(_POSE[:3], values[:3], strict=True)]
+    if np.isfinite(values[3:7]).all():
+        columns += list(zip(_POSE[3:], _mean_turns(values[3:7], groups), strict=True))
+    if np.isfinite(values[7:]).all():
+        columns += [(name, _means(row, groups)) for name, row in zip(_SPREAD, values[7:], strict=True)]
+    return columns
+
+
+def _means(row: Array, groups: list[NDArray[np.int64]]) -> Array:
+    return np.array([row[group].mean() for group in groups])
+
+
+def _mean_turns(quaternions: Array, groups: list[NDArray[np.int64]]) -> Array:
+    """Return mean unit quaternions ``(4, G)``: those nearest to all of a group (Markley et al., 2007)."""
+    result = quaternions[:, [group[0] for group in groups]].copy()
+    for i, group in enumerate(groups):
+        if group.size > 1:
+            members = quaternions[:, group] / np.linalg.norm(quaternions[:, group], axis=0)
+            result[:, i] = np.linalg.eigh(members @ members.T)[1][:, -1]
+    return result
+
+
+def _time_columns(origin: int, times: Array, groups: list[NDArray[np.int64]]) -> list[tuple[str, NDArray[Any]]]:
+    nanoseconds = [origin + round(1e9 * float(times[group].mean())) for group in groups]
+    return [
+        ("header.stamp.sec", np.array([value // 1_000_000_000 for value in nanoseconds])),
+        ("header.stamp.nanosec", np.array([value % 1_000_000_000 for value in nanoseconds])),
+    ]
+
+
+def _digest(path: str) -> str:
+    """Return the digest of the recording's bytes; a folder's is that of its files' names and bytes."""
+    files = recorded_files(path)
+    digests: Mapping[str, str] = {item.name: _file_digest(str(item)) for item in files}
+    if len(digests) == 1:
+        return next(iter(digests.values()))
+    return hashlib.sha256("".join(f"{name} {digest}\n" for name, digest in digests.items()).encode()).hexdigest()
+
+
+def _file_digest(path: str) -> str:
+    with open(path, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, are_stands: bool) -> str:
+    measured = recording.measured
+    frame = f" in frame {measured.frame}" if measured.frame else ""
+    parts = [f"measured poses of {measured.topic}{frame}"]
+    if recording.joints:
+        topic = next(iter(recording.joints.values())).topic
+        parts.append(f"joints of {topic}, interpolated to their times, as commanded")
+    if recording.commanded is not None:
+        parts.append(f"commands of {recording.commanded.topic}")
+    if are_stands:
+        parts.append(f"{n_standing} of {n_samples} samples at {n_rows} stops, one pose each")
+    return "; ".join(parts)

@@ -1,0 +1,298 @@
+"""Parameters with errors and their standard deviations, from the robot file and from a tolerance file."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, cast
+
+import yaml
+
+from robacc.chain import BASE, TOOL
+from robacc.errors import InputError, Problem
+from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, nearest
+from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
+from robacc.robots.yaml_units import Units
+
+# Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
+
+Distribution = Literal["normal", "uniform", "limits"]
+
+FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
+
+_COMPONENTS = {
+    **{"theta": "theta", "d": "d", "a": "a", "alpha": "alpha", "beta": "alpha", "offset": "offset"},
+    **dict.fromkeys(("x", "y", "z"), "origin_length"),
+    **dict.fromkeys(("roll", "pitch", "yaw"), "origin_angle"),
+}
+"""Variance component of each parameter of a joint; beta tilts an axis as alpha does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """Tolerances of a tolerance file, as standard deviations in m and rad; they replace those of the robot file."""
+
+    distribution: Distribution
+    coverage: float
+    """For ``limits``: number of standard deviations of a limit."""
+    moving_joints: Mapping[str, float] = field(default_factory=dict)
+    """Tolerances of every moving joint."""
+    joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    base: Mapping[str, float] = field(default_factory=dict)
+    tool: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def meaning(self) -> str:
+        """Conversion of a tolerance into a variance, as text."""
+        if self.distribution == "uniform":
+            return "uniform: a tolerance t is the half width, variance t²/3"
+        if self.distribution == "limits":
+            c = f"{self.coverage:g}"
+            return f"limits: a tolerance t is {c} standard deviations, variance (t/{c})²"
+        return NORMAL
+
+
+NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
+
+
+@dataclass(frozen=True, slots=True)
+class ToleranceParameter:
+    """One parameter of the arm that has an error."""
+
+    name: str
+    """``j1.theta``, ``base.x`` …; unique."""
+    joint: str | None
+    """Name of the joint; None for the base and the tool."""
+    kind: str
+    """``theta``, ``d`` …; a coordinate of a URDF joint's origin; a coordinate of base or tool."""
+    component: str
+    """Variance component of the parameter."""
+    motion: int
+    """Index of the chain's motion."""
+    unit: str
+    sd: float
+    """Standard deviation, m or rad; above zero."""
+
+
+def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[ToleranceParameter, ...]:
+    """Return every parameter with a standard deviation above zero: base, joints in order, tool.
+
+    Args:
+        robot: The arm; its tolerances are standard deviations.
+        tolerances: Replace the robot file, parameter by parameter: ``joints`` first, then ``moving_joints``.
+
+    Raises:
+        InputError: No parameter has a tolerance.
+    """
+    resolved = tolerances or Tolerances("normal", 1.0)
+    arm = Arm.of(robot)
+    base = {**robot.base_tolerance, **resolved.base}
+    tool = {**robot.tool_tolerance, **resolved.tool}
+    parameters = _frame_parameters(arm, "base", BASE, base)
+    for owner, joint in enumerate(robot.joints):
+        parameters += _joint_parameters(arm, joint, owner, resolved)
+    parameters += _frame_parameters(arm, "tool", TOOL, tool)
+    if not parameters:
+        fix = (
+            "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and "
+            f"all: {'{x: 0.1, y: 0.1, z: 0.1, offset: 0.01}' if robot.convention == 'urdf' else _DH_EXAMPLE})"
+        )
+        if robot.convention != "urdf":
+            fix += ", or add a tolerance to the joints of the robot file"
+        raise InputError(
+            Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
+        )
+    return tuple(parameters)
+
+
+_DH_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
+
+
+def _frame_parameters(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
+    return [
+        ToleranceParameter(
+            f"{frame}.{kind}", None, kind, frame, _motion(arm, owner, kind), _unit(arm, owner, kind), sds[kind]
+        )
+        for kind in FRAME_PARAMETERS
+        if sds.get(kind, 0.0) > 0.0
+    ]
+
+
+def _joint_parameters(arm: Arm, joint: Joint, owner: int, tolerances: Tolerances) -> list[ToleranceParameter]:
+    common = tolerances.moving_joints if joint.type != "fixed" else {}
+    sds = {**joint.tolerance, **common, **tolerances.joints.get(joint.name, {})}
+    return [
+        ToleranceParameter(
+            f"{joint.name}.{kind}",
+            joint.name,
+            kind,
+            _COMPONENTS[kind],
+            _motion(arm, owner, kind),
+            _unit(arm, owner, kind),
+            sds[kind],
+        )
+        for kind in (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
+        if sds.get(kind, 0.0) > 0.0
+    ]
+
+
+def _motion(arm: Arm, owner: int, kind: str) -> int:
+    """Return the motion of an error: an angle of a frame turns it about its own axis, at any pitch."""
+    return arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+
+
+def _unit(arm: Arm, owner: int, kind: str) -> str:
+    return arm.chain.motions[_motion(arm, owner, kind)].unit
+
+
+def lengths_of(joint: Joint, convention: str) -> frozenset[str]:
+    """Return the parameters of a joint that are lengths."""
+    offset = {"offset"} if convention == "urdf" and joint.type == "prismatic" else set()
+    return LENGTH_PARAMETERS | offset
+
+
+# Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
+#
+# units: {length: mm, angle: deg}
+# distribution: limits            # normal (default) | uniform | limits
+# coverage: 3                     # limits only: number of standard deviations of a limit
+# all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
+# joints:
+#   j2: {a: 0.5}                  # replaces all
+# base: {x: 0.5, yaw: 0.05}
+# tool: {z: 0.1}
+
+DEFAULT_COVERAGE = 3.0
+"""Default number of standard deviations of a drawing's limit."""
+
+_KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
+_DISTRIBUTIONS = ("normal", "uniform", "limits")
+_MAX_COVERAGE = 10.0
+
+
+def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
+    """Return the tolerances of a file for ``robot``, as standard deviations in m and rad.
+
+    Raises:
+        InputError: The file has problems; all of them are listed with line and dotted key.
+    """
+    source = Source(file)
+    top = source.section(compose(text, file), "", _KEYS)
+    if top is None:
+        source.finish()
+        raise AssertionError("finish() raises where section() returned None")
+    units = _read_units(top)
+    distribution = _read_distribution(top)
+    coverage = _read_coverage(top, distribution)
+    if units is None:
+        # Nothing else can be checked without units.
+        source.finish()
+        raise AssertionError("finish() raises where there are no units")
+    reader = _ToleranceFileReader(
+        robot, units, {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    )
+    tolerances = Tolerances(
+        distribution,
+        coverage,
+        moving_joints=reader.moving_joints(top),
+        joints=reader.joints(top),
+        base=reader.frame(top, "base"),
+        tool=reader.frame(top, "tool"),
+    )
+    if not any((tolerances.moving_joints, tolerances.joints, tolerances.base, tolerances.tool)) and not source.problems:
+        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
+    source.finish()
+    return tolerances
+
+
+class _ToleranceFileReader:
+    """Reader of one file's sections for one robot; ``divisor`` converts a tolerance into a standard deviation."""
+
+    def __init__(self, robot: Robot, units: Units, divisor: float) -> None:
+        self.robot, self.units, self.divisor = robot, units, divisor
+        self.kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
+
+    def moving_joints(self, top: YamlSection) -> dict[str, float]:
+        """Read the section ``all``."""
+        node = top.get("all")
+        if node is None:
+            return {}
+        moving = {joint.type for joint in self.robot.joints if joint.type != "fixed"}
+        lengths = LENGTH_PARAMETERS | ({"offset"} if moving == {"prismatic"} else set())
+        values = self._values(top.source, node, "all", self.kinds, lengths)
+        if "offset" in values and len(moving) > 1:
+            message = "offset is an angle of revolute joints and a length of prismatic joints"
+            top.source.report(node, "all.offset", message, "give it under joints, for each joint by name")
+        return values
+
+    def joints(self, top: YamlSection) -> dict[str, dict[str, float]]:
+        """Read the section ``joints``, by name."""
+        node = top.get("joints")
+        if node is None:
+            return {}
+        source, result = top.source, {}
+        if not isinstance(node, yaml.MappingNode):
+            source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
+            return {}
+        joints_by_name = {joint.name: joint for joint in self.robot.joints}
+        for name, key_node, value in source.entries(node, "joints"):
+            if name not in joints_by_name:
+                fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
+                source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
+                continue
+            joint = joints_by_name[name]
+            kinds = FRAME_PARAMETERS if joint.type == "fixed" else self.kinds
+            lengths = lengths_of(joint, self.robot.convention)
+            result[name] = self._values(source, value, f"joints.{name}", kinds, lengths)
+        return result
+
+    def frame(self, top: YamlSection, key: str) -> dict[str, float]:
+        """Read the section ``base`` or ``tool``."""
+        node = top.get(key)
+        return {} if node is None else self._values(top.source, node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
+
+    def _values(
+        self, source: Source, node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]
+    ) -> dict[str, float]:
+        section = source.section(node, path, kinds)
+        result: dict[str, float] = {}
+        for name, item in (section.values if section else {}).items():
+            value = self.units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
+            if value is not None and value < 0:
+                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
+            elif value is not None:
+                result[name] = value / self.divisor
+        return result
+
+
+def _read_units(top: YamlSection) -> Units | None:
+    node = top.require("units")
+    section = node and top.source.section(node, "units", ("length", "angle"))
+    if not section:
+        return None
+    units = []
+    for key, options in (("length", ("m", "mm")), ("angle", ("rad", "deg"))):
+        item = section.require(key)
+        units.append(top.source.choice(item, section.at(key), options) if item else None)
+    length, angle = units
+    return Units.of(length, angle) if length and angle else None
+
+
+def _read_distribution(top: YamlSection) -> Distribution:
+    node = top.get("distribution")
+    value = top.source.choice(node, "distribution", _DISTRIBUTIONS) if node else None
+    return cast(Distribution, value or "normal")
+
+
+def _read_coverage(top: YamlSection, distribution: Distribution) -> float:
+    node = top.get("coverage")
+    if node is None:
+        return DEFAULT_COVERAGE
+    value = top.source.number(node, "coverage")
+    if distribution != "limits":
+        top.source.report(node, "coverage", "applies only to limits", "write distribution: limits")
+    elif value is not None and not 0 < value <= _MAX_COVERAGE:
+        top.source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
+    return value if value and value > 0 else DEFAULT_COVERAGE

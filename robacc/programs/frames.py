@@ -1,0 +1,264 @@
+"""Frames of targets: tool and base in force, those that a controller knows, and poses of the flange."""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+import yaml
+
+from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.io.yaml_nodes import Source, YamlSection, compose, join
+from robacc.programs.program import Program, ProgramFrame, ProgramTarget
+from robacc.robots.description import Frame
+from robacc.robots.yaml_units import Units
+
+# Tool or base frame in force at each place of a program, where the text alone decides it.
+
+EventKind = Literal["start", "routine", "open", "loop", "next", "close", "set"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEvent:
+    """Statement that matters for the frame in force: start of a routine, a block's ends, or an assignment.
+
+    ``start`` begins a routine that ends where the next one starts; ``routine`` one that is closed, and may be nested.
+    """
+
+    position: int
+    kind: EventKind
+    frame: ProgramFrame | None = None
+    """Frame of an assignment; None where the program computes it."""
+
+
+@dataclass(slots=True)
+class FrameTimeline:
+    """Frames in force by place; None where branches or loops leave it open."""
+
+    positions: list[int]
+    frames: list[ProgramFrame | None]
+
+    def at(self, position: int) -> ProgramFrame | None:
+        """Return the frame in force at a place of the text."""
+        k = bisect_right(self.positions, position) - 1
+        return self.frames[k] if k >= 0 else None
+
+
+def timeline(events: Sequence[FrameEvent]) -> FrameTimeline:
+    """Return the frames in force after each event, in the order of the text.
+
+    A frame that is set inside a branch is unknown after the branch. One that is set inside a loop is unknown from the
+    loop's head to the assignment, since the second turn begins with it, and after the loop.
+    """
+    setting = _blocks_that_set(events)
+    result = FrameTimeline([], [])
+    current: ProgramFrame | None = None
+    before: list[ProgramFrame | None] = []
+    opened: list[int] = []
+    for k, event in enumerate(events):
+        if event.kind == "start":
+            current, before, opened = None, [], []
+        elif event.kind == "set":
+            current = event.frame
+        elif event.kind == "routine":
+            opened.append(k)
+            before.append(current)
+            current = None
+        elif event.kind in ("open", "loop"):
+            opened.append(k)
+            current = None if event.kind == "loop" and setting.get(k) else current
+            before.append(current)
+        elif opened and event.kind == "next":
+            current = before[-1]
+        elif opened and event.kind == "close":
+            outer = before.pop()
+            block = opened.pop()
+            if events[block].kind == "routine":
+                current = outer  # a definition runs nothing
+            elif setting.get(block):
+                current = None
+        result.positions.append(event.position)
+        result.frames.append(current)
+    return result
+
+
+def _blocks_that_set(events: Sequence[FrameEvent]) -> dict[int, bool]:
+    """Return, for each block by the index of its opening event, whether a frame is set inside."""
+    result: dict[int, bool] = {}
+    stack: list[int] = []
+    for k, event in enumerate(events):
+        if event.kind == "start":
+            stack = []
+        elif event.kind in ("routine", "open", "loop"):
+            stack.append(k)
+            result[k] = False
+        elif event.kind == "set":
+            for block in reversed(stack):
+                result[block] = True
+                if events[block].kind == "routine":
+                    break
+        elif event.kind == "close" and stack:
+            stack.pop()
+    return result
+
+
+# Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
+
+_KEYS = ("units", "tools", "bases")
+DEFAULT = "default"
+"""Name of the frame of targets for which the program names none."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTable:
+    """Frames by the names that programs use."""
+
+    tools: Mapping[str, Frame] = field(default_factory=dict)
+    """Tools in the flange's frame."""
+    bases: Mapping[str, Frame] = field(default_factory=dict)
+    """Bases in the robot's base frame."""
+
+
+def parse_frames(text: str, file: str) -> FrameTable:
+    """Return the frames of a YAML file with the keys ``units``, ``tools`` and ``bases``.
+
+    Raises:
+        InputError: The file has problems; the error carries all of them, with line and key.
+    """
+    source = Source(file)
+    top = source.section(compose(text, file), "", _KEYS)
+    units = None if top is None else _units(top)
+    if top is None or units is None:
+        source.finish()
+        raise AssertionError("finish() raises where a section is missing")
+    table = FrameTable(_frames_by_name(top, "tools", units), _frames_by_name(top, "bases", units))
+    source.finish()
+    return table
+
+
+def with_frames(program: Program, table: FrameTable) -> Program:
+    """Return the program with the frames of a table where the program names a frame but does not define it.
+
+    Names are compared without regard to case. The frame :data:`DEFAULT` stands for one that the program does not name.
+    """
+    tools = {name.lower(): frame for name, frame in table.tools.items()}
+    bases = {name.lower(): frame for name, frame in table.bases.items()}
+
+    def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:
+        if frame is None:
+            return ProgramFrame(DEFAULT, names[DEFAULT]) if DEFAULT in names else None
+        return ProgramFrame(frame.name, names.get(frame.name.lower())) if frame.frame is None else frame
+
+    targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
+    moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
+    return replace(program, targets=tuple(targets), moves=tuple(moves))
+
+
+def _units(top: YamlSection) -> Units | None:
+    node = top.require("units")
+    section = node and top.source.section(node, "units", ("length", "angle"))
+    if not section:
+        return None
+    names = []
+    for key, options in (("length", ("m", "mm")), ("angle", ("rad", "deg"))):
+        entry = section.require(key)
+        names.append(entry and section.source.choice(entry, section.at(key), options))
+    return Units.of(names[0], names[1]) if names[0] and names[1] else None
+
+
+def _frames_by_name(top: YamlSection, key: str, units: Units) -> dict[str, Frame]:
+    node = top.get(key)
+    if node is None:
+        return {}
+    if not isinstance(node, yaml.MappingNode):
+        top.source.report(node, key, "expected frames by name, each with xyz and rpy")
+        return {}
+    result = {}
+    for name, _, value in top.source.entries(node, key):
+        section = top.source.section(value, join(key, name), ("xyz", "rpy"))
+        if section is not None:
+            result[name] = units.frame(section)
+    return result
+
+
+# Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.
+
+
+@dataclass(frozen=True, slots=True)
+class FlangeTargets:
+    """Cartesian targets of a program whose tool and base are known."""
+
+    numbers: tuple[int, ...]
+    """Index of each in ``Program.targets``."""
+    flange: Poses
+    """Pose of the flange in the robot's base frame, over N."""
+    unknown: tuple[tuple[int, str], ...]
+    """Index of each other Cartesian target, and the reason."""
+
+
+def flange_targets(program: Program) -> FlangeTargets:
+    """Return the flange's poses at the Cartesian targets of a program."""
+    numbers, unknown = [], []
+    for i, target in enumerate(program.targets):
+        if target.kind != "cartesian":
+            continue
+        reason = _unknown(target.tool, "tool") or _unknown(target.base, "base")
+        if reason:
+            unknown.append((i, reason))
+        else:
+            numbers.append(i)
+    targets = [program.targets[i] for i in numbers]
+    values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
+    poses = Poses(rotation_from_quaternion(values[3:]), values[:3])
+    base, tool = _frames_of_targets(targets)
+    return FlangeTargets(tuple(numbers), base @ poses @ tool.inverse(), tuple(unknown))
+
+
+def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
+    """Return the values of targets (x, y, z and quaternion) that bring the flange to poses in the robot's base frame.
+
+    Args:
+        program: Program of the targets.
+        numbers: Index of each target, as of :attr:`FlangeTargets.numbers`.
+        flange: Poses over the same targets.
+    """
+    base, tool = _frames_of_targets([program.targets[i] for i in numbers])
+    poses = base.inverse() @ flange @ tool
+    columns: Array = np.concatenate((poses.translation, quaternion_from_rotation(poses.rotation)))
+    return [tuple(column) for column in columns.T.tolist()]
+
+
+def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
+    """Return the indices of a program's joint targets, and their joint variables ``(J, N)``, rad and m.
+
+    Raises:
+        ValueError: Targets have different numbers of joints.
+    """
+    numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
+    rows = [program.targets[i].values for i in numbers]
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("the joint targets have different numbers of joints")
+    return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
+
+
+def _unknown(frame: ProgramFrame | None, kind: str) -> str:
+    """Return why a frame is unknown; empty where it is known."""
+    if frame is None:
+        return f"the program names no {kind}, or several, for this target"
+    return f"the {kind} {frame.name} is in none of the files read" if frame.frame is None else ""
+
+
+def _frames_of_targets(targets: Sequence[ProgramTarget]) -> tuple[Poses, Poses]:
+    """Return base and tool of each target over N."""
+    bases = [target.base.frame for target in targets if target.base and target.base.frame]
+    tools = [target.tool.frame for target in targets if target.tool and target.tool.frame]
+    return _poses(bases), _poses(tools)
+
+
+def _poses(frames: Sequence[Frame]) -> Poses:
+    xyz = np.array([frame.xyz for frame in frames], dtype=float).reshape(-1, 3).T
+    rpy = np.array([frame.rpy for frame in frames], dtype=float).reshape(-1, 3).T
+    return Poses(rotation_from_rpy(rpy), xyz)

@@ -18,6 +18,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from robacc.fitting.visits import first_ranks
 from robacc.geometry import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CovarianceParameters:
     """Parameters of the covariance."""
 
@@ -131,8 +132,9 @@ class Whitened:
         return white.reshape(components, -1).T
 
 
+@lru_cache(maxsize=2)
 def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
-    """Whiten a linearised model.
+    """Whiten a linearised model; the latest are kept, since fit, evidence and scores ask for the same one.
 
     Raises:
         numpy.linalg.LinAlgError: The covariance is singular.
@@ -315,7 +317,7 @@ def score_statistics(noise: CovarianceParameters, linear: Linearised, name: str,
 
 def _flat(a: Array) -> Array:
     """Return ``(N, M, …)`` as ``(M N, …)``, component by component."""
-    return np.ascontiguousarray(np.moveaxis(a, 1, 0)).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
+    return np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
 
 
 def _log_det(triangle: Array) -> float:

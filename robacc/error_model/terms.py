@@ -126,7 +126,7 @@ class Rows:
         return np.asarray(np.abs(self.time[:, None] - self.time))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Linearised:
     """A model linearised at coefficients ``theta``: ``y`` is about ``columns @ coefficients``."""
 

@@ -27,7 +27,6 @@ from robacc.robots.description import (
     Vector,
 )
 from robacc.robots.urdf_chain import UrdfDocument, UrdfTree, check_sizes, choose_chain, read_document
-from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.yaml_units import finite_limits
 
 # Resolve the mimic joints of a URDF's chain, and of its branches.
@@ -284,8 +283,6 @@ def _transform(origin: Any) -> Array:
     """Return an origin of yourdfpy ``(4, 4)``; the identity for None."""
     return np.eye(4) if origin is None else np.asarray(origin, dtype=float)
 
-
-__all__ = ["parse_urdf", "robot_to_urdf"]
 
 _TYPES: dict[str, JointType] = {
     "revolute": "revolute",

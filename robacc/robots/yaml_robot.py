@@ -33,7 +33,6 @@ from robacc.robots.description import (
     read_identity,
 )
 from robacc.robots.yaml_units import Units, check_likely_units, finite_limits
-from robacc.robots.yaml_writer import robot_to_yaml
 
 # Read a joint of a robot file.
 
@@ -357,8 +356,6 @@ def read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tu
         return ()
     return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
-
-__all__ = ["FORMAT_VERSION", "parse_robot", "robot_to_yaml"]
 
 FORMAT_VERSION = 1
 

@@ -347,13 +347,13 @@ class _Search:
         theta = np.concatenate((state.theta, np.zeros(len(added))))
         components = self.regressors.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)
-        result = np.empty((self.data.n, components, column))
+        result = np.empty((column, components, self.data.n))
         for slot, parts in enumerate(moved.values()):
-            factors = np.stack([np.broadcast_to(factor, (self.data.n,)) for _, factor in parts], axis=1)
-            result[:, :, [at for at, _ in parts]] = jacobian[:, slot].T[:, :, None] * factors[:, None, :]
-        sizes = np.array([size for _, _, size in whole])
-        result[:, :, [at for at, _, _ in whole]] = np.moveaxis(jacobian[:, len(moved) :], -1, 0) * sizes
-        return result
+            factors = np.stack([np.broadcast_to(factor, (self.data.n,)) for _, factor in parts])
+            result[[at for at, _ in parts]] = jacobian[:, slot] * factors[:, None]
+        for slot, (at, _, size) in enumerate(whole, len(moved)):
+            result[at] = jacobian[:, slot] * size
+        return result.T
 
     def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Evidence, Scores, list[Scores]]:
         """Return the scores beside a state, and beside it without each of its effects.

@@ -14,7 +14,8 @@ import robacc
 from robacc.cli.main import app
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError
-from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot
+from robacc.robots.yaml_writer import robot_to_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))

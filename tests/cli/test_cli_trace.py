@@ -18,7 +18,7 @@ from robacc.cli.main import app
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.robots.yaml_robot import robot_to_yaml
+from robacc.robots.yaml_writer import robot_to_yaml
 
 DECLARED = "base_frame,tool_frame,joint_offset"
 

@@ -26,7 +26,8 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.text.fit import draw_calibration, draw_trace
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot
+from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 

@@ -120,7 +120,7 @@ def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip
     from robacc.io.files import sha256_of, write_text
     from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.render.text.console import say_warnings
-    from robacc.robots.urdf import robot_to_urdf
+    from robacc.robots.urdf_writer import robot_to_urdf
 
     if is_json and urdf == "-":
         raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")

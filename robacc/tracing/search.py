@@ -57,8 +57,8 @@ PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_
 _OTHER_DECLARED = 10.0
 """The same of other declared effects, in usual sizes."""
 _MOST_ALIASES = 3
-_GAINS = 1.0
-"""Least gain of a move: log odds below it are not worth more than a bare mention (Kass and Raftery 1995)."""
+_SWAPS = 1.0
+"""Least gain of a swap: log odds below it are not worth more than a bare mention (Kass and Raftery 1995)."""
 _SHORTLIST = 60
 """Candidates that are scored after a swap or a drop, the best beside the model and beside it without each effect.
 
@@ -461,8 +461,8 @@ class _Search:
     ) -> tuple[str, list[Candidate], list[float], str, Scores] | None:
         """Return the move that gains most to effects not yet visited; None if none gains."""
         for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
-            if gain <= _GAINS:
-                return None
+            if gain <= (_SWAPS if action == "swap" else 0.0):
+                continue
             chosen, scales = list(state.chosen), list(state.scales)
             beside = scores if k is None else without[k]
             if k is not None:

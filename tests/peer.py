@@ -15,10 +15,14 @@ from robacc.modelling.observation import observed_jacobian, residuals, weights
 def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tuple[OptimizeResult, np.ndarray]:
     """The coefficients that the poses tell apart, from the registered start with the exact Jacobian, and their units.
 
+    The fit's priors are rows of their own.
+
     scipy judges its steps in units of the coefficients, which differ by 1e5: each gets its standard error for one.
     """
     kept, bound, weight = found.identifiability.columns, found.model.bind(data), weights(data, noise, noise)
     size = np.sqrt(np.diag(found.covariance))[kept]
+
+    prior = np.sqrt(found.precision) * size
 
     def whole(x: np.ndarray) -> np.ndarray:
         theta = np.zeros(len(bound.terms))
@@ -26,11 +30,11 @@ def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tu
         return theta
 
     def residual(x: np.ndarray) -> np.ndarray:
-        return (residuals(data, bound.poses(whole(x))) * weight).ravel()
+        return np.append((residuals(data, bound.poses(whole(x))) * weight).ravel(), prior * x)
 
     def jacobian(x: np.ndarray) -> np.ndarray:
         poses, columns = bound.linearise(whole(x))
         seen = observed_jacobian(columns, residuals(data, poses))[:, kept] * weight[:, None, :]
-        return -np.moveaxis(seen, 1, 2).reshape(-1, kept.size) * size
+        return np.vstack((-np.moveaxis(seen, 1, 2).reshape(-1, kept.size) * size, np.diag(prior)))
 
     return least_squares(residual, np.zeros(kept.size), jacobian, **options), size

@@ -26,6 +26,7 @@ from robacc.effects.request import Baseline
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit, Identifiability
 from robacc.fitting.masses import BETTER, DeflectionChoice, UndeclaredLoad
+from robacc.fitting.priors import weak_kinds
 from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import LackOfFit
@@ -136,15 +137,10 @@ def judged_keys(
 
 
 def _priors_document(fit: Fit) -> list[dict[str, Any]]:
-    """Return the estimated priors about nominal, one for each kind of constants that has one."""
+    """Return the broad priors about nominal, one for each kind of constants of which some are weakly identifiable."""
     return [
-        {
-            "effect": kind.partition(" (")[0],
-            "unit": kind.partition(" (")[2].rstrip(")"),
-            "std": std,
-            "weakly_identifiable": [name for name in fit.weak if name.startswith(kind.partition(" (")[0])],
-        }
-        for kind, std in fit.prior_stds.items()
+        {"effect": kind.effect, "unit": kind.unit, "std": kind.std, "weakly_identifiable": list(kind.names)}
+        for kind in weak_kinds(fit)
     ]
 
 

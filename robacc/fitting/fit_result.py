@@ -164,7 +164,8 @@ class Options:
     robust: bool = True
     """Leave out outliers."""
     priors: Array | None = None
-    """``(P,)`` prior standard deviation of each coefficient about zero; inf or NaN for none."""
+    """``(P,)`` prior standard deviation of each coefficient about zero; inf or NaN for none, and for the broad prior of
+    constants of the arm."""
     misfit: tuple[float, float] | None = None
     """Misfit of position (m) and orientation (rad), if known; else estimated."""
     tolerance: float = 1e-8
@@ -175,8 +176,6 @@ class Options:
     """``(N,)`` mask of the rows to start from; all rows if None."""
     group_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
-    prior_stds: Mapping[str, float] = field(default_factory=dict)
-    """Prior standard deviations (m or rad) of kinds of constants to start from, by kind."""
     scatter: Array | None = None
     """``(J,)`` standard deviation (rad or m) of the joints' scatter, which rows of one visit share; none if None."""
     settled: float = 1e-3
@@ -229,10 +228,6 @@ class Fit:
     """Prior standard deviation of each group, in units of its terms' weights."""
     validity: tuple[Validity, ...] = ()
     """Range of the drivers of each free effect over the poses."""
-    prior_stds: dict[str, float] = field(default_factory=dict)
-    """Estimated prior standard deviation about nominal (m or rad) of each kind of constants that has one."""
-    weak: tuple[str, ...] = ()
-    """Names of the weakly identifiable constants, for which the kinds have a prior."""
 
     @property
     def dropped(self) -> tuple[Dropped, ...]:

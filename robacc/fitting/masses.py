@@ -252,17 +252,8 @@ def choose_deflection(
     separation = float(np.linalg.norm(equilibrium_fit.whitening.apply(moved)))
     if separation < _DISTINGUISHABLE:
         return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, None)
-    start = dataclasses.replace(
-        options,
-        start=equilibrium_fit.theta,
-        group_stds=equilibrium_fit.group_stds,
-        prior_stds=equilibrium_fit.prior_stds,
-    )
+    start = dataclasses.replace(options, start=equilibrium_fit.theta, group_stds=equilibrium_fit.group_stds)
     rigid_fit = fit(rigid_model, data, start)
-    if rigid_fit.prior_stds.keys() - equilibrium_fit.prior_stds.keys():
-        # Both fits need the same priors, or their likelihoods cannot be compared.
-        start = dataclasses.replace(start, prior_stds=rigid_fit.prior_stds)
-        equilibrium_fit = fit(equilibrium_fit.model, data, start)
     rows = equilibrium_fit.inliers & rigid_fit.inliers
     gain = 2.0 * (_log_likelihood(rigid_fit, rows) - _log_likelihood(equilibrium_fit, rows))
     if gain <= BETTER:

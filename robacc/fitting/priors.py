@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,86 +9,65 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Term
-from robacc.fitting.normal_equations import NormalEquations, PoseEquations, posterior
-from robacc.fitting.whitening import Whitening
+from robacc.effects.base import Effect, Term
+from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import NormalEquations, posterior
 from robacc.geometry import Array
-from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 
-# Weakly identifiable constants of the arm: poses are few, or all have one orientation.
+# Broad prior of the arm's constants, and the constants that it bounds.
 #
-# Without a prior, noise moves such a constant by centimetres along a direction that has no effect on these poses but
-# does on others. The constants of its kind then share a Gaussian prior about nominal, whose standard deviation is
-# estimated from the data (:mod:`robacc.fitting.priors`): zeros that are wrong by degrees widen their own prior,
-# and leave that of the lengths narrow. Given priors take precedence.
+# Poses may be few, or all have one orientation. Without a prior, noise then moves a constant by centimetres along a
+# direction that has no effect on these poses but does on others. Each constant of the arm therefore has a Gaussian
+# prior about nominal, with the standard deviation of a badly made arm. The data outweigh it for a constant that the
+# poses determine well, however far it is from nominal. Given priors take precedence.
 
 BADLY_MADE = 3.0
-"""Deviation of a constant of a badly made arm, over its usual size: 3 mm or 3 mrad."""
+"""Standard deviation of the broad prior, over the usual size of a constant: 3 mm or 3 mrad."""
 WEAK = 0.3
-"""Share of that deviation above which a standard error makes a constant weakly identifiable."""
+"""Share of that standard deviation above which a standard error makes a constant weakly identifiable."""
 
 
 @dataclass(frozen=True, slots=True)
-class ConstantKind:
-    """Constants that share a prior: joint zeros, link lengths or link angles."""
+class WeakKind:
+    """Constants of one effect and unit, of which some are weakly identifiable."""
 
-    name: str
-    members: tuple[int, ...]
-    """Numbers of the coefficients."""
-    usual: float
-    """Usual size, m or rad."""
-
-
-def constant_kinds(equations: PoseEquations, model: Model) -> tuple[ConstantKind, ...]:
-    """Return the kinds of constants among the sought coefficients; frames belong to none."""
-    members: dict[str, list[int]] = {}
-    for i in equations.columns.tolist():
-        effect, term = model.free[equations.owners[i]], equations.terms[i]
-        if effect.is_constant and not effect.is_frame and term.group is None:
-            members.setdefault(f"{effect.name} ({term.unit})", []).append(i)
-    return tuple(
-        ConstantKind(name, tuple(columns), max(equations.terms[i].typical for i in columns))
-        for name, columns in members.items()
-    )
+    effect: str
+    unit: str
+    std: float
+    """Standard deviation of the broad prior, in ``unit``."""
+    names: tuple[str, ...]
+    """Names of the weakly identifiable constants."""
 
 
-def badly_made(equations: PoseEquations, model: Model) -> Array:
-    """Return ``(K,)`` the deviation of each sought coefficient on a badly made arm (m or rad); inf of no constant."""
-    constant = [effect.is_constant and not effect.is_frame for effect in model.free]
+def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
+    """Return ``(P,)`` standard deviations of the constants' broad prior, m or rad; inf for all other coefficients."""
+    is_constant = [effect.is_constant and not effect.is_frame for effect in free]
     return np.array(
-        [
-            BADLY_MADE * equations.terms[i].typical if constant[equations.owners[i]] else np.inf
-            for i in equations.columns
-        ]
+        [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
     )
 
 
-def std_at_nominal(equations: PoseEquations, white: Whitening, precision: Array) -> Array:
-    """Return ``(K,)`` standard errors of the sought coefficients at the nominal robot.
+def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
+    """Return the kinds of constants of which some are weakly identifiable: the broad prior bounds these.
 
-    A coefficient that drifts goes to where it appears well identifiable; the nominal robot shows its real standard
-    error. ``white`` has weight zero for rows left out, ``precision`` ``(P,)`` is of the priors.
+    Constants with another prior are not weakly identifiable.
     """
-    _, normal = equations.linearise(np.zeros(len(equations.terms)), white)
-    std: Array = np.sqrt(np.diag(posterior(normal.gram, precision[equations.columns])))
-    return std
+    columns = fit.identifiability.columns
+    broad = broad_stds(fit.model.free, fit.terms, fit.owners)[columns]
+    is_weak = np.sqrt(np.diag(posterior(fit.gram, fit.precision))) > WEAK * broad
+    is_weak &= fit.precision == 1.0 / np.square(broad)
+    kinds: dict[tuple[str, str, float], list[str]] = {}
+    for i, std in zip(columns[is_weak].tolist(), broad[is_weak].tolist(), strict=True):
+        kinds.setdefault((fit.model.free[fit.owners[i]].name, fit.terms[i].unit, std), []).append(fit.names[i])
+    return tuple(WeakKind(*kind, tuple(names)) for kind, names in kinds.items())
 
 
 # Gaussian priors about zero: given ones, and those of groups, whose standard deviation is estimated from the data.
 #
 # Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-# (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring. The constants of a kind
-# (:mod:`robacc.fitting.priors`) are a group too. Since they are few, their standard deviation has a prior of
-# its own, worth :data:`PSEUDO_CONSTANTS` constants of the usual size: without it the estimate could be zero, and the
-# intervals with it.
+# (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring.
 
-PSEUDO_CONSTANTS = 2.0
-"""Weight of the usual size in the estimated standard deviation of a kind of constants, in constants."""
-_LOG_FACTORS = tuple(np.linspace(-1.2, 1.8, 7).tolist())
-"""Grid of the widths: logarithms of their ratios to the estimates."""
-_MOST_KINDS = 3
-"""Kinds of constants up to which their widths are integrated."""
 LARGEST_OF_PROFILE = 10.0
 """Standard deviation of a profile's group that it cannot exceed, over its terms' usual size.
 
@@ -110,85 +88,24 @@ _INNER = 0.1
 class Priors:
     """Precision of every coefficient's prior; the groups' standard deviations are improved in place."""
 
-    def __init__(self, terms: Sequence[Term], prior_stds: Array | None, start: Mapping[str, float]) -> None:
-        """Start from ``prior_stds`` ``(P,)``, standard deviations, inf or NaN for none.
+    def __init__(self, terms: Sequence[Term], prior_stds: Array, start: Mapping[str, float]) -> None:
+        """Start from ``prior_stds`` ``(P,)``, standard deviations of coefficients without a group, inf for none.
 
         A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
         self._terms = terms
         self._weights = np.array([term.weight for term in terms], dtype=np.float64)
-        self._usual: dict[str, float] = {}
-        """Usual size of the constants of each kind."""
         self.groups: dict[str, list[int]] = {}
         for i, term in enumerate(terms):
             if term.group is not None:
                 self.groups.setdefault(term.group, []).append(i)
         self.group_stds = {name: start[name] for name in self.groups if name in start}
         """Standard deviation of each group, in units of its terms' weights."""
-        sizes = [start.get(t.group, t.typical) * t.weight if t.group else np.inf for t in terms]
-        self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
-        if prior_stds is not None:
-            known = np.isfinite(prior_stds) & (prior_stds > 0)
-            self.precision[known] = 1.0 / np.square(prior_stds[known])
-
-    def add_kind(self, kind: str, members: Sequence[int], usual: float, start: float | None = None) -> None:
-        """Put the constants ``members`` under a common prior; those with a prior already keep theirs.
-
-        Args:
-            kind: Name of the kind.
-            members: Numbers of the coefficients.
-            usual: Usual size of such a constant, m or rad.
-            start: Standard deviation to start from, m or rad; that of a badly made arm if None.
-        """
-        without_prior = [i for i in members if self.precision[i] == 0.0]
-        if kind in self.groups or not without_prior:
-            return
-        self.groups[kind], self._usual[kind] = without_prior, usual
-        self._weights[without_prior] = 1.0
-        self.group_stds[kind] = BADLY_MADE * usual if start is None else start
-        self.precision[without_prior] = self.group_stds[kind] ** -2
-
-    @property
-    def kind_stds(self) -> dict[str, float]:
-        """Return the estimated standard deviation of each kind of constants, m or rad."""
-        return {kind: self.group_stds[kind] for kind in self._usual}
-
-    def covariance(self, normal: NormalEquations, columns: NDArray[np.int64]) -> Array:
-        """Return ``(K, K)`` posterior covariance of the coefficients, over the uncertain widths of the kinds' priors.
-
-        The widths are integrated over a grid around their estimates, by the marginal likelihood of the linearisation
-        and the prior of the width: cov = E[cov(s)] + E[(theta(s) - theta) (theta(s) - theta)^T].
-        """
-        prior = self.precision[columns]
-        inverse = normal.posterior(prior)
-        index = {int(column): i for i, column in enumerate(columns)}
-        members = [
-            np.array([index[i] for i in self.groups[kind] if i in index], dtype=np.int64) for kind in self._usual
+        sizes = [
+            start.get(term.group, term.typical) * term.weight if term.group else std
+            for term, std in zip(terms, prior_stds.tolist(), strict=True)
         ]
-        if not sum(indices.size for indices in members):
-            return inverse
-        # A width changes the precision of its kind alone, so that the others' equations stay eliminated.
-        joined = np.concatenate(members)
-        information = posterior(inverse[np.ix_(joined, joined)], np.zeros(joined.size))
-        to_all = inverse[:, joined] @ information
-        theta = inverse[joined] @ normal.rhs
-        log_factors = np.array(
-            list(itertools.product(_LOG_FACTORS if len(members) <= _MOST_KINDS else (0.0,), repeat=len(members)))
-        )
-        kind_of = np.repeat(np.arange(len(members)), [indices.size for indices in members])
-        precision = prior[joined] * np.exp(-2.0 * log_factors[:, kind_of])
-        matrices = information + np.eye(joined.size) * (precision - prior[joined])[:, None, :]
-        inverses = np.linalg.inv(matrices)
-        differences = inverses @ (information @ theta) - theta
-        log_weight = 0.5 * (differences @ (information @ theta) - np.linalg.slogdet(matrices)[1])
-        log_weight += 0.5 * np.log(precision).sum(axis=1)
-        for kind, log_factor in zip(self._usual, log_factors.T, strict=True):
-            std = self.group_stds[kind] * np.exp(log_factor)
-            log_weight -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * np.square(BADLY_MADE * self._usual[kind] / std))
-        weight = np.exp(log_weight - log_weight.max())
-        weight /= weight.sum()
-        mean = np.einsum("s,sij->ij", weight, inverses) + (differences.T * weight) @ differences
-        return np.asarray(inverse + to_all @ (mean - inverse[np.ix_(joined, joined)]) @ to_all.T, dtype=np.float64)
+        self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
 
     def effective(self, normal: NormalEquations, columns: NDArray[np.int64]) -> float:
         """Return the number of coefficients that the data determine: all without priors, fewer with."""
@@ -247,9 +164,6 @@ class Priors:
         for name, indices in places.items():
             n_determined = indices.size - float(prior[indices] @ np.diag(inverse)[indices])
             sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[columns[indices]])))
-            if name in self._usual:
-                n_determined += PSEUDO_CONSTANTS
-                sum_of_squares += PSEUDO_CONSTANTS * (BADLY_MADE * self._usual[name]) ** 2
             determined.append(max(n_determined, 1e-3))
             ratios.append(max(sum_of_squares, 1e-18) / self.group_stds[name] ** 2)
             current.append(self.group_stds[name])
@@ -258,15 +172,13 @@ class Priors:
         for row, indices in zip(membership, places.values(), strict=True):
             row[indices] = 1.0
         information = 0.5 * membership @ squared @ membership.T
-        usual = [self._usual.get(name, 0.0) / std for name, std in zip(places, current, strict=True)]
-        information += np.diag(0.5 * PSEUDO_CONSTANTS * BADLY_MADE**2 * np.square(usual) + _LEAST_INFORMATION)
+        information += _LEAST_INFORMATION * np.eye(len(places))
         scoring = np.linalg.solve(information, score)
         fixed_point = np.log(np.array(ratios) / np.array(determined))
         steps = np.where(np.abs(scoring) < _NEAR, scoring, fixed_point)
         for name, indices, std, step in zip(places, places.values(), current, steps.tolist(), strict=True):
             group_std = max(std * math.exp(0.5 * step), 1e-9)
-            members = columns[indices].tolist()
-            self.group_stds[name] = group_std if name in self._usual else min(group_std, self._largest(members))
+            self.group_stds[name] = min(group_std, self._largest(columns[indices].tolist()))
 
     def _largest(self, members: Sequence[int]) -> float:
         """Return the largest standard deviation of a profile's group."""

@@ -19,7 +19,7 @@ from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Identifiability, Options, identify_terms
 from robacc.fitting.normal_equations import NormalEquations, PoseEquations, PredictedPoses, solved
 from robacc.fitting.outliers import outlier_pattern, row_weights
-from robacc.fitting.priors import WEAK, Priors, badly_made, constant_kinds, std_at_nominal
+from robacc.fitting.priors import Priors, broad_stds
 from robacc.fitting.visits import random_rows, visit_numbers
 from robacc.fitting.whitening import Whitening, whitening, whitening_of_noise
 from robacc.geometry import Array
@@ -257,6 +257,10 @@ def _extrapolated(step: Array, previous_step: Array | None, gram: Array) -> tupl
 _DEFAULTS = Options()
 _REWEIGHTINGS = 6
 """Most rounds of updates of the weights, the groups' priors and the inliers."""
+_FAR = 0.5
+"""Ratio of the misfit without priors of constants to the present one below which the weights are not settled."""
+_COARSE = 0.1
+"""Tolerance of the fit without priors of constants, of which only the misfit is used."""
 _GROSS = 5.0
 """Multiple of an outlier's limit up to which rows that share a circumstance stay in the fit."""
 _MANY = 20_000
@@ -270,10 +274,9 @@ _LEAST_POSES_TO_TRIM = 8
 def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     """Fit every free effect of ``model`` to ``data``.
 
-    Free base and tool frames are first registered in closed form, from any start. Weakly identifiable constants of the
-    arm would drift by centimetres from noise; the constants of their kind share a prior about nominal, whose standard
-    deviation is estimated. Without weakly identifiable constants there is no prior: an arm may differ from its file by
-    any amount.
+    Free base and tool frames are first registered in closed form, from any start. Constants of the arm have a broad
+    prior about nominal, unless ``options`` has one for them: noise cannot move weakly identifiable constants by
+    centimetres.
 
     Raises:
         InputError: fewer measured components than coefficients.
@@ -282,9 +285,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     if options.start is None and options.inliers is None and data.n > _MANY:
         first = fit(model, data.subset(random_rows(data, _FIRST)), options)
         model = first.model
-        options = dataclasses.replace(
-            options, start=first.theta, group_stds=first.group_stds, prior_stds=first.prior_stds
-        )
+        options = dataclasses.replace(options, start=first.theta, group_stds=first.group_stds)
     names = {effect.name for effect in model.free}
     if any(effect.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
@@ -307,9 +308,11 @@ class _Solver:
         self.equations = PoseEquations(model, data)
         terms = self.equations.terms
         self.inliers = np.ones(data.n, dtype=bool) if options.inliers is None else options.inliers.copy()
-        self.weak: set[str] = set()
-        self.kind_starts = dict(options.prior_stds)
-        self.priors = Priors(terms, options.priors, options.group_stds)
+        self.prior_stds = broad_stds(model.free, terms, self.equations.owners)
+        if options.priors is not None:
+            is_given = np.isfinite(options.priors) & (options.priors > 0)
+            self.prior_stds[is_given] = options.priors[is_given]
+        self.priors = self._priors()
         self.steps = 0
         self.converged = True
         # The first misfit, if not given, is that of the start.
@@ -321,8 +324,6 @@ class _Solver:
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
-        self.kinds = constant_kinds(self.equations, model)
-        self.priors = self._priors()
 
     @property
     def _has_scatter(self) -> bool:
@@ -357,49 +358,15 @@ class _Solver:
         return dataclasses.replace(identified, columns=columns)
 
     def _priors(self) -> Priors:
-        """Return the priors anew, those of the kinds of constants at the latest estimates."""
-        priors = Priors(self.equations.terms, self.options.priors, self.options.group_stds)
-        for kind in self.kinds:
-            if kind.name in self.kind_starts:
-                priors.add_kind(kind.name, kind.members, kind.usual, self.kind_starts[kind.name])
-        return priors
+        """Return the priors, those of groups as at the start."""
+        return Priors(self.equations.terms, self.prior_stds, self.options.group_stds)
 
     def solve(self) -> NormalEquations:
-        """Solve, with a prior on the kinds of weakly identifiable constants; return the last linearisation.
-
-        With a near start, such constants get their prior before the first step. Otherwise they get it once everything
-        else is fitted, since the apparent noise of a far start would make all constants weak.
-        """
-        if self.kind_starts:
-            self._add_priors()
-        linear = self._converge()
-        stds = np.sqrt(np.diag(linear.posterior(self.priors.precision[self.equations.columns])))
-        limits = badly_made(self.equations, self.model)
-        is_drifted = np.abs(self.predicted.theta[self.equations.columns]) > limits
-        if not (is_drifted.any() or np.any(stds > WEAK * limits)):
-            return linear
-        if not self._add_priors():
-            return linear
-        if is_drifted.any():
-            # Coefficients correlated with a drifted one are as far off, so the fit restarts.
-            self.predicted, self.normal = self.equations.predict(np.zeros(len(self.equations.terms))), None
-        return self._converge()
-
-    def _add_priors(self) -> bool:
-        """Put a prior on the kinds of constants with large standard errors; return whether more kinds have one now."""
-        stds = std_at_nominal(self.equations, self.weights.whitening(self.inliers), self.priors.precision)
-        count, limits = len(self.kind_starts), badly_made(self.equations, self.model)
-        columns = set(self.equations.columns[stds > WEAK * limits].tolist())
-        self.weak |= {self.equations.terms[i].name for i in columns}
-        for kind in self.kinds:
-            if columns & set(kind.members) and kind.name not in self.kind_starts:
-                self.priors.add_kind(kind.name, kind.members, kind.usual)
-                if kind.name in self.priors.groups:
-                    self.kind_starts[kind.name] = self.priors.group_stds[kind.name]
-        return len(self.kind_starts) > count
-
-    def _converge(self) -> NormalEquations:
         """Alternate Gauss-Newton with updates of the weights and the groups' priors until neither changes."""
+        for _ in range(_REWEIGHTINGS):
+            if not self._reduce_misfit():
+                break
+            self._minimise()
         for _ in range(_REWEIGHTINGS):
             linear = self._minimise()
             changed = False
@@ -426,6 +393,26 @@ class _Solver:
         squares = float(np.sum(np.square(white.apply(self.predicted.residual))))
         self.normal = linear.moved_to(theta, squares)
         return linear
+
+    def _reduce_misfit(self) -> bool:
+        """Reduce the misfit to that of the fit without priors of constants; return whether it is far less.
+
+        The residual of an arm far from nominal is not noise. With weights of its size, the priors outweigh the data.
+        """
+        if self.options.misfit is not None:
+            return False
+        white, terms = self.weights.whitening(self.inliers), self.equations.terms
+        groups = Priors(terms, np.full(len(terms), np.inf), self.priors.group_stds)
+        free = minimise(self.equations, self.predicted, self.normal, white, groups.precision, _COARSE)
+        dof = np.count_nonzero(self.inliers) * self.equations.rows - groups.effective(
+            free.normal, self.equations.columns
+        )
+        cost = float(np.square(white.apply(free.predicted.residual)).sum())
+        ratio = min(float(np.sqrt(cost / max(dof, 1.0))), 1.0)
+        self.misfit = (ratio * self.misfit[0], ratio * self.misfit[1])
+        self.weights.set_misfit(self.misfit)
+        self.normal = None
+        return ratio < _FAR
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
         """Estimate the misfit again; return whether it changed significantly."""
@@ -479,12 +466,10 @@ class _Solver:
         chi_square = float(np.square(self.weights.whitening(self.inliers).apply(predicted.residual)).sum())
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
-        kinds = self.priors.kind_stds
         count = len(equations.terms)
         covariance = np.full((count, count), np.nan)
         if columns.size:
-            inverse = self.priors.covariance(linear, columns)
-            covariance[np.ix_(columns, columns)] = inverse * self._inflation(chi_square, dof)
+            covariance[np.ix_(columns, columns)] = linear.posterior(prior) * self._inflation(chi_square, dof)
         return Fit(
             model=self.model,
             names=tuple(term.name for term in equations.terms),
@@ -508,9 +493,7 @@ class _Solver:
             gram=linear.gram,
             rhs=linear.rhs,
             precision=prior,
-            group_stds={name: std for name, std in self.priors.group_stds.items() if name not in kinds},
-            prior_stds=kinds,
-            weak=tuple(sorted(self.weak)) if kinds else (),
+            group_stds=self.priors.group_stds,
             validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )
 

@@ -14,10 +14,11 @@ variable selection). Its mean is the solution of the normal equations with prior
     G_ii (1/alpha_i - 1) + 1/(alpha_i w^2)
 
 on each constant, with which the nonlinear fit is repeated. If most constants of a kind differ, as on most real arms,
-that kind keeps plain least squares.
+that kind keeps the broad prior of :mod:`robacc.fitting.priors`.
 
-Standard errors stay those of the data alone. The interval of a shrunk constant then covers the truth for a constant of
-any size; a posterior interval would do so only on average over constants distributed as the prior.
+The slab takes the place of the broad prior. A kind of which a constant is weakly identifiable keeps the broad prior.
+Standard errors stay those without the sparse prior. The interval of a shrunk constant then covers the truth for a
+constant of any size; a posterior interval would do so only on average over constants distributed as the prior.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from robacc.effects.base import Effect
 from robacc.effects.link_geometry import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.normal_equations import solved
+from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -68,14 +70,15 @@ def shrink_to_nominal(
 ) -> tuple[Fit, tuple[ShrunkKind, ...]]:
     """Return the fit with constants of ``effects`` shrunk to nominal, and the kinds that were shrunk.
 
-    If no kind is, return ``fitted`` itself. The covariance stays that of ``fitted``, without the prior.
+    If no kind is, return ``fitted`` itself. The covariance stays that of ``fitted``.
     """
     columns = fitted.identifiability.columns
+    weak = {(kind.effect, kind.unit) for kind in weak_kinds(fitted)}
     kinds: dict[str, list[int]] = {}
     for index, column in enumerate(columns):
-        # A kind with an estimated prior is shrunk already, and its standard errors allow for that.
-        if fitted.precision[index] == 0.0 and fitted.model.free[fitted.owners[column]].name in effects:
-            kinds.setdefault(fitted.terms[column].unit, []).append(index)
+        effect, unit = fitted.model.free[fitted.owners[column]].name, fitted.terms[column].unit
+        if effect in effects and (effect, unit) not in weak:
+            kinds.setdefault(unit, []).append(index)
     kinds = {unit: indices for unit, indices in kinds.items() if len(indices) >= _FEWEST}
     selections: list[_Selected] = []
     while kinds:
@@ -89,9 +92,7 @@ def shrink_to_nominal(
     prior_std = np.full(fitted.theta.size, np.inf) if options.priors is None else options.priors.copy()
     for selection in selections:
         prior_std[columns[selection.indices]] = 1.0 / np.sqrt(selection.precision)
-    start = dataclasses.replace(
-        options, priors=prior_std, start=fitted.theta, group_stds=fitted.group_stds, prior_stds=fitted.prior_stds
-    )
+    start = dataclasses.replace(options, priors=prior_std, start=fitted.theta, group_stds=fitted.group_stds)
     refit = dataclasses.replace(fit(fitted.model, data, start), covariance=fitted.covariance)
     return refit, tuple(
         ShrunkKind(
@@ -156,9 +157,10 @@ def _sweep(gram: Array, rhs: Array, mean: Array, precision: Array, odds: Array) 
 
 
 def _eliminated(fitted: Fit, indices: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the normal equations of the coefficients at ``indices``, all others eliminated."""
-    gram = fitted.gram + np.diag(fitted.precision)
-    others = np.setdiff1d(np.arange(gram.shape[0]), indices)
+    """Return the normal equations of the coefficients at ``indices`` without their prior, all others eliminated."""
+    others = np.setdiff1d(np.arange(fitted.precision.size), indices)
+    gram = fitted.gram.copy()
+    gram[others, others] += fitted.precision[others]
     cross = gram[np.ix_(others, indices)]
     scale = 1.0 / np.sqrt(np.diag(gram)[others])
     others_gram = gram[np.ix_(others, others)] * scale[:, None] * scale

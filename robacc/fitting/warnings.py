@@ -8,6 +8,7 @@ import numpy as np
 
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.outliers import outlier_pattern
+from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
@@ -187,16 +188,14 @@ def sigma_warning(noise: LackOfFit) -> tuple[str, ...]:
 
 def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
     """Return a warning that lists the weakly identifiable constants; empty if there are none."""
-    if not fit.prior_stds:
+    kinds = weak_kinds(fit)
+    names = sorted(name for kind in kinds for name in kind.names)
+    if not names:
         return ()
-    names = sorted(fit.weak)
     more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    listed = ", ".join(names[:_MAX_NAMES]) + more
-    stds = ", ".join(
-        f"{1e3 * std:.3g} {'mm' if kind.endswith('(m)') else 'mrad'} for {kind.partition(' (')[0]}"
-        for kind, std in fit.prior_stds.items()
-    )
+    stds = " and ".join(dict.fromkeys(f"{1e3 * kind.std:.3g} {_MILLI[kind.unit]}" for kind in kinds))
     return (
-        f"weakly identifiable on these poses: {listed or 'some constants'}; a prior about the nominal values limits "
-        f"them (standard deviation, estimated from the data: {stds}); measure poses with more different orientations",
+        f"weakly identifiable on these poses: {', '.join(names[:_MAX_NAMES])}{more}; a prior about the nominal values "
+        f"limits them (standard deviation {stds}, that of a badly made arm); measure poses with more different "
+        "orientations",
     )

@@ -13,7 +13,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.priors import BADLY_MADE, PSEUDO_CONSTANTS, WEAK, tolerance_priors
+from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.whitening import whitening
 from robacc.geometry import Array
@@ -29,7 +29,7 @@ _IDENTIFIED_ON = 1500
 _SINGULAR = 1e14
 """Condition number above which an information matrix counts as singular."""
 _USUAL_SIZES = 10.0
-"""Prior standard deviation of a constant without a tolerance, over its usual size: wide, as the fit has none."""
+"""Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,8 @@ class PlannedCoefficients:
     """Coefficients that no poses identify."""
     prior_std: Array
     """``(P,)`` prior standard deviations for the choice of poses: tolerance, else wide."""
-    kinds: NDArray[np.int64]
-    """``(P,)`` kind of each constant of the arm, as in the fit; -1 for other coefficients."""
-    weak_std: Array
-    """``(P,)`` standard error above which a constant is weakly identifiable, and its kind has a prior; inf for none."""
-    kind_std: Array
-    """``(P,)`` standard deviation of that prior, as the fit will estimate it; inf for none."""
-    usual: Array
-    """``(P,)`` usual deviation of a constant from nominal; inf for other coefficients."""
+    broad_std: Array
+    """``(P,)`` standard deviation of the fit's broad prior of constants; inf for other coefficients."""
 
     @property
     def names(self) -> list[str]:
@@ -152,60 +146,35 @@ def region_rows(model: Model, task: Measurements) -> Array:
 
 def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     """Return the coefficients that the candidates' ``rows`` ``(M, N, P)`` identify, and their priors."""
-    terms = tuple(term for effect in model.free for term in effect.terms(model.arm, every_column(model.arm)))
+    bound = [effect.terms(model.arm, every_column(model.arm)) for effect in model.free]
+    terms = tuple(term for own in bound for term in own)
+    owners = [number for number, own in enumerate(bound) for _ in own]
     step = max(1, rows.shape[1] // _IDENTIFIED_ON)
     flat = rows[:, ::step].reshape(-1, rows.shape[2])
     triangle = np.asarray(np.linalg.qr(flat, mode="r"))
     identified = identify_terms(triangle, terms, flat.shape[0])
     columns = identified.columns
     tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
-    kinds = _kinds(model)
-    prior = np.array([tolerance.get(term.name, _usual_prior(term, term.name in kinds)) for term in terms])
-    number = np.array([kinds.get(term.name, -1) for term in terms], dtype=np.int64)
-    typical = np.array([term.typical if term.name in kinds else np.inf for term in terms])
-    kind_std = np.full(columns.size, np.inf)
-    for kind in set(number[columns].tolist()) - {-1}:
-        members = number[columns] == kind
-        usual = float(typical[columns][members].max())
-        kind_std[members] = expected_prior_std(usual, int(np.count_nonzero(members)))
-    weak = WEAK * BADLY_MADE * typical
-    return PlannedCoefficients(
-        terms, columns, identified.dropped, prior[columns], number[columns], weak[columns], kind_std, typical[columns]
-    )
-
-
-def expected_prior_std(usual: float, count: int) -> float:
-    """Return the prior standard deviation that a fit estimates for ``count`` constants whose deviations are ``usual``.
-
-    The fit adds :data:`~robacc.fitting.priors.PSEUDO_CONSTANTS` constants of a badly made arm.
-    """
-    squares = count + PSEUDO_CONSTANTS * BADLY_MADE**2
-    return float(usual * np.sqrt(squares / (count + PSEUDO_CONSTANTS)))
+    broad = broad_stds(model.free, terms, owners)
+    is_constant = np.isfinite(broad)
+    prior = np.array([tolerance.get(terms[i].name, _usual_prior(terms[i], is_constant[i])) for i in range(len(terms))])
+    return PlannedCoefficients(terms, columns, identified.dropped, prior[columns], broad[columns])
 
 
 def fit_covariance(rows: Array, planned: PlannedCoefficients, information: Array | None = None) -> Array | None:
     """Return ``(P, P)`` the covariance of the errors of a fit to poses ``(M, n, P)``; None where they do not suffice.
 
-    It is the mean over arms whose constants deviate by their usual size. As in the fit
-    (:mod:`robacc.fitting.priors`), the constants of a kind have a common prior only if one of them is weakly
-    identifiable. ``information`` is that of poses measured already.
+    It is the mean over arms whose constants deviate by their usual size. Constants have the fit's broad prior
+    (:mod:`robacc.fitting.priors`). ``information`` is that of poses measured already.
     """
     normal = information_of(rows) if information is None else information + information_of(rows)
     scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    covariance = _inverse(normal, scale)
-    is_weak = np.isfinite(planned.weak_std)
-    if covariance is not None:
-        is_weak = np.sqrt(np.diag(covariance)) > planned.weak_std
-        if not is_weak.any():
-            return covariance
-    has_prior = np.isin(planned.kinds, planned.kinds[is_weak])
-    precision = np.where(has_prior, planned.kind_std**-2.0, 0.0)
-    gain = _inverse(normal + np.diag(precision), scale)
+    precision = np.diag(planned.broad_std**-2.0)
+    gain = _inverse(normal + precision, scale)
     if gain is None:
         return None
     # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
-    deviation = precision * np.where(has_prior, planned.usual, 0.0)
-    result: Array = gain @ (normal + np.diag(np.square(deviation))) @ gain
+    result: Array = gain @ (normal + precision / BADLY_MADE**2) @ gain
     return result
 
 
@@ -240,14 +209,3 @@ def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> 
 
 def _usual_prior(term: Term, is_constant: bool) -> float:
     return _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else _FRAME_PRIOR
-
-
-def _kinds(model: Model) -> dict[str, int]:
-    """Return the kind of each constant of the arm, frames excluded: those of one effect and unit share a prior."""
-    kinds: dict[tuple[str, str], int] = {}
-    numbers = {}
-    for effect in model.free:
-        if effect.is_constant and not effect.is_frame:
-            for term in effect.terms(model.arm, every_column(model.arm)):
-                numbers[term.name] = kinds.setdefault((effect.name, term.unit), len(kinds))
-    return numbers

@@ -37,13 +37,7 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
     ]
     # Outliers are known from the similar fit; on the same rows they start left out.
     inliers = like.inliers if options.robust and like.inliers.size == data.n else None
-    warm_start = dataclasses.replace(
-        options,
-        start=np.array(start),
-        inliers=inliers,
-        group_stds=like.group_stds,
-        prior_stds=like.prior_stds,
-    )
+    warm_start = dataclasses.replace(options, start=np.array(start), inliers=inliers, group_stds=like.group_stds)
     return fit(model, data, warm_start)
 
 

@@ -159,7 +159,12 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_prior() 
 
     def density(one: Fit) -> float:
         errors = stats.norm.logpdf(one.residual, scale=1.0 / one.weight).sum()
-        return float(errors + stats.norm.logpdf(one.theta[-1], scale=1e-4))
+        zeros = [name.startswith("joint_offset.") for name in one.names]
+        return float(
+            errors
+            + stats.norm.logpdf(one.theta[-1], scale=1e-4)
+            + stats.norm.logpdf(one.theta[zeros], scale=3e-3).sum()
+        )
 
     assert value == pytest.approx(2 * (density(other) - density(found)), rel=1e-9)
 

@@ -78,7 +78,9 @@ def test_estimates_scatter_about_the_truth_as_the_covariance_says(name: str, ori
         statistic += float(error @ np.linalg.solve(found.covariance[np.ix_(kept, kept)], error))
         count += kept.size
         freedom = found.degrees_of_freedom
-        assert freedom == data.n * (6 if orientation else 3) - kept.size
+        # Priors take as much of the coefficients' freedom as they have of the information.
+        of_priors = float(found.precision @ np.diag(found.covariance)[kept])
+        assert freedom == pytest.approx(data.n * (6 if orientation else 3) - kept.size + of_priors, rel=1e-9)
         assert 1e-4 < stats.chi2.sf(found.chi_square, freedom) < 1 - 1e-4
     # Chi-square of the estimates: one tail in ten thousand, both ways.
     assert 1e-4 < stats.chi2.sf(statistic, count) < 1 - 1e-4
@@ -194,12 +196,12 @@ def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
         Model.of(one.robot, [*effects("puma560", "joint_offset"), profile]), data, Options(misfit=(NOISE, NOISE))
     )
     (width,) = found.group_stds.values()
-    shrunk = found.precision > 0
+    shrunk = np.array([found.terms[i].group is not None for i in found.identifiability.columns])
     assert shrunk.sum() == len(names)
 
     def log_evidence(factor: float) -> float:
         """Log marginal likelihood at ``factor`` times the width found, up to a constant."""
-        precision = found.precision / factor**2
+        precision = np.where(shrunk, found.precision / factor**2, found.precision)
         matrix = found.gram + np.diag(precision)
         return float(
             0.5 * found.rhs @ np.linalg.solve(matrix, found.rhs)

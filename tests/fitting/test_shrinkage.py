@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from robacc.effects.base import Term
 from robacc.fitting.normal_equations import NormalEquations, posterior
-from robacc.fitting.priors import BADLY_MADE, LARGEST_OF_PROFILE, PSEUDO_CONSTANTS, Priors
+from robacc.fitting.priors import LARGEST_OF_PROFILE, Priors
 from robacc.geometry import Array
 
 ORDERS = np.arange(1, 37) / 2
@@ -32,7 +30,7 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     gram, rhs = design.T @ design, design.T @ measured
     normal = NormalEquations(np.zeros(72), gram, rhs, float(measured @ measured))
     terms = [Term(f"t{i}", "rad", TYPICAL, (), "profile") for i in range(72)]
-    priors = Priors(terms, None, {})
+    priors = Priors(terms, np.full(72, np.inf), {})
     columns = np.arange(72)
     for _ in range(5):
         priors.update(normal, columns, float(angle.size), noise_known=True, settled=0.01)
@@ -59,7 +57,7 @@ def linear_problem(seed: int) -> tuple[Array, Array, NormalEquations]:
 def test_group_stds_have_the_largest_marginal_likelihood(seed: int, start: float) -> None:
     design, measured, normal = linear_problem(seed)
     terms = [Term(f"t{i}", "rad", TYPICAL, (), "a" if i < 10 else "b" if i < 15 else None) for i in range(19)]
-    priors = Priors(terms, None, {"a": start, "b": start})
+    priors = Priors(terms, np.full(19, np.inf), {"a": start, "b": start})
     for _ in range(6):
         priors.update(normal, np.arange(19), 60.0, noise_known=True, settled=0.01)
     free = design[:, 15:]
@@ -75,32 +73,3 @@ def test_group_stds_have_the_largest_marginal_likelihood(seed: int, start: float
     best = minimize(lambda x: -restricted_likelihood(x), np.log([3e-4, 2e-5]), method="Nelder-Mead").x
     reached = np.log([priors.group_stds["a"], priors.group_stds["b"]])
     assert restricted_likelihood(reached) > restricted_likelihood(best) - 1e-4
-
-
-def test_covariance_integrates_the_widths_of_the_kinds() -> None:
-    _, _, normal = linear_problem(7)
-    terms = [Term(f"t{i}", "rad", TYPICAL, (), None) for i in range(19)]
-    priors = Priors(terms, None, {})
-    kinds = {"x": (np.arange(10), 1e-3), "y": (np.arange(10, 15), 1e-3)}
-    for name, (members, usual) in kinds.items():
-        priors.add_kind(name, members.tolist(), usual, 2e-4)
-    log_weights, moments = [], []
-    mean = posterior(normal.gram, priors.precision) @ normal.rhs
-    for logs in itertools.product(np.linspace(-1.2, 1.8, 7), repeat=2):
-        precision, log_weight = np.zeros(19), 0.0
-        for (members, usual), log in zip(kinds.values(), logs, strict=True):
-            std = 2e-4 * np.exp(log)
-            precision[members] = std**-2
-            # The prior of the width, worth some constants of the usual size, and the normalisation of the constants'.
-            log_weight -= PSEUDO_CONSTANTS * (np.log(std) + 0.5 * (BADLY_MADE * usual / std) ** 2)
-            log_weight -= members.size * np.log(std)
-        matrix = normal.gram + np.diag(precision)
-        theta = np.linalg.solve(matrix, normal.rhs)
-        log_weight += 0.5 * float(normal.rhs @ theta) - 0.5 * float(np.linalg.slogdet(matrix)[1])
-        log_weights.append(log_weight)
-        moments.append(np.linalg.inv(matrix) + np.outer(theta - mean, theta - mean))
-    weights = np.exp(np.array(log_weights) - max(log_weights))
-    expected = np.einsum("s,sij->ij", weights / weights.sum(), moments)
-    scale = np.sqrt(np.diag(expected))
-    actual = priors.covariance(normal, np.arange(19))
-    np.testing.assert_allclose(actual / scale / scale[:, None], expected / scale / scale[:, None], atol=1e-6)

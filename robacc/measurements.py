@@ -97,6 +97,17 @@ class Measurements:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
+    def __str__(self) -> str:
+        """Return the number of poses, and the ranges of the columns in SI units, in ten lines at most."""
+        lines = [f"{self.n} measured poses of {self.source or 'arrays'}, in m and rad"]
+        for field in dataclasses.fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray) and value.size and field.name not in ("rotation", "rows", "copies"):
+                rows = value.reshape(-1, self.n) if value.dtype.kind == "f" else ()
+                spans = ", ".join(f"{row.min():.2f}…{row.max():.2f}" for row in rows)
+                lines.append(f"{field.name:<18} {spans or f'{np.unique(value).size} different'}")
+        return "\n".join(lines[:10])
+
     @property
     def n(self) -> int:
         """Number of poses."""

@@ -25,7 +25,7 @@ from robacc.accuracy.pose_errors import (
     pose_errors,
     registered_poses,
 )
-from robacc.errors import RobaccError, UsageError
+from robacc.errors import InputError, RobaccError, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -41,6 +41,10 @@ if TYPE_CHECKING:
 _FAR = 0.05
 """Position error relative to the extent of the poses above which the cause is a frame or a unit, not the arm (whose
 errors are some mm on a reach of a metre)."""
+_MOSTLY = 0.6
+"""Share of the errors' squares from which a step explains them."""
+_FEWEST_ROWS, _FEWEST_AT_END = 20, 3
+"""Rows that a step is looked for in, and rows before and after it, at least."""
 
 
 def register(data: Measurements, robot: Robot | None, frames: Sequence[str], *, held_out: bool = False) -> Alignment:
@@ -61,9 +65,18 @@ def too_far(error: float, position: Array) -> bool:
 
 
 def frames_to_register(data: Measurements, robot: Robot | None, error: float) -> tuple[str, ...]:
-    """Return frames that take a position error in m that no arm has to one that an arm may have; none otherwise."""
+    """Return frames that take a position error in m that no arm has to one that an arm may have; none otherwise.
+
+    Raises:
+        InputError: The error is one that no arm has, and the positions are too few to register frames.
+    """
     if not too_far(error, data.position):
         return ()
+    if data.n < 3 and data.rotation is None:
+        raise InputError(
+            f"{data.n} positions whose errors, {1e3 * error:.3g} mm rms, are too large for an arm: the frames do not "
+            'agree, and registration needs more positions; measure at least 4, or keep the errors with `align="none"`'
+        )
     for frames in (("base_frame", "tool_frame"), ("base_frame",)):
         try:
             commanded = register(data, robot, frames).commanded
@@ -82,8 +95,30 @@ def unregistered_warning(registered: bool) -> str:
             "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each "
             "row has its own command, and that the axes are right-handed"
         )
-    advice = 'register the frames with `align="base_frame,tool_frame"`'
-    return f"the errors are too large for an arm and suggest frames that are not registered; {advice}"
+    return (
+        "the errors are too large for an arm and suggest frames that are not registered; register the frames with "
+        '`align="base_frame,tool_frame"`'
+    )
+
+
+def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
+    """Return a warning of position errors ``(3, N)`` that are mostly one step between two rows.
+
+    The step is where the means of the rows before and after it differ most, as their number allows.
+    """
+    if (n := data.n) < _FEWEST_ROWS:
+        return ()
+    before = np.arange(_FEWEST_AT_END, n - _FEWEST_AT_END + 1)
+    centred = error - error.mean(axis=1, keepdims=True)
+    explained = np.square(np.cumsum(centred, axis=1)[:, before - 1]).sum(axis=0) * n / (before * (n - before))
+    first = int(before[np.argmax(explained)])
+    if explained.max() <= _MOSTLY * np.sum(np.square(centred)):
+        return ()
+    step = np.linalg.norm(centred[:, first:].mean(axis=1) - centred[:, :first].mean(axis=1))
+    return (
+        f"the errors change by {1e3 * step:.3g} mm at {data.place(first)}: the instrument or the robot base moved "
+        "there; estimate the rows before and after it apart, or let a trace fit the step",
+    )
 
 
 N_WORST = 5

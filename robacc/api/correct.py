@@ -202,6 +202,12 @@ def correct(
     data, record = load_poses(targets, controller, kind="targets", attained=False)
     limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, fit)
     setting = circumstances(data, ordered=ordered, payload=payload, temperature=temperature, time=time)
+    low, high = (None if fit is None else fit.ranges.get("temperature_c")) or (-math.inf, math.inf)
+    if (at := setting.columns.temperature) is not None and at.size and not low <= at.min() <= at.max() <= high:
+        doubts += (
+            f"the targets are at {at.min():g} to {at.max():g} °C, the model was fitted at {low:g} to {high:g} °C: "
+            "of the temperature, only the model's effects are corrected",
+        )
     try:
         body = correction(
             data,

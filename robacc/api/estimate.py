@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from robacc.accuracy.estimation import EstimateResult
 from robacc.accuracy.estimation import estimate as estimate_errors
@@ -17,6 +17,7 @@ from robacc.api.inputs import (
     load_grade_scale,
     load_optional_robot,
     load_poses,
+    stated,
     with_measured_targets,
 )
 from robacc.api.result import (
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     from robacc.robots.description import Robot
 
 _MOST_ROWS = 5000
-"""Rows that show a rounding well enough."""
+"""Rows that show a step and a rounding well enough."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -64,6 +65,12 @@ class Estimate(Result, EstimateResult):
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
         return {**payload(self), **pose_payload(self.data, self.robot, statistics)}
 
+    def draw(self, stream: TextIO) -> None:
+        """Write the short report."""
+        from robacc.render.text.estimate import draw_short_estimate
+
+        draw_short_estimate(self, self.named("poses"), self.named("robot"), stream)
+
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
         from robacc.documents.estimate import per_pose_csv
@@ -82,6 +89,14 @@ def estimate(
     confidence: float = 0.95,
     ordered: bool = False,
     ignore_limits: bool = False,
+    angles: str | None = None,
+    units: str | None = None,
+    columns: StrPath | Mapping[str, str | None] | None = None,
+    skip_gaps: bool = False,
+    coverage: float | None = None,
+    sheet: str | None = None,
+    commanded: StrPath | None = None,
+    bag: str | None = None,
     campaign: CampaignUse = "auto",
     strict_range: bool = False,
     base_link: str | None = None,
@@ -106,6 +121,14 @@ def estimate(
         ordered: The rows of the file are in the order measured; directions and speeds are derived from it.
         ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
             limit by more than 0.05 degree or 0.5 mm.
+        angles: Convention of three angles that form an orientation, such as ``fixed-xyz``.
+        units: Units of columns whose names have none, such as ``mm,deg``.
+        columns: Column map (YAML), or documented names by the names in the file.
+        skip_gaps: Leave out rows with a missing value, with a warning.
+        coverage: Coverage factor of uncertainties that the file calls U.
+        sheet: Sheet of a workbook.
+        commanded: Robot program, or table of joints or commanded poses, whose rows were measured.
+        bag: Topics and samples of a recording.
         campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
             ``auto`` for its own poses and for measured poses that agree better with them.
         strict_range: Refuse poses outside the validity range of the model.
@@ -133,6 +156,10 @@ def estimate(
     arguments = locals()
     check_range("seed", seed, 0)
     check_choice("frame", frame, ("tool", "base", None))
+    poses = stated(
+        poses, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
+        commanded=commanded, bag=bag,
+    )  # fmt: skip
     arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
     aligned = None if align is None else effect_names(align)
     # Only a fit of the tool finds the place of a target that the robot file lacks.
@@ -147,23 +174,30 @@ def estimate(
     if warnings := fitted_pose_warnings(arm, (record,)):
         notes = (*body.notes, "the robot file was fitted to these same poses")
         body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
-    body = dataclasses.replace(body, warnings=(*body.warnings, *_rounding(body, arm, data), *use.warnings))
+    body = dataclasses.replace(body, warnings=(*body.warnings, *_doubts(body, arm, data), *use.warnings))
     fitted = body.alignment.effects if body.alignment else ()
     options = options_of(estimate, arguments, align=list(fitted), frame=body.errors.frame)
     made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
     return Estimate.of(body, arm, data, made)
 
 
-def _rounding(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
-    """Return the warning of joint variables that were recorded with few digits, where the errors show it."""
-    if robot is None or data.q is None:
-        return ()
+def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
+    """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
     import numpy as np
 
+    from robacc.accuracy.estimation import moved_warning
     from robacc.accuracy.pose_errors import commanded_poses
+    from robacc.diagnostics.data_mistakes import other_arm
     from robacc.diagnostics.joint_readings import rounding_in_errors
 
-    some = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64)))
-    registered = robot if body.alignment is None else body.alignment.robot
-    commanded = commanded_poses(some, registered).block(slice(None))[0]
-    return rounding_in_errors(registered, some, some.position - commanded)
+    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64))
+    some, fitted = data.subset(rows), body.alignment
+    commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot).block(slice(None))[0]
+    error = some.position - commanded
+    if robot is None or data.q is None:
+        return moved_warning(some, error)
+    return (
+        *other_arm(robot, some),
+        *moved_warning(some, error),
+        *rounding_in_errors(fitted.robot if fitted else robot, some, error),
+    )

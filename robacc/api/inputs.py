@@ -362,6 +362,19 @@ def pose_path(source: StrPath | SupportsColumns | Mapping[str, Any]) -> str:
     return os.fspath(source) if isinstance(source, str | os.PathLike) else PoseFile(source)
 
 
+def stated(source: PosesSource, **reading: Any) -> PosesSource:
+    """Return poses whose file is read with these statements, which are those of a ``PoseFile``; as is without any.
+
+    Raises:
+        UsageError: Poses read before have statements.
+    """
+    if not any(reading.values()):
+        return source
+    if isinstance(source, Measurements):
+        raise UsageError(f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses")
+    return PoseFile(source, **reading)
+
+
 def load_robot(
     source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None, poses: PosesSource | None = None
 ) -> tuple[Robot, InputFile]:

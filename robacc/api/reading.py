@@ -6,7 +6,7 @@ import os
 from collections.abc import Mapping
 from typing import Any
 
-from robacc.api.inputs import StrPath, checked_poses, load_poses, load_robot
+from robacc.api.inputs import StrPath, checked_poses, load_poses, load_robot, stated
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -62,12 +62,12 @@ def read_poses(
         >>> data.n, data.position.shape
         (60, (3, 60))
     """
-    stated = {"angles": angles, "units": units, "columns": columns, "coverage": coverage, "sheet": sheet}
-    stated |= {"commanded": commanded, "bag": bag}
-    if skip_gaps or any(value is not None for value in stated.values()):
-        path = PoseFile(path, skip_gaps=skip_gaps, **stated)  # type: ignore[arg-type]
-    known = None if robot is None else load_robot(robot, poses=path)[0]
-    return load_poses(path, known, ordered=ordered, ignore_limits=ignore_limits)[0]
+    poses = stated(
+        path, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
+        commanded=commanded, bag=bag,
+    )  # fmt: skip
+    known = None if robot is None else load_robot(robot, poses=poses)[0]
+    return load_poses(poses, known, ordered=ordered, ignore_limits=ignore_limits)[0]
 
 
 def write_poses(path: StrPath, data: Measurements) -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import inspect
+import io
 import json
 import math
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, TextIO
 
 from robacc.documents.envelope import InputFile, envelope
 from robacc.errors import UsageError
@@ -88,8 +89,14 @@ def use_model(
     return ModelUse(robot, outside, notes)
 
 
-_RECORDED_APART = frozenset({"poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"})
-"""Parameters that are not among the options: files stand among the inputs, the seed has a key of its own."""
+_RECORDED_APART = frozenset(
+    (
+        *("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"),
+        *("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag"),
+    )
+)
+"""Parameters that are not among the options: files and how they are read stand among the inputs, the seed has a key of
+its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,10 +133,20 @@ class Result(ABC):
         return f"<robacc.{type(self).__name__} of {files}>"
 
     def __str__(self) -> str:
-        """Return the headline and key figures as lines of text."""
+        """Return the first screen of the command as text, with the warnings below it."""
+        page = io.StringIO()
+        self.draw(page)
+        return "\n".join((page.getvalue().rstrip(), *(f"warning: {text}" for text in self.warnings)))
+
+    def draw(self, stream: TextIO) -> None:
+        """Write what the command shows without options, else the headline and the key figures."""
         from robacc.render.html.notebook import notebook_text
 
-        return notebook_text(self._plain())
+        stream.write(notebook_text(self._plain()))
+
+    def named(self, kind: str) -> str:
+        """Return the name of the input of a kind; empty without any."""
+        return next((file.name for file in self.made.inputs if file.kind == kind), "")
 
     @abstractmethod
     def payload(self) -> dict[str, Any]:

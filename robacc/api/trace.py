@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TextIO
 
 import numpy as np
 
@@ -39,6 +39,12 @@ class Traced(FitResult, Trace):
         inputs = self.fit_inputs
         document = trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
         return {**document, "declared": baseline_payload(self.baseline)}
+
+    def draw(self, stream: TextIO) -> None:
+        """Write how good, why, and what now."""
+        from robacc.render.text.fit import draw_trace
+
+        draw_trace(self, self.named("poses"), self.named("robot"), self.baseline, stream)
 
 
 @single_threaded

@@ -191,7 +191,10 @@ def _too_large(
 
 
 def _out_of_range(pair: RobotPair, setting: Circumstances, wanted: WantedPoses, limits: Limits) -> dict[int, Refusal]:
-    """Return targets outside the validity range of an effect, or of what the model was fitted on."""
+    """Return targets outside the validity range of an effect, or of what the model was fitted on.
+
+    A temperature that no effect depends on refuses no target.
+    """
     if limits.beyond_range:
         return {}
     arm = pair.model.arm
@@ -202,7 +205,9 @@ def _out_of_range(pair: RobotPair, setting: Circumstances, wanted: WantedPoses, 
             reason = f"outside the validity range of {known.effect}"
             result.setdefault(int(i), Refusal(Cause.out_of_range, reason))
     columns: dict[str, Array | None] = dict(zip(arm.names, wanted.q, strict=True))
-    columns |= {"payload_kg": data.payload, "temperature_c": data.temperature}
+    columns["payload_kg"] = data.payload
+    if any("temperature_c" in known.effect.validity_drivers(arm) for known in pair.model.known):
+        columns["temperature_c"] = data.temperature
     for name, (low, high) in (limits.ranges or {}).items():
         if (values := columns.get(name)) is None:
             continue

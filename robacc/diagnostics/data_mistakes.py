@@ -60,6 +60,8 @@ _REGISTERED = 400
 """Rows on which base and target are registered at most."""
 _PLAUSIBLE = 0.1
 """Share of the standard deviation of the positions up to which the orientations and axes are examined."""
+_USUAL_ERROR = 3e-3
+"""m; registered error up to which an arm is taken for the one that was measured."""
 _LISTED = 40
 """Hypotheses of each group that are judged by all rows of the sample."""
 _COMPLETED = 6
@@ -76,6 +78,34 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
         return None
     search = _MistakeSearch(robot, Sample.of(robot, data))
     return None if search.null.total <= GROSS else search.run()
+
+
+def other_arm(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """Return a warning that names the arm of the package that fits the poses, where the robot does not."""
+    from robacc.modelling.robot_file import read_robot
+    from robacc.robots.library import library
+
+    def error(arm: Robot) -> float:
+        try:
+            return float(np.median(np.linalg.norm(data.position - _registered_poses(arm, data).translation, axis=0)))
+        except RobaccError:
+            return np.inf
+
+    data = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _REGISTERED)).astype(int)))
+    if data.n < _LEAST_POSES or data.q is None or (own := error(robot)) <= _USUAL_ERROR:
+        return ()
+    fits = {
+        arm.key: error(dataclasses.replace(read_robot(arm.path), targets=robot.targets))
+        for arm in library()
+        if arm.axes == len(robot.variables)
+    }
+    best = min(fits, key=fits.__getitem__, default="")
+    if fits.get(best, np.inf) * _IMPROVEMENT > own:
+        return ()
+    return (
+        f"{robot.name} leaves a median error of {1e3 * own:.3g} mm with base and tool registered, the package's {best} "
+        f"{1e3 * fits[best]:.2g} mm: check that `robot` is the arm that was measured",
+    )
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -100,7 +130,7 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
             raise InputError(f"{file}{part.text}")
         if part is not None:
             return (f"{file}{part.text}",)
-    return () if rows is None else (f"{file}{rows.text}",)
+    return (*other_arm(robot, data), *(() if rows is None else (f"{file}{rows.text}",)))
 
 
 def _registered_poses(robot: Robot, data: Measurements) -> Poses:

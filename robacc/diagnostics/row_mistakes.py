@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robacc.diagnostics.mistakes import Mistake, arm_poses, register_positions, target_numbers
 from robacc.fitting.closed_form import register_frames
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
@@ -52,6 +52,9 @@ _FEW = 0.05
 """Share of exchanged rows up to which the others can be used."""
 _MOST_MATCHED = 400
 """Rows that are matched with each other at most."""
+_SAME_POINTS = 0.12
+"""Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
+of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
 _SAME_JOINTS = 1e-6
 """Largest difference of a joint's values within a visit, rad or m."""
 _LISTED = 8
@@ -89,9 +92,44 @@ def find_row_mistakes(robot: Robot, data: Measurements, predicted: Array) -> Row
     costs = _errors_by_shift(predicted, data.position)
     typical = float(np.median(costs.min(axis=0)))
     if typical > _MOST_TYPICAL * spread:
-        return None
+        return _permuted(robot, data, spread)
     shifts = _path(costs, 3.0 * max(typical, 1e-6))
     return _stretches(data, costs, shifts, spread) or _exchanged(data, predicted, spread)
+
+
+def _permuted(robot: Robot, data: Measurements, spread: float) -> RowMistake | None:
+    """Return all rows if the measured positions are those of the commands in another order.
+
+    Distances from the centre of all positions do not depend on the base. Sorted, they agree then, with the tool that
+    fits best, far better than those of other poses of the arm; row by row they do not.
+    """
+    from scipy.optimize import least_squares
+
+    poses = predict(robot, data)
+    measured = _from_centre(data.position)
+
+    def distances(tool: Array) -> Array:
+        return _from_centre(poses.translation + np.einsum("ijn,j->in", poses.rotation, tool))
+
+    def differences(tool: Array) -> Array:
+        return np.sort(distances(tool)) - np.sort(measured)
+
+    tool = least_squares(differences, np.zeros(3), x_scale=0.1).x
+    in_order, by_row = rms_length(differences(tool)[None]), rms_length((distances(tool) - measured)[None])
+    if by_row <= _MOST_TYPICAL * spread or in_order * np.sqrt(data.n) > _SAME_POINTS * by_row:
+        return None
+    return RowMistake(
+        "the measured poses seem to be in another order than the joints: sorted by their distance from the "
+        f"middle of all they agree to {1e3 * in_order:.2g} mm rms, row by row only to {1e3 * by_row:.3g} mm; pair each "
+        "measured pose with its own joint values, by a name or by the time",
+        True,
+        tuple(range(data.n)),
+    )
+
+
+def _from_centre(position: Array) -> Array:
+    """Return the distances ``(N,)`` of positions ``(3, N)`` from their middle."""
+    return np.asarray(np.linalg.norm(position - position.mean(axis=1, keepdims=True), axis=0))
 
 
 def _predicted(robot: Robot, data: Measurements, rows: NDArray[np.int64], measured: NDArray[np.int64]) -> Array:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.io.dialect import for_spreadsheet
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, significant
 from robacc.version import __version__
@@ -64,7 +65,8 @@ def csv_text(columns: Mapping[str, Iterable[str]]) -> str:
 
 
 def csv_cell(text: str) -> str:
-    """Return the text as a cell, in quotes where a reader would split it."""
+    """Return the text as a cell, in quotes where a reader would split it; a spreadsheet does not run it."""
+    text = for_spreadsheet(text)
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
 
 

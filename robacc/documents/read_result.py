@@ -86,7 +86,9 @@ def _parsed(text: str, name: str) -> Any:
     if not text.strip():
         raise InputError(Problem("is empty", name, fix="save the result as JSON"))
     try:
-        document = json.loads(text, object_pairs_hook=_unique_keys, parse_constant=_refused, parse_float=_finite)
+        document = json.loads(
+            text, object_pairs_hook=_unique_keys, parse_constant=_refused, parse_float=_finite, parse_int=_whole
+        )
         if "\\u" in text:
             # JSON can spell half of a surrogate pair, which is not a character and cannot be printed or written.
             json.dumps(document, ensure_ascii=False).encode()
@@ -100,7 +102,7 @@ def _parsed(text: str, name: str) -> Any:
         raise InputError(Problem("is nested more deeply than any result", name)) from None
     except UnicodeEncodeError:
         raise InputError(Problem("contains half of a surrogate pair, which is not a character", name)) from None
-    except ValueError as error:  # of the hooks, or an integer of thousands of digits
+    except ValueError as error:  # of the hooks
         raise InputError(Problem(f"is not a result: {error}", name)) from None
     return document
 
@@ -123,6 +125,11 @@ def _finite(text: str) -> float:
     if not math.isfinite(number):
         raise ValueError(f"the number {text[:40]} is too large")
     return number
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _checked(document: Any, name: str) -> str:

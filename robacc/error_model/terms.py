@@ -462,8 +462,9 @@ class Wander(CovarianceTerm):
     def warning(self, size: float) -> str:
         """Return that the errors are correlated in time."""
         return (
-            f"the remaining errors are correlated in time: {1e3 * size:.2g} mm rms of them wander slowly; standard "
-            "errors of coefficients allow for it"
+            f"the remaining errors are correlated in time: {1e3 * size:.2g} mm rms of them wander slowly, as "
+            "where the instrument or the base moved or drifts (a trace tests both); standard errors of coefficients "
+            "allow for it"
         )
 
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:

@@ -46,6 +46,16 @@ def number_of(field: str, decimal_comma: bool) -> float | None:
         return None
 
 
+def for_spreadsheet(text: str) -> str:
+    """Return a text that a spreadsheet does not run as a formula: with an apostrophe before a sign of one."""
+    return f"'{text}" if text[:1] in ("=", "+", "-", "@") and number_of(text, False) is None else text
+
+
+def from_spreadsheet(text: str) -> str:
+    """Return the text that :func:`for_spreadsheet` marked, without its apostrophe; any other text as it is."""
+    return text[1:] if text and for_spreadsheet(text[1:]) == text else text
+
+
 def advice(field: str, column: str, decimal_comma: bool) -> str | None:
     """Return what to do about a field that is no number."""
     if field == column:
@@ -112,6 +122,8 @@ def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
 
 NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
+_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+")
+"""Number that is no name of a column, as a plain 1 may be."""
 _COMMENTS = ("#", "//", "%", "!")
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
 """None: one or more blanks. Of separators that fit equally well the first is taken."""
@@ -274,7 +286,10 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
     names: tuple[str, ...] = ()
     units: list[str] | None = None
     header_line = None
-    above = [i for i in range(start - 1, -1, -1) if lines[i].strip()][:_ABOVE]
+    alike = [i for i in range(start) if len(_split(dialect, lines[i])) == width]
+    # Below the first line with as many fields as the rows, a line with a number is a row.
+    rows_above = {i for i in alike[1:] if any(map(dialect.is_number, _split(dialect, lines[i])))}
+    above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
     for i in above:
         # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
         fields = _split(dialect, _uncommented(lines[i], dialect))
@@ -282,7 +297,7 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
             fields = fields[:-1]
         if len(fields) == width - 1 and not _split(dialect, lines[start])[-1]:
             fields = [*fields, ""]  # every row ends with a separator
-        if len(fields) != width or _is_gap(fields):
+        if len(fields) != width or _is_gap(fields) or any(map(_DECIMAL.fullmatch, fields)):
             continue
         if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
             units = fields

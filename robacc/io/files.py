@@ -219,12 +219,14 @@ def target_of(path: str | os.PathLike[str]) -> Path:
     ``>(command)``, names a pipe that has no path of its own.
 
     Raises:
-        InputError: ``path`` is a folder, or its folder does not exist.
+        InputError: ``path`` is a folder or a link to itself, or its folder does not exist.
     """
     name = os.fspath(path)
     if os.path.exists(name) and not os.path.isfile(name) and not os.path.isdir(name):
         return Path(name)
     target = Path(os.path.realpath(name))
+    if target.is_symlink():
+        raise InputError(Problem("cannot be written: it is a link to itself", name, fix="name another file"))
     if target.is_dir():
         raise InputError(Problem("is a folder, not a file", name, fix="name a file in it"))
     if not target.parent.is_dir():

@@ -53,6 +53,8 @@ class LineReader:
         self._digest = _Digest()
         self._size = _size(stream)
         self._consumed = 0
+        self.ends_with_line = True
+        """Whether the bytes read so far end with the end of a line."""
 
     @property
     def sha256(self) -> str:
@@ -88,6 +90,7 @@ class LineReader:
             data += tail
             if len(tail) == MAX_LINE and not tail.endswith(b"\n"):
                 raise self._too_long(number + data.count(b"\n"))
+        self.ends_with_line = data.endswith((b"\n", b"\r")) if data else self.ends_with_line
         if self.encoding != "UTF-16":
             self._digest.update(data)
             if number == 1 and data.startswith(_UTF16):

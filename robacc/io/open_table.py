@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import PurePath
 from typing import BinaryIO, Protocol
 
@@ -68,7 +68,7 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
     """Open the file, or standard input for ``-``, as a table.
 
     Raises:
-        InputError: The file cannot be opened.
+        InputError: The file cannot be opened or read.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
     if options is not None and options.frame is not None:
@@ -79,17 +79,15 @@ def open_table(path: str, options: TableOptions | None = None) -> Iterator[Table
     if os.path.isdir(path):
         yield _folder(path, options)
         return
-    if path == STANDARD_STREAM:
-        yield _reader(sys.stdin.buffer, "<stdin>", options)
-        return
+    is_stream = path == STANDARD_STREAM
+    file = "<stdin>" if is_stream else path
     try:
-        stream = open(path, "rb")  # noqa: SIM115 (closed below; only the failure to open is an error of the input)
+        with nullcontext(sys.stdin.buffer) if is_stream else open(path, "rb") as stream:
+            yield _reader(stream, file, options)
     except FileNotFoundError:
-        raise InputError(Problem("the file does not exist", path)) from None
+        raise InputError(Problem("the file does not exist", file)) from None
     except OSError as error:
-        raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", path)) from error
-    with stream:
-        yield _reader(stream, path, options)
+        raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", file)) from error
 
 
 def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:

@@ -150,6 +150,8 @@ class TableBody:
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
     gaps: tuple[int, ...] = ()
     """Lines of the rows that were left out because a value is missing."""
+    cut: str = ""
+    """Warning of a last row that may have been cut off."""
 
     def without(self, gaps: Collection[int]) -> TableBody:
         """Return the rows that are not on the lines ``gaps``."""
@@ -157,7 +159,7 @@ class TableBody:
             return self
         complete = ~np.isin(self.lines, list(gaps))
         texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)), self.cut)
 
 
 # Read the cells of a table one by one, where its rows are not plain numbers; every problem is logged.
@@ -222,6 +224,11 @@ class CellReader:
             self.log.add(f"found {clip(cell)}, expected a finite number", line, column, fix)
             return math.nan
         return value
+
+
+_LAST_ROWS = 1000
+_FEWEST_ROWS = 5
+"""Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 
 
 class TableReader:
@@ -309,10 +316,12 @@ class TableReader:
         self._cells = CellReader(self._dialect, self._units, self.options.skip_gaps, self.log)
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
+        last: list[str] = []
         for block in self._remaining():
             parsed = self._parse(block, numbers, texts)
             store.append(parsed.numbers, self._reader.share_read)
             lines.append(parsed.lines)
+            last = [*last, *block.lines][-_LAST_ROWS:]
             for column, part in zip(columns, parsed.texts, strict=True):
                 column.append(part)
         self._report_widths(body_rows=sum(part.size for part in lines))
@@ -320,8 +329,23 @@ class TableReader:
             # A reader of exports takes the bytes as Windows-1252 and says so.
             for problem in self._reader.not_utf8 if self.options.is_known is None else self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
-        body = TableBody(store.columns(), tuple(np.concatenate(column) for column in columns), np.concatenate(lines))
+        body = TableBody(
+            store.columns(),
+            tuple(np.concatenate(column) for column in columns),
+            np.concatenate(lines),
+            cut=self._cut(last),
+        )
         return body.without(self._cells.gaps)
+
+    def _cut(self, lines: list[str]) -> str:
+        """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""
+        cells = [self._dialect.split(line)[-1] for line in lines if self._dialect.is_row(line) and '"' not in line]
+        sign = "," if self._dialect.decimal_comma else "."
+        *above, last = [len(cell.partition(sign)[2]) for cell in cells] or [0]
+        is_number = bool(cells) and self._dialect.is_number(cells[-1])
+        if self._reader.ends_with_line or not is_number or len(above) < _FEWEST_ROWS or last >= min(above):
+            return ""
+        return f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, delete its line"
 
     def _remaining(self) -> Iterator[Block]:
         if self._pending is not None and self._pending.lines:

@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -91,12 +92,19 @@ def _loaded(path: str) -> Any:
     from yourdfpy import URDF, filename_handler_magic
 
     missing: list[str] = []
+    folder = Path(os.path.abspath(path)).parent
+    package = next((above for above in (folder, *folder.parents) if (above / "package.xml").is_file()), folder)
 
     def resolved(fname: str) -> str:
-        path_of_mesh = str(filename_handler_magic(fname, dir=os.path.dirname(path)))
-        if not os.path.isfile(path_of_mesh):
-            missing.append(fname)
-        return path_of_mesh
+        mesh = Path(os.path.abspath(filename_handler_magic(fname, dir=os.path.dirname(path))))
+        named = fname.partition("package://")[2].split("/")[0]
+        homes = (package, *(above / named for above in folder.parents[:-1] if named.strip(".")))
+        if not mesh.is_file():
+            missing.append(f"{fname} is not there")
+        elif not any(map(mesh.is_relative_to, homes)):
+            missing.append(f"{fname} lies outside the folder or package of the URDF")
+            return ""
+        return str(mesh)
 
     try:
         # The reader reports missing meshes in its log only; `resolved` collects them.
@@ -109,7 +117,7 @@ def _loaded(path: str) -> Any:
                 load_collision_meshes=True,
                 filename_handler=resolved,
             )
-    except (ValueError, ImportError, OSError, KeyError, IndexError) as error:
+    except Exception as error:  # whatever the readers of the many formats raise
         if not missing:
             fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
             raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
@@ -130,12 +138,17 @@ def _silent(name: str) -> Iterator[None]:
 
 
 def _refuse_missing(missing: Sequence[str], path: str) -> None:
-    """Raise InputError if a mesh of the URDF is missing."""
+    """Raise InputError if a mesh of the URDF is missing, or lies elsewhere."""
     if missing:
         names = list(dict.fromkeys(missing))
-        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        message = f"the collision mesh {names[0]}{more} is not there"
-        raise InputError(Problem(message, path, fix="put the meshes beside the URDF, or leave out `collisions`"))
+        more = f", and {len(names) - 1} more" if len(names) > 1 else ""
+        raise InputError(
+            Problem(
+                f"the collision mesh {names[0]}{more}",
+                path,
+                fix="put the meshes beside the URDF, or leave out `collisions`",
+            )
+        )
 
 
 def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import Counted
 from robacc.geometry import Array, quaternion_from_rotation
+from robacc.io.dialect import for_spreadsheet, from_spreadsheet
 from robacc.io.files import ProblemLog
 from robacc.io.open_table import Table, open_table
 from robacc.io.table import TableBody
@@ -88,7 +89,7 @@ def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequ
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(measurements, name)) is not None:
-            columns.append((name, [str(text) for text in texts]))
+            columns.append((name, [for_spreadsheet(str(text)) for text in texts]))
     return columns
 
 
@@ -183,8 +184,11 @@ def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
-    by_key = dict(zip(texts, body.texts, strict=True))
-    remarks = [text for text in (reader.description(), _gap_text(body, reader.log)) if text]
+    by_key = {
+        key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
+        for key, column in zip(texts, body.texts, strict=True)
+    }
+    remarks = [text for text in (reader.description(), _gap_text(body, reader.log), body.cut) if text]
     numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}

@@ -277,9 +277,10 @@ def motion_of(
     derived = _derived(values) if ordered else None
     if ordered and derived is None:
         warnings.append("the file has no joint columns, so the order of rows does not give the joints' directions")
-    if ordered and (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
+    if (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
-        warnings.append(f"rows should be in the order measured, but time_s decreases at {counted} {line}")
+        cause = "the clock was set back, or the rows are not in the order measured"
+        warnings.append(f"time_s decreases at {counted} {line}: {cause}")
     result: list[Array | None] = []
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)

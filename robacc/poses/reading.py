@@ -388,9 +388,8 @@ class PoseFile(str):
         result.frame = (
             path.frame if isinstance(path, PoseFile) else None if isinstance(path, str | os.PathLike) else path
         )
-        stated: dict[str, Any] = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet}
-        stated["bag"] = bag
-        stated = {name: value for name, value in stated.items() if value is not None}
+        given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
+        stated: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
         if isinstance(columns, str | os.PathLike):
             stated = read_column_map(columns) | stated
         elif columns is not None:

@@ -195,6 +195,8 @@ SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
 READ_BACK_TOLERANCE = 0.1
 """rad or m; an arm that stands is never as far from its command."""
+LARGEST_PAYLOAD = 5000.0
+"""kg; twice that of the strongest arm."""
 SMALLEST_SIGMA = 1e-12
 """m or rad; below it a weight 1/sigma^2 makes the other rows negligible."""
 _LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
@@ -240,6 +242,11 @@ class RowChecks:
             )
         self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
         self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
+        if (payload := self.values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
+            self.warnings.append(
+                f"{self.log.at(int(self.values.lines[np.argmax(heavy)]))}: payload_kg is {payload[heavy][0]:g} kg, "
+                "more than an arm carries"
+            )
         self._targets(target_names)
 
     def check_magnitudes(self) -> None:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 import robacc
+from robacc.cli.main import app
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -25,11 +28,32 @@ def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate)
     assert text.count("<table>") == text.count("</table>") == 1
 
 
-def test_the_text_of_a_result_is_its_headline(result: robacc.Estimate) -> None:
-    lines = str(result).splitlines()
-    assert "[grade D" in lines[0]
-    assert any(f"{result.position.rms * 1e3:.3f} mm" in line for line in lines)
+def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.Estimate) -> None:
+    command = ["estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml")]
+    screen = CliRunner().invoke(app, [*command, "--align", "base_frame,tool_frame"]).stdout
+    assert str(result).splitlines()[2:] == screen.splitlines()[2:]
+    assert str(result).splitlines()[1] == "poses.csv against the model robot.yaml"
+    stepped = robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="none", frame="base")
+    assert str(dataclasses.replace(stepped, warnings=("a doubt",))).endswith("\nwarning: a doubt")
+    traced = robacc.trace(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", declared="base_frame,tool_frame")
+    assert str(traced).startswith("Trace of 60 measured poses: ")
+    assert "next:" in str(traced)
+
+
+def test_the_text_of_other_results_is_their_headline(result: robacc.Estimate) -> None:
+    lines = str(robacc.compare(result, result)).splitlines()
+    assert "mm" in "".join(lines)
     assert max(map(len, lines)) < 200
+
+
+def test_the_text_of_poses_has_ten_lines_at_most() -> None:
+    lines = str(robacc.read_poses(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml")).splitlines()
+    assert lines[0].endswith("poses.csv, in m and rad")
+    assert lines[1].startswith("position           -0.66…0.82, ")
+    assert lines[-1] == "pose               60 different"
+    full = robacc.simulate(SAMPLES / "robot.yaml", poses=9, seed=1, temperature=(20, 25), payload=(0, 2)).data
+    assert len(str(full).splitlines()) <= 10
+    assert str(robacc.Measurements(np.zeros((3, 0)))) == "0 measured poses of arrays, in m and rad"
 
 
 def test_arrays_are_those_of_the_document(result: robacc.Estimate) -> None:

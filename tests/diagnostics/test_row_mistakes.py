@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from test_mistake_sets import made
 
-from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.data_mistakes import _registered_poses, check_data
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -78,3 +78,35 @@ def test_scattered_outliers_are_no_exchange() -> None:
     position = good.position.copy()
     position[:, [4, 17, 33, 48]] += rng.normal(scale=0.3, size=(3, 4))
     assert check_data(arm.robot(), dataclasses.replace(good, position=position)) == ()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_permuted_rows_are_named_with_an_unknown_tool(seed: int) -> None:
+    order = np.random.default_rng(seed).permutation(N)
+    turned = _registered_poses(arm.robot(), data()).rotation
+    shifted = dataclasses.replace(
+        data(), position=data().position + np.einsum("ijn,j->in", turned, (0.05, -0.02, 0.04))
+    )
+    for measured in (data(), shifted):
+        permuted = dataclasses.replace(measured, position=measured.position[:, order])
+        with pytest.raises(InputError, match="the measured poses seem to be in another order than the joints: sorted"):
+            check_data(arm.robot(), permuted)
+
+
+def test_other_joints_of_the_same_arm_are_no_permutation() -> None:
+    for seed in range(6, 12):
+        other = dataclasses.replace(data(), q=made(N, seed)[0])
+        try:
+            check_data(arm.robot(), other)
+        except InputError as error:
+            assert "another order" not in str(error)  # noqa: PT017
+
+
+def test_a_wrong_sign_is_no_permutation() -> None:
+    q = data().q
+    assert q is not None
+    for joint in range(6):
+        flipped = dataclasses.replace(data(), q=np.where(np.arange(6)[:, None] == joint, -q, q))
+        with pytest.raises(InputError) as caught:
+            check_data(arm.robot(), flipped)
+        assert "another order" not in str(caught.value)

@@ -47,6 +47,11 @@ def test_points_and_joints_are_joined_by_name(data: robacc.Measurements, tmp_pat
     done = CliRunner().invoke(app, [*arguments, "--format", "json"], catch_exceptions=False)
     assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)
+    called = robacc.estimate(tmp_path / "points.txt", commanded=tmp_path / "joints.csv", robot=ROBOT, units="mm,deg")
+    assert json.loads(called.to_json())["position"] == result["position"]
+    assert json.loads(called.to_json())["options"] == result["options"]
+    with pytest.raises(robacc.UsageError, match="`units` applies when a file is read; use it in read_poses"):
+        robacc.estimate(data, robot=ROBOT, units="mm,deg")
     assert "joined by the names of the poses" in done.stderr
     assert result["inputs"][0]["reading"]["commanded"] == "joints.csv"
     expected = robacc.estimate(data, robot=ROBOT, frame="base").errors.position

@@ -194,7 +194,7 @@ class _Reduced:
             change[inside], high = _changes(scaled, white, inside, self.whole)
             alone += [inside[group] for group in high]
         own = jacobian if self.kept.all() else jacobian[:, self.kept]
-        moved = np.sum(own * (change @ self.root).T, axis=1)
+        moved = np.einsum("ikn,nk->in", own, change @ self.root)
         self.position[:, rows] += moved[:3]
         self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
         return alone

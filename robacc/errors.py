@@ -46,6 +46,10 @@ class Problem:
         return f"{text}; {self.fix}" if self.fix else text
 
 
+class Note(str):
+    """How an input was read, which the command line shows dim; other warnings say that a figure may be wrong."""
+
+
 class RobaccError(Exception):
     """Base of every error that robacc raises on purpose."""
 

@@ -29,7 +29,6 @@ TRACE = ("sample_data/trace/poses.csv", "--robot", "sample_data/trace/robot.yaml
 TERMINALS = {
     "terminal-estimate": ("estimate", "sample_data/poses.csv", "--robot", "sample_data/robot.yaml", "--align", FRAMES),
     "terminal-trace": ("trace", *TRACE, "--declared", f"{FRAMES},joint_offset,link_geometry"),
-    "terminal-question": ("simulate", "ur10e", "--at", "{scratch}/targets.csv"),
 }
 """Command of each picture."""
 LINES = {"terminal-trace": 40}
@@ -108,7 +107,6 @@ def main() -> None:
     """Make the pictures of the terminals that are named, by default all pictures."""
     with tempfile.TemporaryDirectory() as folder:
         scratch = Path(folder)
-        (scratch / "targets.csv").write_text("Punkt;A1;A2;A3;A4;A5;A6\nP1;-40,5;-90;95,2;-95;-90;10\n")
         for name in sys.argv[1:] or TERMINALS:
             draw_terminal(name, TERMINALS[name], scratch)
         if not sys.argv[1:]:

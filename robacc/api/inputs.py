@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.measurements import Measurements, commanded_groups
 from robacc.poses.motion import motion_between_visits, visits_in_order
@@ -202,16 +203,15 @@ def read_with_commands(
 
     planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
 
-    def known_orientations(names: NDArray[Any] | None, count: int) -> Array | None:
+    def known_poses(names: NDArray[Any] | None, count: int) -> tuple[Array | None, Array | None]:
         try:
             rows, _ = _joined(names, count, planned, commands, path)
         except InputError:
-            return None  # raised below, after the questions of the file of measured poses
-        orientations = _orientations(planned, robot)
-        return None if orientations is None else orientations[..., rows]
+            return None, None  # raised below, after the questions of the file of measured poses
+        return _poses(planned.subset(rows), robot)
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
-    measured = read_poses(path, robot=known, commands=False, known_orientations=known_orientations)
+    measured = read_poses(path, robot=known, commands=False, known_poses=known_poses)
     if measured.commands is not None:
         message = "the measured poses have commands of their own"
         raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
@@ -223,7 +223,7 @@ def read_with_commands(
         from robacc.diagnostics.robot_poses import check_size
 
         data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
-    warnings = (*data.warnings, *planned.warnings, f"{measured.source}: {remark}")
+    warnings = (*data.warnings, *planned.warnings, type(remark)(f"{measured.source}: {remark}"))
     return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
 
 
@@ -239,17 +239,24 @@ def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool
     from robacc.poses.csv_file import read_poses
 
     path = PoseFile(path, units=reading.units, angles=reading.angles)
-    if robot is None:
-        return read_poses(path, attained=False)
-    return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
+    if robot is not None:
+        return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
+    data = read_poses(path, attained=False, commands=False)
+    if data.commands is None and data.position.any():
+        # A table of poses alone, such as a TUM trajectory: they are the commanded ones.
+        return dataclasses.replace(
+            data, commanded_position=data.position, commanded_rotation=data.rotation, rotation=None
+        )
+    return data if data.commands is not None else read_poses(path, attained=False)
 
 
 def _program(path: str) -> Measurements:
     """Return the targets of a robot program in the order of its motions."""
     from robacc.io.files import sha256_of
-    from robacc.programs.reading import read_program
+    from robacc.programs.reading import companions, read_program
 
-    program = read_program(path)
+    # A KUKA program has its points in the file of the same name.
+    program = max((read_program(name) for name in (path, *companions(path))), key=lambda item: len(item.targets))
     targets = [program.targets[move.target] for move in program.moves] or list(program.targets)
     kinds = {target.kind for target in targets}
     if len(kinds) != 1:
@@ -274,14 +281,14 @@ def _program(path: str) -> Measurements:
     )
 
 
-def _orientations(planned: Measurements, robot: Robot | None) -> Array | None:
-    """Return the commanded orientations ``(3, 3, N)``; None where the commands have none."""
+def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
+    """Return the commanded positions and orientations; None where the commands have none."""
     if planned.q is None or robot is None:
-        return planned.commanded_rotation
+        return planned.commanded_position, planned.commanded_rotation
     from robacc.robots.arm import build_chain
 
-    rotation: Array = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q).rotation
-    return rotation
+    poses = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q)
+    return poses.translation, poses.rotation
 
 
 def _joined(
@@ -300,12 +307,18 @@ def _joined(
         InputError: A name is missing or has two commands, or the numbers of rows differ.
     """
     if names is not None and planned.pose is not None:
-        rows = {str(name).casefold(): i for i, name in reversed(list(enumerate(planned.pose)))}
-        missing = [str(name) for name in dict.fromkeys(names.tolist()) if str(name).casefold() not in rows]
-        if not missing:
-            _check_unique(planned, path)
-            index = np.array([rows[str(name).casefold()] for name in names], dtype=np.int64)
-            return index, f"commands of {path} joined by the names of the poses"
+        # Names of groups may stand before a name: ``A::Main::p1`` is p1.
+        for group in ("", r".*(?:::|/)\s*"):
+            keys, wanted = (
+                np.array([re.sub(group, "", str(name)).casefold() for name in column])
+                for column in (planned.pose, names)
+            )
+            rows = {name: i for i, name in reversed(list(enumerate(keys.tolist())))}
+            missing = [str(name) for name, key in dict(zip(names, wanted, strict=True)).items() if key not in rows]
+            if not missing:
+                _check_unique(keys, planned, path)
+                index = np.array([rows[key] for key in wanted.tolist()], dtype=np.int64)
+                return index, Note(f"commands of {path} joined by the names of the poses")
         if len(missing) < len(set(names.tolist())) or count != planned.n:
             listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
             message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
@@ -316,8 +329,8 @@ def _joined(
     return np.arange(count), f"commands of {path} joined by the order of rows: the files share no names"
 
 
-def _check_unique(planned: Measurements, path: str) -> None:
-    grouping = commanded_groups(planned.pose, planned.commands)
+def _check_unique(keys: NDArray[Any], planned: Measurements, path: str) -> None:
+    grouping = commanded_groups(keys, planned.commands)
     if grouping is not None and grouping.contradicted is not None and planned.pose is not None:
         name = planned.pose[np.argmax(grouping.contradicted)]
         raise InputError(Problem(f"pose {name} has two different commands", path, fix="give each pose its own name"))

@@ -446,7 +446,18 @@ def plan(
         seed=seed,
     )
     body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
-    body = dataclasses.replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *use.warnings))
+    body = dataclasses.replace(
+        body,
+        warnings=(
+            *(*body.warnings, *at_rest_warning(arm), *use.warnings),
+            *(
+                text
+                for data in (loaded_candidates, loaded_task, measured)
+                if data is not None
+                for text in data.warnings
+            ),
+        ),
+    )
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
     return Planned.of(body, Provenance(_recorded(options_of(plan, arguments)), inputs, seed))
 

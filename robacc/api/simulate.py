@@ -42,8 +42,8 @@ class Simulated(Result, Simulation):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Poses outside the validity range of the model, and effects of its campaign that were left out."""
-        return () if self.made.use is None else self.made.use.warnings
+        """How poses to visit were read, poses outside the model's validity range, and campaign effects left out."""
+        return (*self.data.warnings, *(() if self.made.use is None else self.made.use.warnings))
 
     @property
     def outlier_lines(self) -> list[int]:

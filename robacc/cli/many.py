@@ -334,12 +334,18 @@ def _crashed(task: FileTask, died: Died) -> FileOutcome:
 
 def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
     """Write the warnings and errors of every file, in the order of the files."""
-    from robacc.render.text.console import say_error, say_warnings
+    from robacc.render.text.console import say, say_error, say_warnings
 
     say_warnings(_warnings(outcomes))
     for outcome in outcomes:
         if outcome.failed:
             say_error(InputError(outcome.problems, total=outcome.n_problems))
+    points, commands = (
+        next((one.problems[0].file for one in outcomes if one.failed and text in one.problems[0].message), None)
+        for text in ("measured poses only", "x, y, z are missing")
+    )
+    if points and commands:
+        say(f"  tip: for points and commands in two files: robacc estimate {points} --commanded {commands}")
 
 
 def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: Outlets, folder: str | None) -> None:
@@ -348,6 +354,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     from robacc.io.files import write_text
     from robacc.render.text.estimate import draw_many, many_annotations
     from robacc.render.text.gate import markdown
+    from robacc.render.text.parameter_names import as_options
 
     options = tasks[0].options
 
@@ -364,7 +371,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     if outlets.form is Format.json:
         write(output, _document(outcomes, tasks, folder))
     elif outlets.form is Format.markdown:
-        write(output, (markdown("estimate", page_text(table), None, _warnings(outcomes)),))
+        write(output, (markdown("estimate", page_text(table), None, tuple(map(as_options, _warnings(outcomes)))),))
     elif outlets.form is Format.github:
         write(output, (many_annotations(outcomes),))
     elif output == "-":
@@ -375,13 +382,16 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
-    """Return the warnings of every file, with its name."""
-    from robacc.render.text.parameter_names import as_options
-
-    return tuple(
-        text if outcome.name in text else f"{outcome.name}: {text}"
+    """Return the warnings of every file, with its name; one that several files share stands once, with their number."""
+    texts = [
+        (text.replace(outcome.name, ""), text if outcome.name in text else type(text)(f"{outcome.name}: {text}"))
         for outcome in outcomes
-        for text in map(as_options, outcome.warnings)
+        for text in outcome.warnings
+    ]
+    count = Counter(key for key, _ in texts)
+    return tuple(
+        type(text)(f"{text} (the same in {count[key]} files)") if count[key] > 1 else text
+        for key, text in dict(texts).items()
     )
 
 

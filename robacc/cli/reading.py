@@ -12,6 +12,8 @@ from typing import Annotated, Any, get_type_hints
 
 import typer
 
+from robacc.render.text import console
+
 POSE_PARAMETERS = {
     "estimate": ("poses",),
     "trace": ("poses", "holdout"),
@@ -32,7 +34,7 @@ _ANGLES = Annotated[
     typer.Option(
         "--angles",
         metavar="NAME",
-        help="Convention of three angles: rotvec, fixed-xyz, moving-xyz, zyx, kuka-abc or zyz.",
+        help="Convention of angles: rotvec, fixed-xyz, moving-xyz, zyx, kuka-abc, zyz; of a quaternion: wxyz, xyzw.",
     ),
 ]
 _UNITS = Annotated[
@@ -67,6 +69,7 @@ _BAG = Annotated[
         help="Topics and samples of a ROS bag: joints=, measured=, commanded=, at=rest|any, clock=stamp|recorder.",
     ),
 ]
+_QUIET = Annotated[bool, typer.Option("--quiet", help="Leave out the notes on how files were read.")]
 _OPTIONS: dict[str, tuple[Any, object]] = {
     "angles": (_ANGLES, None),
     "units": (_UNITS, None),
@@ -76,6 +79,7 @@ _OPTIONS: dict[str, tuple[Any, object]] = {
     "sheet": (_SHEET, None),
     "commanded": (_COMMANDED, None),
     "bag": (_BAG, None),
+    "quiet": (_QUIET, False),
 }
 _OF_MEASUREMENTS = ("coverage", "commanded", "bag")
 """Options that say something of measured poses only."""
@@ -100,7 +104,8 @@ def with_reading_options(command: Callable[..., None], name: str) -> Callable[..
 
     @wraps(command)
     def run(**arguments: Any) -> None:
-        stated = {name: arguments.pop(name) for name in options}
+        console.is_quiet = arguments.pop("quiet")
+        stated = {name: arguments.pop(name) for name in options if name != "quiet"}
         if any(stated.values()):
             arguments |= {name: _stated(arguments[name], stated) for name in parameters}
         command(**arguments)

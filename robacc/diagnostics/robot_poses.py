@@ -52,7 +52,7 @@ def read_robot_poses(
         robot=dataclasses.replace(
             joints_of(robot),
             target_names="any" if any_target and not robot.targets else tuple(robot.targets),
-            orientation_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q).rotation,
+            pose_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q),
         ),
         ordered=ordered,
         ignore_limits=ignore_limits,

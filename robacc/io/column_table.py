@@ -1,11 +1,12 @@
-"""Columns in memory as a table: those of a data frame, or the samples of a recording."""
+"""Columns in memory as a table: those of a data frame, the samples of a recording, or the records of a document."""
 
 from __future__ import annotations
 
 import datetime as dt
 import hashlib
+import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
-from robacc.io.files import ProblemLog, clip
+from robacc.io.files import ProblemLog, clip, decode
 from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody, TableOptions
 
+_UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 
 
@@ -217,3 +219,53 @@ def _column(values: Any, key: str, name: str) -> NDArray[Any]:
             Problem(f"expected one value per row, found an array of shape {column.shape}", name, column=key)
         )
     return np.asarray(column)
+
+
+def records_table(data: bytes, file: str, options: TableOptions) -> ColumnTable:
+    """Return the records of a JSON, JSON Lines or YAML document, which are its longest list, as a table.
+
+    A record gives one row. Its columns are named by its keys, then the place in a list, then a unit at a key's end.
+
+    Raises:
+        InputError: The text is no such document, or has no records.
+    """
+    import yaml
+
+    text = decode(data, file)
+    try:
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
+            document = [json.loads(line) for line in lines]
+        elif not file.lower().endswith((".yaml", ".yml")):
+            document = json.loads(text)
+        elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
+            raise ValueError("it has aliases")  # they could stand for more records than the memory holds
+        else:
+            document = yaml.load(text, Loader=yaml.CSafeLoader)
+    except (ValueError, RecursionError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())[:200]
+        raise InputError(Problem(f"cannot be read as JSON or YAML ({reason})", file, fix="export it again")) from None
+    values: list[Any] = list(document.values()) if isinstance(document, dict) else []
+    if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
+        document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
+    lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
+    rows = [dict(_leaves(record, ())) for record in max(lists, key=len, default=[]) if isinstance(record, dict)]
+    if not rows or len(rows) < max(map(len, lists)):
+        fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
+        raise InputError(Problem("has no list of records, expected a table of poses", file, fix=fix))
+    names = dict.fromkeys(name for row in rows for name in row)
+    columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
+    return ColumnTable(columns, file, options, hashlib.sha256(data).hexdigest())
+
+
+def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
+    """Yield the name and value of each number and text in a record."""
+    if isinstance(value, dict):
+        for key, item in value.items():
+            yield from _leaves(item, (*path, str(key)))
+    elif isinstance(value, list):
+        in_matrix = any(isinstance(item, list) for item in value) or (path and path[-1].isdecimal())
+        for i, item in enumerate(value):
+            yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
+    else:
+        yield "_".join(sorted("_".join(path).split("_"), key=_UNITS.__contains__)), value

@@ -127,6 +127,12 @@ _DECIMAL = re.compile(r"[+-]?\d*[.,]\d+")
 _COMMENTS = ("#", "//", "%", "!")
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
 """None: one or more blanks. Of separators that fit equally well the first is taken."""
+_STATISTIC = re.compile(
+    r"(mittelwert|mittel|mean|average|avg|std\.?( ?dev\.?)?|standardabweichung|sigma|rms|min\.?|max\.?|minimum"
+    r"|maximum|median|range|spannweite|sum|summe|total|count|anzahl)\W*",
+    re.IGNORECASE,
+)
+"""First field of a line below a table that sums it up."""
 _EXAMINED = 400
 """Lines that are examined; no instrument writes a longer preamble."""
 _SAMPLED = 8
@@ -196,6 +202,17 @@ class TableDialect:
         stripped = line.lstrip()
         return bool(stripped) and not stripped.startswith(self.comments)
 
+    def is_footer(self, line: str, width: int) -> bool:
+        """Return whether a line at the file's end is no row: blank, a mean, or few texts that are not a row's names."""
+        fields = _split(self, line) if self.is_row(line) else []
+        texts = {i: text for i, text in enumerate(fields) if text.lower() not in GAPS}
+        first = dict(enumerate(self.sample[0] if self.sample else ()))
+        return (
+            len(texts) <= width / 2
+            and not any(map(self.is_number, texts.values()))
+            and (not texts or len(fields) != width or any(self.is_number(first.get(i, "")) for i in texts))
+        ) or bool(_STATISTIC.fullmatch(next(iter(texts.values()), "")))
+
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""
         text = split_cell(text)[0]
@@ -219,11 +236,11 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
     candidates = [
         candidate
         for separator in _declared_separator(lines) or _SEPARATORS
-        if (candidate := _candidate(list(lines[:_EXAMINED]), separator)) is not None
+        if (candidate := _candidate(list(lines[:_EXAMINED]), separator, is_known)) is not None
     ]
     if not candidates:
         # A table with one number in each row is told from other text by its names.
-        single = (_candidate(list(lines[:_EXAMINED]), separator, fewest=1) for separator in (";", "\t", "|"))
+        single = (_candidate(list(lines[:_EXAMINED]), separator, is_known, fewest=1) for separator in (";", "\t", "|"))
         candidates = [candidate for candidate in single if candidate is not None and len(candidate[1].names) > 2]
     if candidates:
         return max(candidates, key=lambda item: item[0])[1]
@@ -247,8 +264,8 @@ def _declared_separator(lines: Sequence[str]) -> tuple[str | None, ...]:
 
 
 def _candidate(
-    lines: list[str], separator: str | None, fewest: int = _FEWEST_NUMBERS
-) -> tuple[tuple[int, int], TableDialect] | None:
+    lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int = _FEWEST_NUMBERS
+) -> tuple[tuple[int, bool, int], TableDialect] | None:
     """Return the best table with this separator and its score; None where there is none."""
     comma = separator != "," and _has_decimal_comma(lines, separator)
     dialect = TableDialect(separator, comma, _COMMENTS)
@@ -276,12 +293,14 @@ def _candidate(
     if best is None:
         return None
     rows, start, width = best
-    result = _with_header(lines, dialect, start, width)
+    result = _with_header(lines, dialect, start, width, is_known)
     # Names above the rows are as good as twice as many rows: a text may split into more fields at blanks.
-    return (rows * (2 if result.names else 1), width), result
+    return (rows * (2 if result.names else 1), separator is not None, width), result
 
 
-def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int) -> TableDialect:
+def _with_header(
+    lines: list[str], dialect: TableDialect, start: int, width: int, is_known: Callable[[str], bool]
+) -> TableDialect:
     """Return the dialect with the names that stand above the first row, if there are any."""
     names: tuple[str, ...] = ()
     units: list[str] | None = None
@@ -292,7 +311,12 @@ def _with_header(lines: list[str], dialect: TableDialect, start: int, width: int
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
     for i in above:
         # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
-        fields = _split(dialect, _uncommented(lines[i], dialect))
+        line = _uncommented(lines[i], dialect)
+        fields = _split(dialect, line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
+        if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
+            # Words of the first name, or a last column that every row leaves out.
+            extra = 0 if dialect.separator else len(fields) - width
+            fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
         if len(fields) == width + 1 and not fields[-1]:
             fields = fields[:-1]
         if len(fields) == width - 1 and not _split(dialect, lines[start])[-1]:

@@ -10,7 +10,7 @@ from pathlib import PurePath
 from typing import BinaryIO, Protocol
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import STANDARD_STREAM, ProblemLog
+from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, ProblemLog
 from robacc.io.table import Header, TableBody, TableOptions, TableReader
 
 _PARQUET = b"PAR1"
@@ -29,9 +29,6 @@ _OTHER_FILES = {
     b"<!doctype": "an HTML page",
     b"<html": "an HTML page",
     b"<?xml": "an XML document",
-    b"{": "a JSON document",
-    b"[{": "a JSON document",
-    b"[[": "a JSON document",
     b"header:": "a text of ROS messages",
     b"---\nheader:": "a text of ROS messages",
 }
@@ -111,6 +108,10 @@ def _reader(stream: BinaryIO, file: str, options: TableOptions | None) -> Table:
     start_of_text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
     if start_of_text.startswith(b"["):
         start_of_text = b"[" + start_of_text[1:].lstrip()
+    if start_of_text.startswith((b"{", b"[{", b"[[")) or file.lower().endswith((".yaml", ".yml")):
+        from robacc.io.column_table import records_table
+
+        return records_table(stream.read(TEXT_LIMIT), file, options or TableOptions())
     for start, kind in _OTHER_FILES.items():
         if first.startswith(start) or start_of_text.lower().startswith(start):
             fix = "unpack it first" if "compressed" in kind or "archive" in kind else "export the poses as CSV"

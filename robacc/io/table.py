@@ -229,6 +229,11 @@ class CellReader:
 _LAST_ROWS = 1000
 _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
+_STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
+_FAILED = frozenset(
+    {"lost", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
+)
+"""Names of a column that says whether a row was measured, and what it says of a row that was not."""
 
 
 class TableReader:
@@ -249,6 +254,8 @@ class TableReader:
         self._names: tuple[str, ...] = ()
         self._units: dict[int, str] = {}
         """Unit in the cells of a column, by its index."""
+        self._below: list[str] = []
+        """Lines below the table."""
 
     @property
     def sha256(self) -> str:
@@ -307,7 +314,8 @@ class TableReader:
             encoding = "Windows-1252"
         grouped = "separators of thousands" if self._cells.has_grouped else ""
         units = f"units in the cells: {', '.join(dict.fromkeys(self._units.values()))}" if self._units else ""
-        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding, units]
+        below = f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else ""
+        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding, units, below]
         return ", ".join(part for part in parts if part)
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
@@ -348,10 +356,17 @@ class TableReader:
         return f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, delete its line"
 
     def _remaining(self) -> Iterator[Block]:
-        if self._pending is not None and self._pending.lines:
-            yield self._pending
-        self._pending = None
-        yield from self._blocks
+        blocks = itertools.chain([self._pending] if self._pending is not None else [], self._blocks, [Block([], 0)])
+        for block, following in itertools.pairwise(blocks):
+            yield block if following.lines or self.options.is_known is None else self._without_footer(block)
+
+    def _without_footer(self, block: Block) -> Block:
+        """Return the last block without the lines below the table."""
+        end = len(block.lines)
+        while end > 1 and self._dialect.is_footer(block.lines[end - 1], len(self._names)):
+            end -= 1
+        self._below = [text for line in block.lines[end:] if self._dialect.is_row(text := line.strip(" \t,;|"))]
+        return Block(block.lines[:end], block.first)
 
     def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         parsed = self._parse_fast(block.lines, numbers, texts)
@@ -419,7 +434,7 @@ class TableReader:
         lines: list[int] = []
         for number, line in rows:
             fields = self._fields(number, line)
-            if fields is None:
+            if fields is None or self._is_lost(number, fields, numbers):
                 continue
             values.append([self._cells.number(fields[i], number, i, self._names[i]) for i in numbers])
             columns.append([self._cells.text(fields[i], number, self._names[i]) for i in texts])
@@ -427,6 +442,13 @@ class TableReader:
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
         return TableBody(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
+
+    def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int]) -> bool:
+        """Return whether the status of a row says that its missing values were not measured; it is then left out."""
+        status = {text.lower() for name, text in zip(self._names, fields, strict=True) if name.lower() in _STATUS}
+        is_lost = bool(status & _FAILED) and any(fields[i].lower() in GAPS for i in numbers)
+        self._cells.gaps |= {number} if is_lost else set()
+        return is_lost
 
     def _fields(self, number: int, line: str) -> list[str] | None:
         try:

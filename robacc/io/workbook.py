@@ -51,8 +51,8 @@ class WorkbookReader:
         return self._table.header()
 
     def description(self) -> str:
-        """Return the name of the sheet, for a message."""
-        return f"sheet {self._sheet!r}"
+        """Return the name of the sheet and what else is worth a note."""
+        return self._table.description().replace("separated by tabs", f"sheet {self._sheet!r}")
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only."""

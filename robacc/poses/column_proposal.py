@@ -13,6 +13,7 @@ from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_docu
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
 from robacc.poses.layout import with_known_names
 from robacc.poses.reading import AS_NAMED, OPEN
+from robacc.poses.reshaped_tables import MatrixTable
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
 """Documented names of angles about fixed axes."""
@@ -43,9 +44,9 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     """
     name = os.fspath(path)
     with open_table(name, TableOptions(is_documented)) as reader:
-        header = reader.header()
-    if not header.dialect.names and all(text.startswith("column ") for text in header.names):
-        header = _with_names_where_known(header, name)
+        header = with_known_names(reader.header(), None)
+        matrix = MatrixTable.of(reader, header)
+    header = header if matrix is None else matrix.header()
     log = ProblemLog(name)
     names = Names.of(header.names, None, None)
     known: dict[str, Column] = {}
@@ -65,8 +66,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
         *(f"# open: {question}" for question in questions),
-        "columns:",
-        *_entries(header, foreign),
+        *(["columns:", *_entries(header, foreign)] if matrix is None else [f"# {matrix.description()}"]),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
     return ColumnProposal(
@@ -77,15 +77,6 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         sum(map(bool, header.names)),
         _has_commands(foreign),
     )
-
-
-def _with_names_where_known(header: Header, name: str) -> Header:
-    from robacc.errors import InputError
-
-    try:
-        return with_known_names(header, name)
-    except InputError:
-        return header
 
 
 def _questions(log: ProblemLog, header: Header, foreign: ForeignColumns) -> tuple[str, ...]:

@@ -43,7 +43,10 @@ _COMMANDED = frozenset(
     ]
 )
 _ATTAINED = frozenset(
-    ["actual", "act", "meas", "measured", "measurement", "ist", "attained", "real", "observed", "tracker"]
+    [
+        *("actual", "act", "meas", "measured", "measurement", "ist", "attained", "real", "observed"),
+        *("tracker", "tracking", "camera", "cam", "optical", "marker"),
+    ]
 )
 _FILLERS = frozenset(
     [
@@ -76,6 +79,7 @@ _FILLERS = frozenset(
         "quat",
         "angle",
         "winkel",
+        "matrix",
         "joint",
         "joints",
         "states",
@@ -118,11 +122,11 @@ _REFUSED = frozenset(
     ]
 )
 """Words that make a name none of a pose's: a deviation from the nominal value, a velocity, a force."""
-_JOINT_WORDS = frozenset(["q", "j", "a", "joint", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"])
+_JOINT_WORDS = frozenset(["q", "j", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"])
 _SPREAD = frozenset(["sigma", "std", "stdev", "stddev", "sd"])
 _UNCERTAIN = frozenset(["u", "uncertainty", "unc", "unsicherheit"])
 _TEXT_NAMES = {
-    **dict.fromkeys(("pose", "pose id", "pose name", "pose number"), "pose"),
+    **dict.fromkeys(("pose", "id", "pose id", "pose name", "pose number"), "pose"),
     **dict.fromkeys(
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
     ),
@@ -178,6 +182,8 @@ class Meaning:
     """Kind of angles: ``axes`` (Rx, Ry, Rz), ``abc``, ``wpr``, ``oat``, ``ur`` (a rotation vector)."""
     si: bool = False
     """Whether the name is of ROS, whose units are SI."""
+    coverage: float = 1.0
+    """Coverage factor that the name states."""
     expanded: bool = False
     """Whether the name is of an uncertainty whose coverage factor it does not say."""
 
@@ -224,7 +230,9 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return robot
     if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
         return Meaning("qw")
-    commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
+    # Pairs of hand-eye calibration: the pose of the robot, and the pose that a camera measured.
+    sensed = "robot" in words and any(_ATTAINED & set(text.split()) for text in siblings)
+    commanded = True if sensed or _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     if joint := _joint(core):
         return Meaning(joint, commanded, si=is_of_ros(heading))
@@ -251,7 +259,7 @@ def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
 def _universal_robots(words: Sequence[str]) -> Meaning | None:
     """Return the meaning of a name of Universal Robots' data exchange: ``target_q_0``, ``target_TCP_pose_3``."""
     if len(words) == 3 and words[0] in ("target", "actual") and words[1] == "q" and words[2].isdecimal():
-        return Meaning(f"q{words[2]}", words[0] == "target", "ur")
+        return Meaning(f"q{words[2]}", words[0] == "target", "ur", si=True)
     if len(words) == 4 and tuple(words[:3]) == ("target", "tcp", "pose") and words[3] in "012345":
         return Meaning(("x", "y", "z", "rx", "ry", "rz")[int(words[3])], True, "ur", si=True)
     return None
@@ -287,6 +295,10 @@ def _coordinate(
         return Meaning(joined[1], commanded)
     if joined in ("qx", "qy", "qz", "qw"):
         return Meaning(joined, commanded)
+    if joined in ("rx", "ry", "rz", "rw") and "rw" in siblings:  # Vicon
+        return Meaning(f"q{joined[1]}", commanded)
+    if oriented and {n for n in "0123456789" if heading.text[:-1] + n in siblings} == {*"1234"}:
+        return Meaning(("qw", "qx", "qy", "qz")[int(joined[-1]) - 1], commanded, "quaternion")
     if joined in ("rx", "ry", "rz"):
         return Meaning(joined, commanded, "axes")
     if joined in ("roll", "pitch", "yaw"):
@@ -304,8 +316,9 @@ def _uncertainty(core: Sequence[str], words: Sequence[str]) -> Meaning | None:
         return Meaning(f"sigma_{axes[0]}")
     if "".join(words) in ("ux", "uy", "uz"):
         return Meaning(f"sigma_{words[-1][-1]}", expanded=True)
-    if len(axes) == 1 and _UNCERTAIN & set(core) and set(words) <= {axes[0], *_UNCERTAIN}:
-        return Meaning(f"sigma_{axes[0]}", expanded=True)
+    is_95 = "95" in core  # U95 names its coverage; without an axis it is of all of them
+    if len(axes) in (1 - is_95, 1) and _UNCERTAIN & set(core) and set(words) <= {*axes, "95", *_UNCERTAIN}:
+        return Meaning(f"sigma_{axes[0]}" if axes else "sigma", coverage=1.0 + is_95, expanded=not is_95)
     return None
 
 

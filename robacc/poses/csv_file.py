@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted
+from robacc.errors import Counted, Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import for_spreadsheet, from_spreadsheet
 from robacc.io.files import ProblemLog
@@ -21,11 +21,11 @@ from robacc.measurements import Measurements
 from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS, TIME_KEYS
 from robacc.poses.layout import COMMANDED_AXES, Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
-from robacc.poses.orientation import AngleChoice, KnownOrientations, rotations
+from robacc.poses.orientation import AngleChoice, rotations
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot, reading_of, table_options
-from robacc.poses.reshaped_tables import reshaped
+from robacc.poses.reshaped_tables import quaternion_named, reshaped
 from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks, duplicate_rows, with_repetitions
-from robacc.poses.units import UnitChecks, lengths_too_large
+from robacc.poses.units import KnownPoses, UnitChecks, lengths_too_large, with_units
 
 # Write poses as CSV text in SI units, which :func:`robacc.poses.csv_file.read_poses` reads back.
 
@@ -119,7 +119,7 @@ def read_poses(
     units_check: bool = True,
     attained: bool = True,
     commands: bool = True,
-    known_orientations: KnownOrientations | None = None,
+    known_poses: KnownPoses | None = None,
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
 
@@ -135,8 +135,8 @@ def read_poses(
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
         commands: Whether joints or commanded poses are required; without, they come from another file.
-        known_orientations: Orientations that another file gives to the rows; like those of the robot, they show the
-            convention of ambiguous angles.
+        known_poses: Poses that another file gives to the rows; like those of the robot, they show units and the
+            convention of angles that names leave open.
 
     Raises:
         InputError: Every problem of the file, with line and column.
@@ -149,6 +149,13 @@ def read_poses(
         log = reader.log
         if reading.columns is None:
             reader, header = reshaped(reader, header, robot.targets_in_columns)
+        # The columns of an arm of four joints, counted from zero, have the same names.
+        # An arm of four joints may count them from 0.
+        header, named = (
+            (header, [])
+            if reading.columns is not None or (commands and len(robot.joint_names or ()) == len(QUATERNION))
+            else quaternion_named(header)
+        )
         layout = read_layout(header, log, robot, attained, reading, commands)
         values, remarks = _read_values(reader, layout)
         _check_target_column(layout, robot.targets, reader, header.line)
@@ -156,17 +163,20 @@ def read_poses(
         remarks += remark
         rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
+        if units_check:
+            values, taken = with_units(values, header.line, robot, known_poses)
+            rows.values, remarks = values, [*remarks, *named, *taken]
         units = UnitChecks(values.complete() if log.total else values, log, header.line)
         wrong_joints = units.run(robot.limits) if units_check else frozenset()
         rows.run(robot.limits, robot.valid_targets, wrong_joints)
         check_visits(values, ordered, log)
-        angles = AngleChoice(values, reading, robot.orientation_at, log, header.line, known_orientations)
+        angles = AngleChoice(values, reading, robot.pose_at, log, header.line, known_poses)
         conventions = angles.run()
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted, conventions)
         data, repeated = with_repetitions(data) if attained else (data, None)
         remarks += [repeated] if repeated else []
-        doubts = (f"{reader.file}: {text}" for text in (*remarks, *angles.remarks, *data.warnings))
+        doubts = (type(text)(f"{reader.file}: {text}") for text in (*remarks, *angles.remarks, *data.warnings))
         duplicates = duplicate_rows(values, reader.file, log.counted)
         warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates.warnings)
         return dataclasses.replace(
@@ -188,7 +198,7 @@ def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    remarks = [text for text in (reader.description(), _gap_text(body, reader.log), body.cut) if text]
+    remarks = [text for text in (Note(reader.description()), _gap_text(body, reader.log), body.cut) if text]
     numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}
@@ -197,7 +207,7 @@ def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
         )
         numbers = np.vstack([numbers, read.seconds])
         keys.append("time_s")
-        remarks += [read.remark] if read.remark else []
+        remarks += [Note(read.remark)] if read.remark else []
     row_index = {key: i for i, key in enumerate(keys)}
     return Values(layout, numbers, row_index, by_key, body.lines), remarks
 
@@ -212,7 +222,7 @@ def _targets_as_poses(values: Values, target_names: Sequence[str]) -> tuple[Valu
         return values, []
     texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
     return dataclasses.replace(values, texts=texts), [
-        f"{column.name} is used as the names of the poses, because it differs in every row"
+        Note(f"{column.name} is used as the names of the poses, because it differs in every row")
     ]
 
 

@@ -12,6 +12,8 @@ from robacc.poses.columns import (
     AXES,
     FIXED_KINDS,
     FOREIGN_UNITS,
+    JOINT_COLUMN,
+    QUATERNION,
     SIGMAS,
     TIME_KEYS,
     UNITS,
@@ -69,7 +71,7 @@ def choose(header: Header, known: Mapping[str, Column], names: Names, log: Probl
     """
     used = {column.index for column in known.values()}
     candidates = [candidate for candidate in _candidates(header, names, log) if candidate.index not in used]
-    candidates = _with_quaternion(candidates, known, log, header.line)
+    candidates = _with_quaternion(candidates, known)
     candidates = [candidate for candidate in candidates if candidate.key not in known]
     return _without_conflicts(_renumbered(candidates), log, header.line)
 
@@ -87,7 +89,8 @@ def _candidates(header: Header, names: Names, log: ProblemLog) -> Iterator[Headi
         key = meaning.key
         if meaning.commanded and key in FIXED_KINDS and f"cmd_{key}" in FIXED_KINDS:
             key = f"cmd_{key}"
-        yield HeadingCandidate(heading, i, meaning, key)
+        # One uncertainty may be of all axes.
+        yield from (HeadingCandidate(heading, i, meaning, name) for name in (SIGMAS if key == "sigma" else (key,)))
 
 
 def _heading(index: int, header: Header, log: ProblemLog) -> Heading:
@@ -111,31 +114,15 @@ def _named_joint(heading: Heading, names: Names) -> str | None:
     return None
 
 
-def _with_quaternion(
-    candidates: Sequence[HeadingCandidate], known: Mapping[str, Column], log: ProblemLog, line: int | None
-) -> list[HeadingCandidate]:
-    """Return the candidates with Q0 … Q3 beside joints of other names as a quaternion, whose scalar part is Q0.
-
-    Of Q1 … Q4 the first or the last may be the scalar part: a question.
-    """
+def _with_quaternion(candidates: Sequence[HeadingCandidate], known: Mapping[str, Column]) -> list[HeadingCandidate]:
+    """Return the candidates with Q1 … Q4 beside joints of other names as a quaternion, in an order that is open."""
     numbered = {item.heading.text: item for item in candidates if re.fullmatch(r"q \d", item.heading.text)}
     others = [item for item in candidates if item.heading.text not in numbered]
-    numbers = sorted(int(text[-1]) for text in numbered)
     has_joints = any(re.fullmatch(r"q\d+", key) for key in (*(item.key for item in others), *known))
-    if not has_joints or numbers not in ([0, 1, 2, 3], [1, 2, 3, 4]) or {"qw", "qx"} & {item.key for item in others}:
+    if not has_joints or sorted(numbered) != ["q 1", "q 2", "q 3", "q 4"] or {"qw", "qx"} & {i.key for i in others}:
         return list(candidates)
-    if numbers[0] == 0:
-        return others + [
-            replace(numbered[f"q {number}"], key=key, meaning=replace(numbered[f"q {number}"].meaning, key=key))
-            for number, key in enumerate(("qw", "qx", "qy", "qz"))
-        ]
-    names = ", ".join(numbered[f"q {number}"].heading.name for number in numbers)
-    fix = (
-        "name them qw, qx, qy, qz or qx, qy, qz, qw in a column map, which robacc init writes and `columns` takes; "
-        "leave them empty there if they are no orientation"
-    )
-    log.add("these may be a quaternion with its scalar part first or last", line, names, fix)
-    return others
+    pairs = zip(sorted(numbered), QUATERNION, strict=True)
+    return others + [replace(numbered[text], key=key, meaning=Meaning(key, family="quaternion")) for text, key in pairs]
 
 
 def _renumbered(candidates: Sequence[HeadingCandidate]) -> list[HeadingCandidate]:
@@ -193,10 +180,11 @@ _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "wpr": ("fixed-xyz",),
     "oat": ("zyz",),
     "ur": ("rotvec",),
+    "quaternion": ("wxyz", "xyzw"),
 }
 """Conventions that a family of angle names may belong to; one alone is certain."""
 _PREAMBLE_UNITS = re.compile(
-    r"\b(?:units?|einheit(?:en)?)\b\W*(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE
+    r"(?:\b(?:units?|einheit(?:en)?)\b\W*|^\W*(?=\w+\W*$))(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE
 )
 
 
@@ -247,9 +235,9 @@ def find_columns(
             nameless.append(column)
         if candidate.meaning.family:
             prefix = "cmd_" if key.startswith("cmd_") else ""
-            if not key.removeprefix(prefix).startswith("q"):
+            if not JOINT_COLUMN.fullmatch(key):
                 result.angles[prefix] = _CANDIDATES[candidate.meaning.family]
-        if candidate.meaning.commanded is False and key.startswith("q"):
+        if candidate.meaning.commanded is False and JOINT_COLUMN.fullmatch(key):
             result.remarks.append("joint variables are attained values, used as commands")
     result.without_unit = tuple(_with_unit_of_position(nameless, result))
     _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, header.line)
@@ -299,7 +287,7 @@ def _column(
             unit = "m" if quantity == "length" else "rad"
     if unit is not None and expected not in ("length", "angle", "time", "temperature", "mass"):
         unit = None
-    coverage = (reading.coverage or 1.0) if meaning.expanded else 1.0
+    coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
     return Column(heading.name, candidate.index, key, kind, unit, coverage)
 
 
@@ -316,7 +304,7 @@ class _PreambleUnits:
             if match := _PREAMBLE_UNITS.search(text):
                 word = match["unit"].lower()
                 unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(word[:3], "in")
-                return cls({"length": unit}, (f"lengths in {unit}, as {match[0].strip()!r} says",))
+                return cls({"length": unit}, (f"lengths in {unit}, as {match[0].strip(' ([')!r} says",))
         return cls({}, ())
 
 
@@ -373,7 +361,7 @@ def _key_text(column: Column) -> str:
         return "time_s"
     if column.unit is None or column.key in ("temperature_c", "payload_kg"):
         return column.key
-    return f"{column.key}_{column.unit}"
+    return f"{column.key}_{column.unit}" + (f" times {column.coverage:g}" if column.coverage != 1 else "")
 
 
 def compact(names: Sequence[str]) -> str:

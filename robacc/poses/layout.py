@@ -8,11 +8,12 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array
 from robacc.io.dialect import PLAIN, TableDialect
 from robacc.io.files import ProblemLog, clip
@@ -44,16 +45,17 @@ _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
 
 
-def with_known_names(header: Header, file: str) -> Header:
+def with_known_names(header: Header, file: str | None) -> Header:
     """Return the header with the names that the rows themselves show.
 
     Raises:
-        InputError: The rows have no known form.
+        InputError: The rows have no known form; without ``file`` their columns stay numbered.
     """
     dialect = header.dialect
-    names = _tum(dialect) or _spatial_analyzer(dialect)
-    if names is not None:
-        return Header(names, header.line, dialect)
+    is_named = dialect is PLAIN or not dialect.headerless
+    names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
+    if is_named or names is not None or file is None:
+        return header if is_named or names is None else Header(names, header.line, dialect)
     fix = (
         "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
         "'column 1: x_mm', which the command init writes"
@@ -68,6 +70,17 @@ def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
         return None
     lengths = [math.hypot(*row[4:]) for row in rows if row is not None]
     return _TUM if all(abs(length - 1) < _UNIT_LENGTH for length in lengths) else None
+
+
+def _matrix(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a homogeneous matrix, row by row, at the end of each row; joints stand before it."""
+    rows = [_numbers(fields) for fields in dialect.sample]
+    if not rows or any(row is None or len(row) < 16 or row[-4:] != [0, 0, 0, 1] for row in rows):
+        return None
+    return (
+        *(f"J{i + 1}" for i in range(len(dialect.sample[0]) - 16)),
+        *(f"m_{row}{column}" for row in range(4) for column in range(4)),
+    )
 
 
 def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
@@ -149,8 +162,6 @@ def read_layout(
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
     """
-    if header.dialect is not PLAIN and header.dialect.headerless and reading.columns is None:
-        header = with_known_names(header, log.file)
     mapped = _mapped(header, reading, log)
     names = Names.of([name for name in mapped if name], robot.joint_names, robot.joint_types, robot.branches)
     columns: dict[str, Column] = {}
@@ -217,10 +228,11 @@ def _foreign_layout(
     place = log.at(header.line)
     warnings = []
     if text := statement(result.columns, known):
-        warnings.append(f"{place}: columns: {text}")
+        warnings.append(Note(f"{place}: columns: {text}"))
     if result.unused:
-        warnings.append(f"{place}: not used: {', '.join(_with_suggestion(name, names) for name in result.unused)}")
-    warnings += [f"{place}: {remark}" for remark in result.remarks]
+        listed = ", ".join(_with_suggestion(name, names) for name in result.unused)
+        warnings.append(Note(f"{place}: not used: {listed}"))
+    warnings += [Note(f"{place}: {remark}") for remark in result.remarks]
     return dataclasses.replace(
         layout,
         warnings=tuple(warnings),
@@ -412,6 +424,9 @@ class Values:
 
     def complete(self) -> Values:
         """Return the rows in which every number could be read."""
-        complete = np.isfinite(self.numbers).all(axis=0)
-        texts = {key: text[complete] for key, text in self.texts.items()}
-        return Values(self.layout, self.numbers[:, complete], self.row_index, texts, self.lines[complete])
+        return self.rows(np.flatnonzero(np.isfinite(self.numbers).all(axis=0)))
+
+    def rows(self, index: NDArray[Any]) -> Values:
+        """Return some of the rows."""
+        texts = {key: text[index] for key, text in self.texts.items()}
+        return Values(self.layout, self.numbers[:, index], self.row_index, texts, self.lines[index])

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array, rotation_from_quaternion
+from robacc.errors import Note
+from robacc.geometry import Array
 from robacc.io.files import ProblemLog
 from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY, is_documented
 from robacc.poses.layout import Values
-from robacc.poses.reading import CONVENTIONS, AngleTrial, OrientationAt, Reading, try_conventions
+from robacc.poses.reading import CONVENTIONS, AngleTrial, PoseAt, Reading, try_conventions
+from robacc.poses.units import KnownPoses
 
-KnownOrientations = Callable[[NDArray[Any] | None, int], Array | None]
-"""Orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to N rows without names."""
 _BLOCK = 4096
 """Rotations converted at a time: the working arrays of a block fit the cache."""
 _SAMPLE = 400
@@ -26,6 +24,8 @@ _WRITERS = {
     "moving-xyz": "Stäubli",
     "kuka-abc": "KUKA",
     "zyz": "Kawasaki",
+    "wxyz": "scalar part first",
+    "xyzw": "scalar part last, ROS",
 }
 """Makers whose exports use a convention."""
 _DOCUMENTED = ("rotvec", "fixed-xyz", "moving-xyz")
@@ -34,26 +34,26 @@ _DOCUMENTED = ("rotvec", "fixed-xyz", "moving-xyz")
 _ABOUT_XYZ = ("fixed-xyz", "moving-xyz")
 """Conventions that instruments use for roll, pitch and yaw, which are documented as about fixed axes."""
 
+_ORDERS = ("wxyz", "xyzw")
+"""Orders of a quaternion whose names leave its scalar part open."""
+
 
 def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> Array | None:
     """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
     if keys is None or (columns := values.column_set(keys)) is None:
         return None
-    convert = _conversion(keys, convention)
     result = np.empty((3, 3, columns.shape[1]))
     for start in range(0, columns.shape[1], _BLOCK):
-        result[..., start : start + _BLOCK] = convert(columns[:, start : start + _BLOCK])
+        result[..., start : start + _BLOCK] = CONVENTIONS[convention](columns[:, start : start + _BLOCK])
     return result
-
-
-def _conversion(keys: tuple[str, ...], convention: str) -> Callable[[Array], Array]:
-    return rotation_from_quaternion if keys[0].removeprefix("cmd_") == QUATERNION[0] else CONVENTIONS[convention]
 
 
 def _convention(keys: tuple[str, ...] | None, stated: str | None) -> str:
     """Return the convention of these columns as stated, or as documented; roll, pitch, yaw are about x, y, z."""
     if keys is not None and keys[0].removeprefix("cmd_") == RPY[0]:
         return stated if stated in _ABOUT_XYZ else _ABOUT_XYZ[0]
+    if keys is not None and keys[0].removeprefix("cmd_") == QUATERNION[0]:
+        return stated if stated in _ORDERS else _ORDERS[0]
     return stated or "rotvec"
 
 
@@ -64,18 +64,18 @@ class AngleChoice:
         self,
         values: Values,
         reading: Reading,
-        orientation_at: OrientationAt | None,
+        pose_at: PoseAt | None,
         log: ProblemLog,
         line: int | None,
-        known_orientations: KnownOrientations | None = None,
+        known_poses: KnownPoses | None = None,
     ) -> None:
         """Choose for ``values``; questions go to ``log``, and what the data showed to :attr:`remarks`."""
         self._values = values
         self._reading = reading
-        self._orientation_at = orientation_at
+        self._pose_at = pose_at
         self._log = log
         self._line = line
-        self._known_orientations = known_orientations
+        self._known_poses = known_poses
         self.remarks: list[str] = []
 
     def run(self) -> Mapping[str, str]:
@@ -88,7 +88,7 @@ class AngleChoice:
         for prefix, keys in orientations.items():
             if keys is None or self._stated(prefix):
                 continue
-            if keys[0] == prefix + ROTATION_VECTOR[0]:
+            if keys[0] == prefix + ROTATION_VECTOR[0] or prefix in layout.angles:
                 chosen[prefix] = self._tried(prefix, keys, orientations)
             elif keys[0] == prefix + RPY[0]:
                 chosen[prefix] = self._tried_rpy(prefix, keys, orientations)
@@ -97,7 +97,8 @@ class AngleChoice:
     def _stated(self, prefix: str) -> str | None:
         """Return the convention that the user or the names state; None where they leave it open."""
         named = self._values.layout.angles.get(prefix, ())
-        return named[0] if len(named) == 1 else self._reading.angles
+        is_named = self._reading.angles in _ORDERS and not named and self._reading.columns is None
+        return named[0] if len(named) == 1 else None if is_named else self._reading.angles
 
     def _tried(self, prefix: str, keys: tuple[str, ...], orientations: Mapping[str, tuple[str, ...] | None]) -> str:
         """Return the convention that the data show; otherwise a question goes to the log."""
@@ -139,25 +140,29 @@ class AngleChoice:
         """Return the convention that fits best, with a remark."""
         worse = min(size for name, size in trial.disagreement.items() if name != trial.best)
         self.remarks.append(
-            f"{names} taken as {trial.best}: it fits the known orientations to "
-            f"{_degrees(trial.disagreement[trial.best])}, others miss by {_degrees(worse)}"
+            Note(
+                f"{names} taken as {trial.best}: it fits the known orientations to "
+                f"{_degrees(trial.disagreement[trial.best])}, others miss by {_degrees(worse)}"
+            )
         )
         return trial.best
 
     def _known(self, prefix: str, rows: Array, orientations: Mapping[str, tuple[str, ...] | None]) -> Array | None:
         """Return orientations of the rows that do not depend on the angles in question; None where there are none."""
         q = self._values.column_set(self._values.layout.joints())
-        if q is not None and self._orientation_at is not None:
-            return self._orientation_at(q[:, rows])
-        if self._known_orientations is not None:
-            known = self._known_orientations(self._values.texts.get("pose"), self._values.lines.size)
+        if q is not None and self._pose_at is not None:
+            return self._pose_at(q[:, rows]).rotation
+        if self._known_poses is not None:
+            known = self._known_poses(self._values.texts.get("pose"), self._values.lines.size)[1]
             return None if known is None else known[..., rows]
         other = "" if prefix else "cmd_"
         keys = orientations[other]
         if keys is None or (columns := self._values.column_set(keys)) is None:
             return None
-        certain = keys[0] != other + ROTATION_VECTOR[0] or self._stated(other)
-        return _conversion(keys, _convention(keys, self._stated(other)))(columns[:, rows]) if certain else None
+        certain = (keys[0] != other + ROTATION_VECTOR[0] and other not in self._values.layout.angles) or self._stated(
+            other
+        )
+        return CONVENTIONS[_convention(keys, self._stated(other))](columns[:, rows]) if certain else None
 
     def _ask(self, names: str, doubt: str, trial: AngleTrial | None, conventions: Sequence[str]) -> None:
         tried = ""

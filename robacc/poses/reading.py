@@ -11,7 +11,7 @@ import numpy as np
 import yaml
 
 from robacc.errors import UsageError
-from robacc.geometry import Array, exp_so3, rotation_from_rpy
+from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.bag_options import BagOptions
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
@@ -70,12 +70,15 @@ CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
     "zyx": rotation_from_rpy,
     "kuka-abc": _kuka,
     "zyz": _zyz,
+    "wxyz": rotation_from_quaternion,
+    "xyzw": lambda quaternion: rotation_from_quaternion(np.roll(quaternion, 1, axis=0)),
 }
 """Rotation ``(3, 3, N)`` of three angles ``(3, N)``, rad.
 
 ``rotvec``: rotation vector. ``fixed-xyz``: about the fixed axes x, then y, then z; ``zyx`` is the same rotation
 described about moving axes z, y, x. ``moving-xyz``: about the moving axes x, y, z. ``kuka-abc``: A about z, B about the
 moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawasaki's O, A, T.
+``wxyz`` and ``xyzw`` are quaternions ``(4, N)`` with the scalar part first or last.
 """
 
 
@@ -212,8 +215,8 @@ def _columns(top: YamlSection) -> dict[str, str | None] | None:
 
 JointLimits = Sequence[tuple[float, float] | None]
 """Lowest and highest value of each joint, rad or m; None for a joint without limits."""
-OrientationAt = Callable[[Array], Array]
-"""Nominal orientations ``(3, 3, N)`` of the robot at joint variables ``(J, N)``."""
+PoseAt = Callable[[Array], Poses]
+"""Nominal poses of the robot at joint variables ``(J, N)``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,8 +236,8 @@ class KnownRobot:
     """Joints outside the chain that move mass; each stands at its position where it has no column."""
     outside: Mapping[str, str] = field(default_factory=dict)
     """Joints outside the chain that a joint variable follows, and the rule by which it does."""
-    orientation_at: OrientationAt | None = None
-    """Nominal orientations of the robot, which show the convention of ambiguous angles."""
+    pose_at: PoseAt | None = None
+    """Nominal poses of the robot, which show units and the convention of angles that names leave open."""
 
     @property
     def targets(self) -> tuple[str, ...]:

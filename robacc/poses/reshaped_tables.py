@@ -9,11 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.files import ProblemLog, clip
 from robacc.io.open_table import Table
 from robacc.io.table import Header, TableBody
-from robacc.poses.columns import AXES, axis_and_label, heading_of, is_point_name
+from robacc.poses.columns import AXES, QUATERNION, axis_and_label, heading_of, is_point_name
+from robacc.poses.layout import with_known_names
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
@@ -30,6 +32,8 @@ class _MatrixPlaces:
     """Nine columns, row by row."""
     translation: tuple[int, ...]
     """Columns of x, y, z; empty where the matrix has three columns."""
+    stem: str
+    """Name of the matrix."""
     others: tuple[int, ...]
     """Further entries: the last row of a homogeneous matrix."""
 
@@ -40,7 +44,7 @@ def _places(names: Sequence[str]) -> _MatrixPlaces | None:
     for index, name in enumerate(names):
         if match := _ENTRY.fullmatch(name.strip()):
             found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
-    for entries in found.values():
+    for stem, entries in found.items():
         for first in (0, 1):
             at = {(row - first, column - first): index for (row, column), index in entries.items()}
             rotation = [at.get((row, column)) for row in range(3) for column in range(3)]
@@ -53,6 +57,7 @@ def _places(names: Sequence[str]) -> _MatrixPlaces | None:
             return _MatrixPlaces(
                 tuple(i for i in rotation if i is not None),
                 tuple(i for i in translation if i is not None),
+                stem if len(stem) > 2 else "",
                 tuple(i for i in at.values() if i not in used),
             )
     return None
@@ -66,7 +71,9 @@ class MatrixTable:
         self._table, self._old, self._places = table, header, places
         used = {*places.rotation, *places.translation, *places.others}
         self._kept = [i for i in range(len(header.names)) if i not in used]
-        self._new = [*(("X", "Y", "Z") if places.translation else ()), "qw", "qx", "qy", "qz"]
+        self._new = [
+            f"{places.stem} {name}".strip() for name in ("X Y Z " * bool(places.translation) + "qw qx qy qz").split()
+        ]
         self.log: ProblemLog = table.log
         self.file = table.file
 
@@ -122,6 +129,7 @@ class MatrixTable:
 
 
 _AXIS_NAMES = frozenset({"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente"})
+_COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
 _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
 _NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
 
@@ -134,13 +142,22 @@ def reshaped(table: Table, header: Header, target_names: Sequence[str] | None) -
         header: That header.
         target_names: Targets of the robot file; None: any label of columns is a target.
     """
-    header = _with_joint_names(header)
-    if matrices := MatrixTable.of(table, header):
+    header = _with_joint_names(with_known_names(header, table.file))
+    while matrices := MatrixTable.of(table, header):
         table, header = matrices, matrices.header()
     new: _AxisRows | _TargetsInRows | None = _AxisRows.of(table, header)
     if new is None:
         new = _TargetsInRows.of(table, header, target_names)
     return (table, header) if new is None else (new, new.header())
+
+
+def quaternion_named(header: Header) -> tuple[Header, list[Note]]:
+    """Return the header with Q0 … Q3 beside no Q4 as a quaternion, and a note."""
+    lower = [name.lower() for name in header.names]
+    if not {*_COUNTED} <= {*lower} or "q4" in lower:
+        return header, []
+    names = tuple(_COUNTED.get(key, name) for key, name in zip(lower, header.names, strict=True))
+    return replace(header, names=names), [Note("q0 … q3 are taken as a quaternion, scalar part first")]
 
 
 def _with_joint_names(header: Header) -> Header:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog
-from robacc.poses.columns import AXES, SIGMAS
+from robacc.poses.columns import AXES, JOINT_COLUMN, SIGMAS, UNITS, Column
 from robacc.poses.foreign_columns import compact
 from robacc.poses.layout import COMMANDED_AXES, Values, listing
-from robacc.poses.reading import JointLimits
+from robacc.poses.reading import JointLimits, KnownRobot
 from robacc.statistics.intervals import interpolated
 
 # Plausibility of units: columns without a unit in their names must not be in degrees or millimetres.
@@ -44,7 +47,7 @@ _SIGMA_ANGLE = (0.05, 0.5)
 """rad; the same for an orientation."""
 _THOUSAND = (300.0, 3000.0)
 """Ratio of two ranges of the same poses that only a mix-up of m and mm explains."""
-_SMALL_RANGE = 0.05
+SMALL_RANGE = 0.05
 """m; below it the range may come from errors and outliers, not from motion."""
 
 
@@ -103,13 +106,13 @@ def central_range(values: Array) -> Array:
 def thousandfold(first: Array, second: Array) -> float | None:
     """Return the ratio of the ranges of ``first`` and ``second`` ``(3, N)`` where it is about 1000 or 0.001."""
     first_range, second_range = float(np.max(central_range(first))), float(np.max(central_range(second)))
-    if max(first_range, second_range) < _SMALL_RANGE or min(first_range, second_range) <= 0:
+    if max(first_range, second_range) < SMALL_RANGE or min(first_range, second_range) <= 0:
         return None
     ratio = first_range / second_range
     # The smaller of the two must be motion: 0.3 mm of scatter about one commanded pose is not another unit.
-    if _THOUSAND[0] < ratio < _THOUSAND[1] and second_range * 1000 > _SMALL_RANGE:
+    if _THOUSAND[0] < ratio < _THOUSAND[1] and second_range * 1000 > SMALL_RANGE:
         return ratio
-    return ratio if _THOUSAND[0] < 1 / ratio < _THOUSAND[1] and first_range * 1000 > _SMALL_RANGE else None
+    return ratio if _THOUSAND[0] < 1 / ratio < _THOUSAND[1] and first_range * 1000 > SMALL_RANGE else None
 
 
 def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
@@ -153,8 +156,21 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
     raise InputError(Problem(message, file, column="x, y, z", fix=fix))
 
 
-# Checks of the units of columns without a unit in their names.
+# Units of columns without a unit in their names: checks, and the choice where one reading is left.
 
+KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
+N rows without names; None for what it does not give."""
+_READINGS = {"length": ("m", "mm", "in"), "angle": ("rad", "deg")}
+_QUANTITY = {"length": "length", "angle": "angle", "joint": "angle"}
+"""Quantity of each kind of column that has a unit; a joint of unknown type turns."""
+_NEAR, _APART = math.log(5.0), math.log(4.0)
+"""Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
+ratio by which another reading is worse. Units differ by 25 or more."""
+_LARGEST = 12.0
+"""m; commanded positions of an arm that stands or has a short track do not spread farther."""
+_SAMPLE = 400
+"""Rows that are tried at most."""
 _FEWEST_OTHERS = 5
 """Rows outside a stretch in another unit, at least …"""
 _LEAST_OTHERS = 0.1
@@ -174,6 +190,8 @@ class UnitChecks:
         self.log = log
         self.line = line
         self.warnings: list[str] = []
+        self.wrong: set[str] = set()
+        """Quantities, ``length`` and ``angle``, whose columns are in another unit; ``part`` if only some rows are."""
 
     def run(self, limits: JointLimits | None) -> frozenset[str]:
         """Run every check and return the joints whose unit is wrong."""
@@ -199,14 +217,14 @@ class UnitChecks:
     def _ask_units(self) -> frozenset[str]:
         """Report the columns of an export that need a unit, with what their values suggest; return their joints."""
         columns = self.values.layout.without_unit
-        sizes = {}
-        for kind, quantity in (("length", "lengths"), ("angle", "angles"), ("joint", "joint variables")):
-            values = [self.values.column(column.key) for column in columns if column.kind == kind]
-            largest = max((float(np.max(np.abs(value))) for value in values if value is not None), default=None)
-            if largest is not None:
-                sizes[quantity] = f"{quantity} up to {largest:.4g}"
+        kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
+        sizes = [
+            f"{kinds[kind]} up to {np.max(np.abs(self.values.numbers[rows])):.4g}"
+            for kind in kinds
+            if (rows := [self.values.row_index[column.key] for column in columns if column.kind == kind])
+        ]
         self.log.add(
-            f"these columns state no unit ({', '.join(sizes.values())})",
+            f"these columns state no unit ({', '.join(sizes)})",
             self.line,
             compact([column.name for column in columns]),
             "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
@@ -232,10 +250,11 @@ class UnitChecks:
         self, keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
     ) -> None:
         """Report columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
-        columns = [self.values.layout.columns[key] for key in keys]
-        names = [column.name for column in columns]
+        self.wrong.add(UNITS[likely_unit][0])
+        names = [self.values.layout.columns[key].name for key in keys]
         stretch = None if large is None else self._stretch(large)
         if stretch is not None:
+            self.wrong.add("part")
             message = f"{message}, from line {stretch[0]} to {stretch[1]} only"
             fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
             self.log.add(message, self.line, listing(names), fix)
@@ -335,3 +354,68 @@ class UnitChecks:
         elif doubtful:
             names = listing([f"{key}_{likely_unit}" for key in keys])
             self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {likely_unit}, name it {names}")
+
+
+def with_units(
+    values: Values, line: int | None, robot: KnownRobot, known_poses: KnownPoses | None
+) -> tuple[Values, list[Note]]:
+    """Return the values with the units that only one reading leaves, and notes on them.
+
+    Documented names are SI. They are read otherwise only where the values cannot be SI and the motion of the arm shows
+    the unit; other names also where the values alone leave one unit.
+    """
+    layout, foreign = values.layout, {_QUANTITY[column.kind] for column in values.layout.without_unit}
+    columns = [
+        column
+        for column in layout.columns.values()
+        if column.unit is None and column.kind in _QUANTITY
+        if _QUANTITY[column.kind] not in foreign or column in layout.without_unit
+    ]
+    index = np.arange(0, values.lines.size, -(-values.lines.size // _SAMPLE) or 1)
+    index = index[np.isfinite(values.numbers[:, index]).all(axis=0)]
+    rows = replace(values.rows(index), layout=replace(layout, without_unit=()))
+    (checks := UnitChecks(rows, ProblemLog(""), line)).run(robot.limits)
+    if not index.size or layout.wrong_unit or "part" in checks.wrong or not (foreign or checks.wrong):
+        return values, []
+    known = None if known_poses is None else known_poses(values.texts.get("pose"), values.lines.size)[0]
+    wrong, scores = foreign | checks.wrong, {}
+    for units in itertools.product(*(_READINGS[name] if name in wrong else _READINGS[name][:1] for name in _READINGS)):
+        trial = _scaled(rows, columns, dict(zip(_READINGS, units, strict=True)))
+        (checks := UnitChecks(replace(trial, layout=rows.layout), ProblemLog(""), line)).run(robot.limits)
+        if not checks.wrong:
+            scores[units] = _distance(trial, robot, None if known is None else known[:, index])
+    best = min(scores.values(), default=math.inf)
+    # Of documented names the motion of the arm decides: the lengths, and the angles of the joints.
+    of_arm = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
+    shown = foreign if best >= _NEAR else foreign | ({"length", "angle"} if of_arm else {"length"})
+    left = [units for units, score in scores.items() if best >= _NEAR or score < best + _APART]
+    options = {name: {units[i] for units in left} for i, name in enumerate(_READINGS) if name in wrong & shown}
+    found = {name: min(units) for name, units in options.items() if len(units) == 1}
+    taken = {name: compact([column.name for column in columns if _QUANTITY[column.kind] == name]) for name in found}
+    reason = f"no other unit agrees with the values{' and the motion of the arm' * (best < _NEAR)}"
+    return _scaled(values, columns, found), [Note(f"{taken[name]} taken as {found[name]}: {reason}") for name in found]
+
+
+def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str]) -> Values:
+    """Return the values with these columns in the unit of their quantity; columns of another quantity stay."""
+    numbers, layout = values.numbers.copy() if units else values.numbers, values.layout
+    new = {c.key: replace(c, unit=units[_QUANTITY[c.kind]]) for c in columns if _QUANTITY[c.kind] in units}
+    for key, column in new.items():
+        numbers[values.row_index[key]] /= column.divisor / column.coverage
+    layout = replace(
+        layout,
+        columns={**layout.columns, **new},
+        without_unit=tuple(column for column in layout.without_unit if column.key not in new),
+        unit_of_position=layout.unit_of_position or tuple(key for key in SIGMAS if key in new),
+    )
+    return replace(values, numbers=numbers, layout=layout)
+
+
+def _distance(values: Values, robot: KnownRobot, known: Array | None) -> float:
+    """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio."""
+    q, measured = values.column_set(values.layout.joints()), values.column_set(AXES)
+    of_arm = None if q is None or robot.pose_at is None else robot.pose_at(q).translation
+    positions = [measured, *(p for p in (of_arm, known, values.column_set(COMMANDED_AXES)) if p is not None)]
+    ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in positions[:2]]
+    shows = len(ranges) == 2 and ranges[0] > 0 and SMALL_RANGE < ranges[1] < _LARGEST
+    return abs(math.log(ranges[0] / ranges[1])) if shows else math.inf

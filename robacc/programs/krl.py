@@ -469,7 +469,7 @@ def _check_complete(reading: KrlReading) -> None:
             count += 1
         elif kind == "end" and opened:
             opened.pop()
-    if not count:
+    if not count and not reading.literals:
         raise reading.source.error("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")
     if opened:
         fix = "copy it from the controller again"

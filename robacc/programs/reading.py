@@ -104,7 +104,7 @@ def _parse(source: ProgramSource, name: str, others: Sequence[ProgramSource]) ->
     if dialect is Dialect.krl:
         from robacc.programs.krl import parse_krl
 
-        return parse_krl(source, [*_companions(name), *others])
+        return parse_krl(source, [*map(_source, companions(name)), *others])
     if dialect is Dialect.rapid:
         from robacc.programs.rapid import parse_rapid
 
@@ -142,14 +142,14 @@ def _source(name: str) -> ProgramSource:
     return ProgramSource.of(read_bytes(name, PROGRAM_LIMIT), name)
 
 
-def _companions(name: str) -> list[ProgramSource]:
-    """Return the ``.dat`` of a ``.src`` or the ``.src`` of a ``.dat``, where it exists."""
+def companions(name: str) -> list[str]:
+    """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
     path = Path(name)
-    wanted = ".dat" if path.suffix.lower() == ".src" else ".src"
+    wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
     for suffix in (wanted, wanted.upper(), wanted.capitalize()):
         other = path.with_suffix(suffix)
-        if other.is_file():
-            return [_source(os.fspath(other))]
+        if wanted and other.is_file():
+            return [os.fspath(other)]
     return []
 
 

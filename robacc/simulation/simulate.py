@@ -203,6 +203,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         branches=None if planned is None or planned.branches is None else planned.branches[:, pose],
         branch_names=() if planned is None else planned.branch_names,
         rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
+        warnings=() if planned is None else planned.warnings,
     )
 
 

@@ -82,7 +82,7 @@ def test_statements_apply_to_frames() -> None:
     table = columns()
     frame = {f"J{i}": np.degrees(table[f"q{i}"]) for i in range(1, 7)} | {axis: table[axis] for axis in "xyz"}
     with pytest.raises(InputError, match="state no unit"):
-        robacc.read_poses(frame)
+        robacc.read_poses(frame | {f"J{i}": table[f"q{i}"] for i in range(1, 7)})
     with_units = robacc.PoseFile(frame, units="m,deg")
     assert robacc.estimate(with_units, robot=ROBOT).document()["inputs"][0]["reading"] == {"units": "m,deg"}
 

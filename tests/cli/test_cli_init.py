@@ -157,15 +157,12 @@ def test_a_map_asks_what_the_names_of_columns_leave_open(folder: Path) -> None:
         f"Point,{joints},X [mm],Y [mm],Z [mm],Q1,Q2,Q3,Q4\nP1,10,20,30,40,5,6,500,100,200,1,0,0,0\n"
     )
     done = run("init", "export.csv")
-    question = "Q1, Q2, Q3, Q4: these may be a quaternion with its scalar part first or last"
-    assert f"  decide in columns.yaml: {question}; name them, or leave them empty\n" in done.stdout
+    assert "  fill in angles in columns.yaml\n" in done.stdout
     text = (folder / "columns.yaml").read_text()
-    assert f"# open: {question}; name them, or leave them empty\n" in text
-    for number, key in enumerate(("qw", "qx", "qy", "qz"), 1):
-        text = text.replace(f'"Q{number}":    # not read', f'"Q{number}": {key}')
-    (folder / "columns.yaml").write_text(text)
-    data = robacc.read_poses("export.csv", columns="columns.yaml", robot=read_robot("ur10e"))
-    np.testing.assert_allclose(data.rotation, np.eye(3)[:, :, None], atol=1e-12)
+    for order, expected in (("wxyz", np.eye(3)), ("xyzw", np.diag([1.0, -1.0, -1.0]))):
+        (folder / "columns.yaml").write_text(text.replace("angles: unknown", f"angles: {order}"))
+        data = robacc.read_poses("export.csv", columns="columns.yaml", robot=read_robot("ur10e"))
+        np.testing.assert_allclose(data.rotation, expected[:, :, None], atol=1e-12)
 
 
 def test_a_map_asks_for_joints_under_names_of_a_robot(folder: Path) -> None:
@@ -193,6 +190,6 @@ def test_a_file_that_is_no_table_is_named_before_an_existing_map(folder: Path) -
     (folder / "columns.yaml").write_text("")
     missing = run("init", "nothing.csv")
     assert (missing.exit_code, "nothing.csv: the file does not exist" in missing.stderr) == (3, True)
-    (folder / "rows.json").write_text('[\n  {"q1": 1}\n]\n')
+    (folder / "rows.json").write_text("[[1, 2]]")
     document = run("init", "rows.json")
-    assert (document.exit_code, "rows.json: is a JSON document" in document.stderr) == (3, True)
+    assert (document.exit_code, "rows.json: has no list of records" in document.stderr) == (3, True)

@@ -41,17 +41,28 @@ def written(result: robacc.Corrected, folder: Path) -> Path:
 
 
 def test_without_units_each_command_asks(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    path, out = export[0], str(tmp_path / "out.csv")
+    path, out = tmp_path / "radians.csv", str(tmp_path / "out.csv")
+    # Radians may be small angles in degrees.
+    rows = "\n".join(";".join(f"{angle:.6f}" for angle in row) for row in export[1].T)
+    path.write_text(";".join(f"A{i}" for i in range(1, 7)) + f"\n{rows}\n")
     for arguments in (
-        ("correct", path, "--model", MODEL, "--nominal", ROBOT),
-        ("simulate", ROBOT, "--at", path),
-        ("plan", ROBOT, "--poses", "6", "--task", path),
+        ("correct", str(path), "--model", MODEL, "--nominal", ROBOT),
+        ("simulate", ROBOT, "--at", str(path)),
+        ("plan", ROBOT, "--poses", "6", "--task", str(path)),
     ):
         status, _, messages = run(*arguments, "-o", out)
         assert status == 3, arguments
-        assert f"{Path(path).name}:2, A1, A2, A3, A4, A5, A6: these columns state no unit" in messages
+        assert f"{path.name}:1, A1, A2, A3, A4, A5, A6: these columns state no unit" in messages
         assert "--units" in messages
         assert not Path(out).exists()
+
+
+def test_limits_leave_one_unit(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
+    out = str(tmp_path / "out.csv")
+    status, _, messages = run("simulate", ROBOT, "--at", export[0], "-o", out)
+    assert status == 0
+    np.testing.assert_allclose(robacc.read_poses(out, robot=robacc.read_robot(ROBOT)).q, export[1], atol=2e-6)
+    assert "A1, A2, A3, A4, A5, A6 taken as deg: no other unit agrees with the values" in messages
 
 
 def test_correct_reads_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:

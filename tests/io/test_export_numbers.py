@@ -93,7 +93,7 @@ def test_joints_of_another_name_beside_documented_positions(tmp_path: Path) -> N
         ("header:\n  stamp:\n    sec: 1\n", "is a text of ROS messages(?s:.*)ros2 bag record"),
         ("---\nheader:\n  stamp:\n", "is a text of ROS messages"),
         (
-            "pose,q1,x,y,z\na,1,2,3,4\nb,2,3,4,5\n[Planes]\n",
+            "pose,q1,x,y,z\na,1,2,3,4\nb,2,3,4,5\n[Planes]\nc,1,2\n",
             r"csv:4: found 1 field, expected 5(?s:.*)another table or a footer",
         ),
         ("pose,K1,x,y,z\na,1,2,3,4\n", r"measured poses only(?s:.*)unknown in this file: K1"),

@@ -15,11 +15,18 @@ SCIPY = {"fixed-xyz": "xyz", "zyx": "xyz", "moving-xyz": "XYZ", "kuka-abc": "ZYX
 """scipy's letters: small for fixed axes, capital for moving ones."""
 
 
-@pytest.mark.parametrize("name", CONVENTIONS)
+@pytest.mark.parametrize("name", ["rotvec", *SCIPY])
 def test_rotation_of_a_convention(name: str) -> None:
     angles = np.random.default_rng(1).uniform(-1.4, 1.4, (3, 20))
     expected = Rotation.from_rotvec(angles.T) if name == "rotvec" else Rotation.from_euler(SCIPY[name], angles.T)
     np.testing.assert_allclose(np.moveaxis(CONVENTIONS[name](angles), -1, 0), expected.as_matrix(), atol=1e-12)
+
+
+def test_orders_of_a_quaternion() -> None:
+    turns = Rotation.random(20, random_state=1)
+    for name, shift in (("xyzw", 0), ("wxyz", 1)):
+        rotation = CONVENTIONS[name](np.roll(turns.as_quat(), shift, axis=1).T)
+        np.testing.assert_allclose(np.moveaxis(rotation, -1, 0), turns.as_matrix(), atol=1e-12)
 
 
 DISTINCT = ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz")

@@ -70,10 +70,10 @@ def test_documented_files_are_read_as_documented(read: Reader) -> None:
 
 
 def test_units_are_asked_for(read: Reader) -> None:
-    text = "A1;A2;X;Y;Z\n10;20;1000;0;500\n30;-20;900;100;700\n"
+    text = "A1;A2;X;Y;Z\n1;2;1000;0;500\n3;-2;900;100;700\n"
     (problem,) = problem_texts(read, text)
     assert problem == (
-        "1, A1, A2, X, Y, Z: these columns state no unit (lengths up to 1000, joint variables up to 30); "
+        "1, A1, A2, X, Y, Z: these columns state no unit (lengths up to 1000, joint variables up to 3); "
         "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg"
     )
 

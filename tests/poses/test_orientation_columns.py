@@ -52,7 +52,7 @@ def test_numbers_from_zero_beside_joints_are_a_quaternion_with_the_scalar_part_f
 
 def test_numbers_from_one_are_a_question(tmp_path: Path) -> None:
     path = written(tmp_path, ["Q1", "Q2", "Q3", "Q4"], TURNS.as_quat().T)
-    with pytest.raises(InputError, match="a quaternion with its scalar part first or last") as caught:
+    with pytest.raises(InputError, match=r"give `angles`: wxyz \(scalar part first\), xyzw") as caught:
         read(path)
     assert len(caught.value.problems) == 1
 

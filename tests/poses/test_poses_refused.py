@@ -276,9 +276,6 @@ OTHER_FILES = {
     b"%PDF-1.7\n": "is a PDF document, expected a table of poses; export the poses as CSV",
     b"\x1f\x8b\x08\x00": "is compressed by gzip, expected a table of poses; unpack it first",
     b"\xef\xbb\xbf\n<!DOCTYPE HTML><html>": "is an HTML page, expected a table of poses; export the poses as CSV",
-    b'{"q1": [1, 2]}': "is a JSON document, expected a table of poses; export the poses as CSV",
-    b'[\n  {"q1": 1}': "is a JSON document, expected a table of poses; export the poses as CSV",
-    b"[[1, 2],": "is a JSON document, expected a table of poses; export the poses as CSV",
 }
 
 
@@ -289,6 +286,23 @@ def test_files_of_another_kind_are_named(tmp_path: Path, start: bytes) -> None:
     with pytest.raises(InputError) as caught:
         read_poses(path)
     assert str(caught.value) == f"{path}: {OTHER_FILES[start]}"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"q1": [1, 2]', "cannot be read as JSON or YAML"),
+        ("[[1, 2], [3, 4]]", "has no list of records, expected a table of poses"),
+        ('{"robot": "ur10e"}', "has no list of records, expected a table of poses"),
+        ("[" * 100_000, "cannot be read as JSON or YAML"),
+    ],
+)
+def test_documents_without_records(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "poses.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_poses(path)
+    assert len(caught.value.problems) == 1
 
 
 def test_every_problem_at_once_in_the_order_of_lines(read: Reader) -> None:

@@ -121,7 +121,7 @@ def test_spline_motions_name_their_frames_themselves() -> None:
     ("text", "message"),
     [
         (b"DEF a()\r\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\r\n", "line 1|:1: is truncated"),
-        (b"DECL E6POS XP1={X 1,Y 2,Z 3,A 0,B 0,C 0}\r\n", "has no DEF"),
+        (b"PTP XP1\r\n", "has no DEF"),
         (b"DEF a()\r\n; K\xc3\xbcche\r\n; K\xfcche\r\nEND\r\n", ":3: mixes UTF-8 with another encoding"),
         (b"DEF a()\r\n\0\0\r\nEND\r\n", ":2: is not a text file"),
     ],

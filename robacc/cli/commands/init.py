@@ -10,8 +10,10 @@ import typer
 
 from robacc.cli.options import BaseLinkOption, TipLinkOption
 
-_TABLES = frozenset({".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".json", ".xlsx", ".xls", ".ods", ".parquet"})
-"""Ends of names of exports; JSON is refused with advice."""
+_TABLES = frozenset(
+    {".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".json", ".jsonl", ".xlsx", ".xls", ".ods", ".parquet"}
+)
+"""Ends of names of exports."""
 
 
 def init(

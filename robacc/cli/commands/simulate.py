@@ -18,6 +18,7 @@ from robacc.cli.options import (
     SeedOption,
     StrictRangeOption,
     TipLinkOption,
+    numbers_of,
 )
 
 
@@ -109,6 +110,7 @@ def simulate(
     from robacc.api.simulate import simulate as run_simulate
     from robacc.cli.call_checks import refuse_json_beside_csv
     from robacc.cli.output import emit
+    from robacc.render.text.console import say_warnings
 
     refuse_json_beside_csv(form, output)
     result = run_simulate(
@@ -135,6 +137,7 @@ def simulate(
         base_link=base_link,
         tip_link=tip_link,
     )
+    say_warnings(result.data.warnings)
     if output == "-":
         sys.stdout.writelines(result.csv_pieces())
         sys.stdout.flush()
@@ -145,7 +148,6 @@ def simulate(
 
 
 def _temperature(text: str | None) -> tuple[float, float] | None:
-    from robacc.cli.options import numbers_of
     from robacc.errors import UsageError
 
     if text is None:
@@ -157,6 +159,5 @@ def _temperature(text: str | None) -> tuple[float, float] | None:
 
 
 def _payloads(text: str | None) -> tuple[float, ...]:
-    from robacc.cli.options import numbers_of
 
     return () if text is None else numbers_of(text, ",", "--payload")

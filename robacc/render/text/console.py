@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TextIO
 
-from robacc.errors import InputError, RobaccError
+from robacc.errors import InputError, Note, RobaccError
 from robacc.render.text.parameter_names import as_options
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 _SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
 """Spaces that Python counts as unprintable, and that do no more than a space."""
 GREEN, RED, YELLOW = "\033[32m", "\033[31m", "\033[33m"
+is_quiet = False
+"""Whether notes are left out; the command line sets it."""
 _DIM, _RESET = "\033[2m", "\033[0m"
 
 PLAIN_WIDTH = 80
@@ -70,9 +72,11 @@ def say_error(error: RobaccError) -> None:
 
 
 def say_warnings(warnings: Iterable[str]) -> None:
-    """Write a yellow line for each warning."""
-    for warning in warnings:
-        say(f"warning: {warning}", YELLOW)
+    """Write a yellow line for each warning, then a dim line for each note."""
+    for text in sorted(warnings, key=lambda text: isinstance(text, Note)):
+        word, colour = ("note", _DIM) if isinstance(text, Note) else ("warning", YELLOW)
+        if word == "warning" or not is_quiet:
+            say(f"{word}: {text}", colour)
 
 
 @contextmanager

@@ -11,9 +11,8 @@ from robacc.io.open_table import open_table
 from robacc.io.table import Header, TableOptions
 from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
-from robacc.poses.layout import with_known_names
 from robacc.poses.reading import AS_NAMED, OPEN
-from robacc.poses.reshaped_tables import MatrixTable
+from robacc.poses.reshaped_tables import MatrixTable, with_known_names
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
 """Documented names of angles about fixed axes."""

@@ -1,10 +1,9 @@
-"""Layout of a pose file: its columns, whether each set is complete, known tables without a header, and values."""
+"""Layout of a pose file: its columns, whether each set of columns is complete, and their values."""
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Note, Problem
+from robacc.errors import Note
 from robacc.geometry import Array
-from robacc.io.dialect import PLAIN, TableDialect
+from robacc.io.dialect import PLAIN
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Header
 from robacc.poses.columns import (
@@ -36,72 +35,6 @@ from robacc.poses.columns import (
 from robacc.poses.foreign_columns import documented_name, find_columns, statement
 from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
 from robacc.poses.reshaped_tables import advice_on_points
-
-# Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
-
-_TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-_UNIT_LENGTH = 1e-3
-_POINT = ("X", "Y", "Z")
-_UNCERTAINTY = ("Ux", "Uy", "Uz")
-
-
-def with_known_names(header: Header, file: str | None) -> Header:
-    """Return the header with the names that the rows themselves show.
-
-    Raises:
-        InputError: The rows have no known form; without ``file`` their columns stay numbered.
-    """
-    dialect = header.dialect
-    is_named = dialect is PLAIN or not dialect.headerless
-    names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
-    if is_named or names is not None or file is None:
-        return header if is_named or names is None else Header(names, header.line, dialect)
-    fix = (
-        "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
-        "'column 1: x_mm', which the command init writes"
-    )
-    raise InputError(Problem("found numbers, expected a header row", file, header.line, fix=fix))
-
-
-def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a TUM trajectory: eight numbers, the last four a unit quaternion with w last."""
-    rows = [_numbers(fields) for fields in dialect.sample]
-    if not rows or dialect.separator is not None or any(row is None or len(row) != len(_TUM) for row in rows):
-        return None
-    lengths = [math.hypot(*row[4:]) for row in rows if row is not None]
-    return _TUM if all(abs(length - 1) < _UNIT_LENGTH for length in lengths) else None
-
-
-def _matrix(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a homogeneous matrix, row by row, at the end of each row; joints stand before it."""
-    rows = [_numbers(fields) for fields in dialect.sample]
-    if not rows or any(row is None or len(row) < 16 or row[-4:] != [0, 0, 0, 1] for row in rows):
-        return None
-    return (
-        *(f"J{i + 1}" for i in range(len(dialect.sample[0]) - 16)),
-        *(f"m_{row}{column}" for row in range(4) for column in range(4)),
-    )
-
-
-def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a point list: collection, group and point, of which some may be missing, then x, y, z."""
-    first = dialect.sample[0] if dialect.sample else ()
-    texts = next((i for i, text in enumerate(first) if dialect.is_number(text)), 0)
-    numbers = len(first) - texts
-    if not 1 <= texts <= 3 or not any("spatialanalyzer" in line.lower().replace(" ", "") for line in dialect.preamble):
-        return None
-    labels = ("Collection", "Group", "Point")[3 - texts :]
-    if numbers == 3:
-        return (*labels, *_POINT)
-    return (*labels, *_POINT, *_UNCERTAINTY) if numbers == 6 else None
-
-
-def _numbers(fields: Sequence[str]) -> list[float] | None:
-    try:
-        return [float(text) for text in fields]
-    except ValueError:
-        return None
-
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""

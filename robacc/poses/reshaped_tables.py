@@ -1,7 +1,8 @@
-"""Tables of another shape: one row an axis, several targets a row, or poses as matrices."""
+"""Tables of another shape: without a header, poses as matrices, one row an axis, or several targets a row."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,13 +10,79 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Note
+from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array, quaternion_from_rotation
+from robacc.io.dialect import PLAIN, TableDialect
 from robacc.io.files import ProblemLog, clip
 from robacc.io.open_table import Table
 from robacc.io.table import Header, TableBody
 from robacc.poses.columns import AXES, QUATERNION, axis_and_label, heading_of, is_point_name
-from robacc.poses.layout import with_known_names
+
+# Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
+
+_TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+_UNIT_LENGTH = 1e-3
+_POINT = ("X", "Y", "Z")
+_UNCERTAINTY = ("Ux", "Uy", "Uz")
+
+
+def with_known_names(header: Header, file: str | None) -> Header:
+    """Return the header with the names that the rows themselves show.
+
+    Raises:
+        InputError: The rows have no known form; without ``file`` their columns stay numbered.
+    """
+    dialect = header.dialect
+    is_named = dialect is PLAIN or not dialect.headerless
+    names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
+    if is_named or names is not None or file is None:
+        return header if is_named or names is None else Header(names, header.line, dialect)
+    fix = (
+        "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
+        "'column 1: x_mm', which the command init writes"
+    )
+    raise InputError(Problem("found numbers, expected a header row", file, header.line, fix=fix))
+
+
+def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a TUM trajectory: eight numbers, the last four a unit quaternion with w last."""
+    rows = [_numbers(fields) for fields in dialect.sample]
+    if not rows or dialect.separator is not None or any(row is None or len(row) != len(_TUM) for row in rows):
+        return None
+    lengths = [math.hypot(*row[4:]) for row in rows if row is not None]
+    return _TUM if all(abs(length - 1) < _UNIT_LENGTH for length in lengths) else None
+
+
+def _matrix(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a homogeneous matrix, row by row, at the end of each row; joints stand before it."""
+    rows = [_numbers(fields) for fields in dialect.sample]
+    if not rows or any(row is None or len(row) < 16 or row[-4:] != [0, 0, 0, 1] for row in rows):
+        return None
+    return (
+        *(f"J{i + 1}" for i in range(len(dialect.sample[0]) - 16)),
+        *(f"m_{row}{column}" for row in range(4) for column in range(4)),
+    )
+
+
+def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
+    """Return the names of a point list: collection, group and point, of which some may be missing, then x, y, z."""
+    first = dialect.sample[0] if dialect.sample else ()
+    texts = next((i for i, text in enumerate(first) if dialect.is_number(text)), 0)
+    numbers = len(first) - texts
+    if not 1 <= texts <= 3 or not any("spatialanalyzer" in line.lower().replace(" ", "") for line in dialect.preamble):
+        return None
+    labels = ("Collection", "Group", "Point")[3 - texts :]
+    if numbers == 3:
+        return (*labels, *_POINT)
+    return (*labels, *_POINT, *_UNCERTAINTY) if numbers == 6 else None
+
+
+def _numbers(fields: Sequence[str]) -> list[float] | None:
+    try:
+        return [float(text) for text in fields]
+    except ValueError:
+        return None
+
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 

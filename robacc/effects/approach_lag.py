@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, joint_terms, needed, register, varies
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import About, Driver, Effect, Part, Term, joint_terms, needed, register, setting, varies
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -20,7 +18,7 @@ class ApproachLag(Effect):
     With ``common`` all joints share a coefficient: a delay between the arm's clock and the instrument's.
     """
 
-    common: bool = False
+    common: bool = setting(False)
 
     name = "approach_lag"
     extrapolates = "a lag acts in proportion to the speed"
@@ -68,20 +66,6 @@ class ApproachLag(Effect):
             parts = tuple(Part(arm.axis_motion(joint), speed[arm.number(joint)]) for joint in self.joints)
             return (Term(f"{self.name}.common", "rad", 1e-4, parts),)
         return joint_terms(self.name, arm, {joint: speed[arm.number(joint)] for joint in self.joints})
-
-    def settings(self) -> dict[str, Any]:
-        """Return ``common`` where all joints share a coefficient."""
-        return {"common": True} if self.common else {}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``common: true``."""
-        other_settings = dict(settings)
-        common = other_settings.pop("common", False)
-        refuse_settings(cls.name, other_settings)
-        if not isinstance(common, bool):
-            raise ValueError(f"{cls.name}: common must be true or false, found {common!r}")
-        return cls(joints, common)
 
     def __str__(self) -> str:
         """Return ``approach_lag[j1]`` or ``approach_lag[common]``."""

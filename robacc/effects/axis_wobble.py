@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, orders_setting, register
-from robacc.effects.orders import common_period, exact_period
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.orders import common_period, exact_period, orders_setting
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import FLEXURES, Arm
@@ -26,8 +25,8 @@ def tilt_motions(arm: Arm, joint: str) -> dict[str, int]:
 class AxisWobble(Effect):
     """Tilt of a joint's axis: alpha_j and the rotation about y, each plus cosine and sine of n q_j."""
 
-    orders: tuple[float, ...] = (1.0, 2.0)
-    tilts: tuple[str, ...] = ()
+    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
+    tilts: tuple[str, ...] = setting((), choices=("alpha", "beta", *FLEXURES))
     """Directions that tilt; empty for both."""
 
     name = "axis_wobble"
@@ -80,18 +79,3 @@ class AxisWobble(Effect):
                         name = f"{self.name}.{joint}.{label}_{kind}{order:g}"
                         terms.append(Term(name, "rad", 1e-4, (Part(motion, wave(order * angle)),)))
         return tuple(terms)
-
-    def settings(self) -> dict[str, Any]:
-        """Return the orders, and the directions if not both."""
-        return {"orders": list(self.orders), **({"tilts": list(self.tilts)} if self.tilts else {})}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``orders: [1, 2]``, ``tilts: [alpha]``."""
-        other_settings = dict(settings)
-        tilts = other_settings.pop("tilts", [])
-        if not isinstance(tilts, list) or not set(tilts) <= {"alpha", "beta", *FLEXURES}:
-            raise ValueError(
-                f"{cls.name}: tilts must be a list of alpha, beta (a URDF's flex_x, flex_y), found {tilts!r}"
-            )
-        return cls(joints, orders_setting(cls.name, other_settings, (1.0, 2.0)), tuple(tilts))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from robacc.effects.base import (
     joint_terms,
     needed,
     register,
+    setting,
     torque_driver,
     torques_needed,
     varies,
@@ -44,8 +44,8 @@ class Backlash(Effect):
     By gravity with friction, a torque below the friction does not move the joint off the flank of its approach.
     """
 
-    by: Literal["approach", "gravity"] = "approach"
-    friction: float = 0.0
+    by: Literal["approach", "gravity"] = setting("approach")
+    friction: float = setting(0.0, key="friction_nm", least=0.0)
     """Friction that gravity's torque must overcome, N m (N for a prismatic joint); only by gravity."""
 
     name = "backlash"
@@ -150,26 +150,9 @@ class Backlash(Effect):
                 sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
         return joint_terms(self.name, arm, {joint: sign[arm.number(joint)] for joint in self.joints})
 
-    def settings(self) -> dict[str, Any]:
-        """Return the cause that decides the flank, if it is not the approach, and the friction."""
-        values: dict[str, Any] = {} if self.by == "approach" else {"by": self.by}
-        return values | ({"friction_nm": self.friction} if self.friction > 0.0 else {})
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``by: approach`` or ``by: gravity``, the latter with ``friction_nm``."""
-        unknown = dict(settings)
-        by, friction = unknown.pop("by", "approach"), unknown.pop("friction_nm", 0.0)
-        if unknown or by not in ("approach", "gravity"):
-            raise ValueError(
-                f"{cls.name}: expected by: approach, or by: gravity with or without friction_nm, "
-                f"found {dict(settings)!r}"
-            )
-        if isinstance(friction, bool) or not isinstance(friction, int | float) or not 0 <= friction < math.inf:
-            raise ValueError(f"{cls.name}: friction_nm must be a number of at least 0, found {friction!r}")
-        if friction and by != "gravity":
-            raise ValueError(f"{cls.name}: friction_nm belongs to by: gravity")
-        return cls(joints, by, float(friction))
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if there is a friction without gravity."""
+        return "friction_nm belongs to by: gravity" if self.friction and self.by != "gravity" else None
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None

@@ -13,15 +13,14 @@ import abc
 import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.orders import orders_setting
-from robacc.effects.settings import refuse_settings
+from robacc.effects.settings import as_plain, scaled, setting, settings_of
 from robacc.effects.validity import Validity, ranges
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
@@ -237,8 +236,8 @@ __all__ = [
     "commanded",
     "effect_class",
     "needed",
-    "orders_setting",
     "register",
+    "setting",
     "varies",
     "weight_needed",
 ]
@@ -246,7 +245,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Effect(abc.ABC):
-    """One effect on named joints. Subclasses are frozen dataclasses; their fields are the effect's settings."""
+    """One effect on named joints. Subclasses are frozen dataclasses; their fields declare the effect's settings."""
 
     joints: tuple[str, ...] = ()
 
@@ -363,11 +362,21 @@ class Effect(abc.ABC):
 
     def settings(self) -> dict[str, Any]:
         """Return the settings other than the joints, as plain values for a robot file."""
-        return {}
+        return {
+            key: as_plain(getattr(self, declared.field))
+            for key, declared in settings_of(type(self)).items()
+            if declared.is_written(self)
+        }
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the effect in SI; its settings are in units of ``length`` m and ``angle`` rad."""
-        return self
+        sizes = {"length": length, "angle": angle}
+        changes = {
+            declared.field: scaled(getattr(self, declared.field), sizes[declared.unit])
+            for declared in settings_of(type(self)).values()
+            if declared.unit
+        }
+        return dataclasses.replace(self, **changes)
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
         """Return the robot with fitted values written into its own numbers; only for an effect that is constant."""
@@ -385,8 +394,24 @@ class Effect(abc.ABC):
         Raises:
             ValueError: a setting is unknown or has a wrong value.
         """
-        refuse_settings(cls.name, settings)
-        return cls(joints=joints)
+        known = settings_of(cls)
+        if unknown := [key for key in settings if key not in known]:
+            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        try:
+            effect = cls(joints, **{known[key].field: known[key].read(value) for key, value in settings.items()})
+            if problem := effect.conflict(settings.keys()):
+                raise ValueError(problem)
+        except ValueError as error:
+            raise ValueError(f"{cls.name}: {error}") from None
+        return effect
+
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if settings, each of which is possible, do not go together, in one line; else None.
+
+        Args:
+            given: Keys of the settings that the file states.
+        """
+        return None
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the driver of the effect on ``joint``, to plot the residual against; None if it has no single driver.

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, commanded, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
+from robacc.effects.base import About, Effect, Part, Term, commanded, register, setting, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
 from robacc.geometry import Poses
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import moments
@@ -29,8 +29,8 @@ class BaseCompliance(Elastic):
     regressors are fitted, as those of ``joint_compliance`` are.
     """
 
-    below: bool = False
-    masses: Masses = "known"
+    below: bool = setting(False)
+    masses: Literal["known", "unknown"] = setting("known")
 
     name = "base_compliance"
     is_nonnegative = True
@@ -97,18 +97,6 @@ class BaseCompliance(Elastic):
         height = shift / tilt
         return f"the base tilts about a point {abs(height):.2g} m {'below' if height >= 0 else 'above'} its origin"
 
-    def settings(self) -> dict[str, Any]:
-        """Return the form, ``below``, and whether the masses are unknown."""
-        below = {"below": True} if self.below else {}
-        return super().settings() | below | ({} if self.masses == "known" else {"masses": self.masses})
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``below: true``; ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        other_settings = dict(settings)
-        below = other_settings.pop("below", False)
-        if not isinstance(below, bool):
-            raise ValueError(f"{cls.name}: below must be true or false, found {below!r}")
-        possible: tuple[Masses, ...] = ("known",) if below else ("known", "unknown")
-        masses, other_settings = masses_setting(cls.name, other_settings, possible)
-        return cls(joints, below, masses, deflection=deflection_setting(cls.name, other_settings))
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if the tilt about a point below has unknown masses."""
+        return "below: true needs masses: known" if self.below and self.masses == "unknown" else None

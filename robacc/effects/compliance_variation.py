@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, orders_setting, register, torque_driver
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, torque_driver
 from robacc.effects.elastic import TorqueDriven
+from robacc.effects.orders import orders_setting
 from robacc.effects.search_forms import searched_order
 from robacc.effects.validity import torque_of
 from robacc.measurements import Measurements
@@ -24,7 +24,7 @@ class ComplianceVariation(TorqueDriven):
     It adds to ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
     """
 
-    orders: tuple[float, ...] = (2.0,)
+    orders: tuple[float, ...] = orders_setting((2.0,))
 
     name = "compliance_variation"
     only_revolute = True
@@ -75,12 +75,3 @@ class ComplianceVariation(TorqueDriven):
                     part = Part(arm.axis_motion(joint), torque[number] * wave(order * q[number]))
                     terms.append(Term(f"{self.name}.{joint}.{label}{order:g}", "rad/(N m)", 1e-6, (part,)))
         return tuple(terms)
-
-    def settings(self) -> dict[str, Any]:
-        """Return the orders."""
-        return {"orders": list(self.orders)}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``orders``."""
-        return cls(joints, orders_setting(cls.name, settings, (2.0,)))

@@ -6,13 +6,11 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
 from robacc.effects.search_forms import low_orders
-from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -34,9 +32,9 @@ class Counterbalance(Effect):
     times the free length over sqrt(a^2 + b^2).
     """
 
-    centre: float = 0.0
+    centre: float = setting(0.0, key="centre_deg", written=True)
     """Angle q_0 of the joint at which the spring is longest, degrees."""
-    ratio: float = 0.6
+    ratio: float = setting(0.6, written=True, above=0.0, below=1.0)
     """r, above 0 and below 1."""
 
     name = "counterbalance"
@@ -100,18 +98,3 @@ class Counterbalance(Effect):
             f"a spring or cylinder across {', '.join(self.joints)} carries a part of the weight: it is longest at "
             f"{self.centre:.0f} degrees; check its pressure or preload if it was serviced"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the spring's place."""
-        return {"centre_deg": self.centre, "ratio": self.ratio}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``centre_deg`` and ``ratio``."""
-        refuse_settings(cls.name, [key for key in settings if key not in ("centre_deg", "ratio")])
-        centre, ratio = settings.get("centre_deg", cls.centre), settings.get("ratio", cls.ratio)
-        if any(isinstance(value, bool) or not isinstance(value, int | float) for value in (centre, ratio)):
-            raise ValueError(f"{cls.name}: centre_deg and ratio must be numbers, found {dict(settings)!r}")
-        if not math.isfinite(centre) or not 0 < ratio < 1:
-            raise ValueError(f"{cls.name}: ratio must be above 0 and below 1, found {ratio!r}")
-        return cls(joints, float(centre), float(ratio))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass
+from typing import Literal
 
-from robacc.effects.base import Driver, Effect, Part, Term, torque_driver, torques_needed
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import Driver, Effect, Part, Term, setting, torque_driver, torques_needed
 from robacc.geometry import Array
 from robacc.gravity.loads import Load
 from robacc.measurements import Measurements
@@ -15,25 +14,10 @@ from robacc.robots.arm import Arm
 
 # Forms of elastic effects whose masses are not those of the robot file: the setting, and the base regressors.
 
-Masses = Literal["known", "uncertain", "unknown"]
-
 _MASS_STD = 5.0
 """Prior standard deviation of an unknown mass, kg."""
 _FIRST_MOMENT_STD = 1.0
 """Prior standard deviation of an unknown first moment of mass, kg m."""
-
-
-def masses_setting(name: str, settings: Mapping[str, Any], known: Collection[Masses]) -> tuple[Masses, dict[str, Any]]:
-    """Return the setting ``masses``, and the other settings.
-
-    Raises:
-        ValueError: it is none of its ``known`` values.
-    """
-    other_settings = dict(settings)
-    masses = other_settings.pop("masses", "known")
-    if masses not in known:
-        raise ValueError(f"{name}: masses must be {' or '.join(known)}, found {masses!r}")
-    return masses, other_settings
 
 
 def base_regressors(
@@ -80,7 +64,8 @@ class Elastic(Effect):
     millimetres.
     """
 
-    deflection: Deflection = field(default="equilibrium", kw_only=True)
+    _: KW_ONLY
+    deflection: Deflection = setting("equilibrium")
 
     @property
     def uses_masses(self) -> bool:
@@ -94,28 +79,6 @@ class Elastic(Effect):
     def parts(self, motions: Sequence[int], loads: tuple[Load, ...]) -> tuple[Part, ...]:
         """Return the part of each of several motions."""
         return tuple(self.part(motion, loads) for motion in motions)
-
-    def settings(self) -> dict[str, Any]:
-        """Return the form, if it is not the equilibrium."""
-        return {} if self.deflection == "equilibrium" else {"deflection": self.deflection}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``deflection: equilibrium`` or ``rigid``."""
-        return cls(joints, deflection=deflection_setting(cls.name, settings))
-
-
-def deflection_setting(name: str, settings: Mapping[str, Any]) -> Deflection:
-    """Return the setting ``deflection``, the only one that may be left.
-
-    Raises:
-        ValueError: it is neither of its two values, or there is another setting.
-    """
-    form: Deflection = settings.get("deflection", "equilibrium")
-    if form not in ("equilibrium", "rigid"):
-        raise ValueError(f"{name}: deflection must be equilibrium or rigid, found {form!r}")
-    refuse_settings(name, [key for key in settings if key != "deflection"])
-    return form
 
 
 # Base class of effects that are functions of gravity's torque on the joint at the commanded pose.

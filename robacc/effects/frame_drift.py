@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, needed, register, varies
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Part,
+    Term,
+    circumstance_driver,
+    needed,
+    register,
+    setting,
+    varies,
+)
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -21,12 +30,12 @@ from robacc.robots.arm import Arm
 class FrameDrift(Effect):
     """Base coordinates with a polynomial of time, about the time in the middle of the poses."""
 
-    origin: float = 0.0
+    origin: float = setting(0.0, key="origin_s", written=True)
     """s, the time at which there is no drift."""
-    span: float = 1.0
+    span: float = setting(1.0, key="span_s", written=True, above=0.0)
     """s, the unit of time: a coefficient is the drift over it."""
-    degree: int = 1
-    turning: bool = False
+    degree: int = setting(1, written=True, least=1, most=9)
+    turning: bool = setting(False, written=True)
     """True if the base turns too."""
 
     name = "frame_drift"
@@ -93,21 +102,3 @@ class FrameDrift(Effect):
                     part = Part(arm.chain.index(BASE, motion), elapsed**power)
                     terms.append(Term(name, unit, 1e-4, (part,)))
         return tuple(terms)
-
-    def settings(self) -> dict[str, Any]:
-        """Return the time scale and the shape."""
-        return {"origin_s": self.origin, "span_s": self.span, "degree": self.degree, "turning": self.turning}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``origin_s``, ``span_s``, ``degree``, ``turning``."""
-        other_settings = dict(settings)
-        origin, span = float(other_settings.pop("origin_s", 0.0)), float(other_settings.pop("span_s", 1.0))
-        degree, turning = other_settings.pop("degree", 1), other_settings.pop("turning", False)
-        refuse_settings(cls.name, other_settings)
-        if not span > 0 or degree not in range(1, 10) or not isinstance(turning, bool):
-            raise ValueError(
-                f"{cls.name}: expected span_s above 0, degree 1 to 9 and turning true or false, "
-                f"found {dict(settings)!r}"
-            )
-        return cls(origin=origin, span=span, degree=degree, turning=turning)

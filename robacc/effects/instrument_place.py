@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import abc
+import dataclasses
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import Effect, Part, Term, commanded
+from robacc.effects.base import Effect, Part, Term, commanded, setting
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -30,7 +30,7 @@ class LineOfSight(Effect):
     commanded pose of the registered arm: an error of the direction of 1 mrad changes a shift by a thousandth.
     """
 
-    place: Place = (0.0, 0.0, 0.0)
+    place: Place = setting((0.0, 0.0, 0.0), key="instrument", unit="length", written=True, last=True)
     """Instrument's place in the measuring frame, m."""
 
     @abc.abstractmethod
@@ -66,9 +66,9 @@ class LineOfSight(Effect):
         """Return none: the line of sight is no driver of the arm."""
         return ()
 
-    @abc.abstractmethod
     def at(self, place: Place) -> LineOfSight:
         """Return the same form at another place."""
+        return dataclasses.replace(self, place=place)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients, each of which moves the base along x, y and z of the measuring frame."""
@@ -84,29 +84,6 @@ class LineOfSight(Effect):
             )
             for (label, unit, typical), shift in zip(self.labels, shifts, strict=True)
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the instrument's place."""
-        return {"instrument": list(self.place)}
-
-    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
-        """Return the effect with its place in m."""
-        x, y, z = (length * value for value in self.place)
-        return self.at((x, y, z))
-
-
-def place_setting(name: str, settings: Mapping[str, Any]) -> tuple[Place, dict[str, Any]]:
-    """Return the setting ``instrument``, and the other settings.
-
-    Raises:
-        ValueError: it is not three numbers.
-    """
-    other_settings = dict(settings)
-    place = other_settings.pop("instrument", [0.0, 0.0, 0.0])
-    numbers = isinstance(place, list | tuple) and len(place) == 3
-    if not numbers or not all(type(v) in (int, float) and math.isfinite(v) for v in place):
-        raise ValueError(f"{name}: instrument must be x, y, z of the instrument's place, found {place!r}")
-    return (float(place[0]), float(place[1]), float(place[2])), other_settings
 
 
 def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Array]:

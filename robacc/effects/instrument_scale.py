@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from robacc.effects.base import (
     circumstance_driver,
     needed,
     register,
+    setting,
     varies,
 )
 from robacc.effects.instrument_place import FARTHEST
-from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -44,11 +44,11 @@ class InstrumentScale(Effect):
     minus the scale times the instrument's place, which is unknown where the poses are in another frame than its own.
     """
 
-    drift: int = 0
+    drift: int = setting(0, least=0, most=9)
     """Degree of the drift; 0 for a scale that does not change."""
-    origin: float = 0.0
+    origin: float = setting(0.0, key="origin_s", written=lambda scale: scale.drift > 0)
     """s, the time at which there is no drift."""
-    span: float = 1.0
+    span: float = setting(1.0, key="span_s", above=0.0, written=lambda scale: scale.drift > 0)
     """s, the unit of time: a coefficient is the drift over it."""
 
     name = "instrument_scale"
@@ -169,21 +169,3 @@ class InstrumentScale(Effect):
             f"the instrument's scale changes by {1e6 * float(np.ptp(curve)):.2g} ppm during the measurement, about the "
             f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the degree and the time scale of a drift."""
-        return {"drift": self.drift, "origin_s": self.origin, "span_s": self.span} if self.drift else {}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``drift: 3``, ``origin_s``, ``span_s``."""
-        other_settings = dict(settings)
-        degree = other_settings.pop("drift", 0)
-        origin, span = other_settings.pop("origin_s", 0.0), other_settings.pop("span_s", 1.0)
-        refuse_settings(cls.name, other_settings)
-        for value in (origin, span):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"{cls.name}: origin_s and span_s must be numbers, found {value!r}")
-        if type(degree) is not int or degree not in range(10) or not span > 0:
-            raise ValueError(f"{cls.name}: expected drift from 0 to 9 and span_s above 0, found {dict(settings)!r}")
-        return cls(joints, degree, float(origin), float(span)) if degree else cls(joints)

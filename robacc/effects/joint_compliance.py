@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from robacc.effects.base import (
     About,
@@ -16,10 +16,11 @@ from robacc.effects.base import (
     commanded,
     joint_driver,
     register,
+    setting,
     torque_driver,
     weight_needed,
 )
-from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
+from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import bears_weight
 from robacc.measurements import Measurements
@@ -41,7 +42,7 @@ class JointCompliance(Elastic):
     prior in proportion to each link's own mass, correct them.
     """
 
-    masses: Masses = "known"
+    masses: Literal["known", "uncertain", "unknown"] = setting("known")
 
     name = "joint_compliance"
     is_nonnegative = True
@@ -121,16 +122,6 @@ class JointCompliance(Elastic):
             "cylinder across the joint) carries a part of the weight; look for a hose, a valve block, or an undeclared "
             "tool or part, and add its mass to its link"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the setting of the masses, and the form."""
-        return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``masses: known``, ``uncertain`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        masses, other_settings = masses_setting(cls.name, settings, ("known", "uncertain", "unknown"))
-        return cls(joints, masses, deflection=deflection_setting(cls.name, other_settings))
 
 
 def regressor_stds(arm: Arm, error: float) -> dict[str, float]:

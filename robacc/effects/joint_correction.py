@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,12 +20,13 @@ from robacc.effects.base import (
     joint_driver,
     needed,
     register,
+    setting,
     torque_driver,
     torques_needed,
     varies,
 )
 from robacc.effects.pose_correction import ABOUT, PoseCorrection
-from robacc.effects.settings import refuse_settings
+from robacc.effects.settings import as_plain, scaled
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -42,10 +43,9 @@ class JointCorrection(Effect):
     Gaussian prior whose standard deviation is estimated. Outside its validity range, a driver stays at the end of it.
     """
 
-    drivers: tuple[str, ...] = ()
-    low: tuple[float, ...] = ()
-    high: tuple[float, ...] = ()
-    degree: int = 8
+    drivers: tuple[str, ...] = setting((), written=True)
+    ranges: tuple[tuple[float, float], ...] = setting((), key="range", written=True)
+    degree: int = setting(8, written=True, least=1, most=40)
 
     name = "joint_correction"
     is_empirical = True
@@ -55,9 +55,8 @@ class JointCorrection(Effect):
     def over(cls, arm: Arm, data: Measurements, joint: str, drivers: tuple[str, ...], degree: int) -> JointCorrection:
         """Return the correction scaled to the range of these poses."""
         values = [_driver(arm, data, joint, driver) for driver in drivers]
-        low = tuple(float(np.min(value)) for value in values)
-        high = tuple(float(np.max(value)) for value in values)
-        return cls((joint,), drivers, low, high, degree)
+        ranges = tuple((float(np.min(value)), float(np.max(value))) for value in values)
+        return cls((joint,), drivers, ranges, degree)
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
@@ -66,7 +65,7 @@ class JointCorrection(Effect):
         q = commanded(data, cls.name)
         numbers = [arm.number(joint) for joint in chosen]
         low, high = float(q[numbers].min()), float(q[numbers].max())
-        return cls(chosen, ("own",), (low,), (high,), 8)
+        return cls(chosen, ("own",), ((low, high),), 8)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -117,21 +116,17 @@ class JointCorrection(Effect):
 
     def validity(self, arm: Arm, data: Measurements) -> Validity:
         """Return the ranges that its polynomials are scaled to, whatever the poses."""
-        return self.scaled_ranges()
-
-    def scaled_ranges(self) -> Validity:
-        """Return the range of each driver in its polynomials, beyond which it keeps its value at the end."""
         result: dict[str, tuple[float, float]] = {}
-        for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
+        for driver, ends in zip(self.drivers, self.ranges, strict=True):
             if driver in ("own", "torque"):
-                result |= {joint if driver == "own" else f"torque_{joint}": (low, high) for joint in self.joints}
+                result |= {joint if driver == "own" else f"torque_{joint}": ends for joint in self.joints}
             elif driver != "direction":
-                result[driver] = (low, high)
+                result[driver] = ends
         return result
 
     def _basis(self, arm: Arm, data: Measurements, joint: str) -> Iterator[tuple[str, float, Array]]:
         columns = []
-        for driver, low, high in zip(self.drivers, self.low, self.high, strict=True):
+        for driver, (low, high) in zip(self.drivers, self.ranges, strict=True):
             value = _driver(arm, data, joint, driver)
             if driver == "direction":
                 columns.append([np.ones_like(value), value])
@@ -150,8 +145,7 @@ class JointCorrection(Effect):
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the correction in SI; ranges of joints are in the file's unit of length or angle."""
         sizes = [self._unit_of(arm, driver, length, angle) for driver in self.drivers]
-        low, high = (tuple(v * size for v, size in zip(ends, sizes, strict=True)) for ends in (self.low, self.high))
-        return dataclasses.replace(self, low=low, high=high)
+        return dataclasses.replace(self, ranges=tuple(map(scaled, self.ranges, sizes)))
 
     def _unit_of(self, arm: Arm, driver: str, length: float, angle: float) -> float:
         joints = self.joints if driver == "own" else (driver,)
@@ -159,38 +153,19 @@ class JointCorrection(Effect):
             return 1.0
         return angle if all(arm.is_revolute(joint) for joint in joints) else length
 
-    def settings(self) -> dict[str, Any]:
-        """Return the drivers, their ranges and the degree."""
-        return {
-            "drivers": list(self.drivers),
-            "range": [[low, high] for low, high in zip(self.low, self.high, strict=True)],
-            "degree": self.degree,
-        }
-
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``drivers: [j3]``, ``range: [[-1.5, 1.5]]``, ``degree: 8``; or ``lengths`` and ``centres``."""
-        if "centres" in settings:
-            return PoseCorrection.from_settings(joints, settings)
-        other_settings = dict(settings)
-        drivers, ranges, degree = (
-            other_settings.pop("drivers", None),
-            other_settings.pop("range", None),
-            other_settings.pop("degree", 8),
-        )
-        refuse_settings(cls.name, other_settings)
-        if not isinstance(drivers, list) or len(drivers) not in (1, 2):
-            raise ValueError(f"{cls.name}: drivers must be a list of one or two names, found {drivers!r}")
-        if not isinstance(ranges, list) or len(ranges) != len(drivers) or not all(map(_is_range, ranges)):
-            raise ValueError(f"{cls.name}: range must be a list of [low, high], one for each driver, found {ranges!r}")
-        low, high = (tuple(float(pair[i]) for pair in ranges) for i in range(2))
-        if not isinstance(degree, int) or isinstance(degree, bool) or not 1 <= degree <= 40:
-            raise ValueError(f"{cls.name}: degree must be 1 to 40, found {degree!r}")
-        return cls(joints, tuple(map(str, drivers)), low, high, degree)
+        """Return the correction, or with ``centres`` the one that is a function of all joints."""
+        of_pose = "centres" in settings
+        return PoseCorrection.from_settings(joints, settings) if of_pose else super().from_settings(joints, settings)
 
-
-def _is_range(pair: Any) -> bool:
-    return isinstance(pair, list) and len(pair) == 2 and all(isinstance(end, int | float) for end in pair)
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if there are not one or two drivers, each with a range."""
+        if len(self.drivers) not in (1, 2):
+            return f"drivers must be a list of one or two names, found {list(self.drivers)!r}"
+        if len(self.ranges) != len(self.drivers):
+            return f"range must be a list of [low, high], one for each driver, found {as_plain(self.ranges)!r}"
+        return None
 
 
 def possible_drivers(arm: Arm, data: Measurements) -> tuple[str, ...]:

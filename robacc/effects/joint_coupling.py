@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -17,7 +16,7 @@ from robacc.robots.arm import Arm
 class JointCoupling(Effect):
     """Joint j turned by k times joint i's variable, for each driver i."""
 
-    drivers: tuple[str, ...] = ()
+    drivers: tuple[str, ...] = setting(())
 
     name = "joint_coupling"
     extrapolates = "a coupling acts in proportion to the driving joint's angle"
@@ -68,18 +67,11 @@ class JointCoupling(Effect):
         for j, i in sorted(pairs, key=lambda pair: abs(pair[0] - pair[1])):
             yield cls(joints=(arm.names[j],), drivers=(arm.names[i],))
 
-    def settings(self) -> dict[str, Any]:
-        """Return the drivers, if they are not the neighbours."""
-        return {"drivers": list(self.drivers)} if self.drivers else {}
-
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Return the effect with the named drivers."""
-        other_settings = dict(settings)
-        drivers = other_settings.pop("drivers", ())
-        drivers = (drivers,) if isinstance(drivers, str) else tuple(drivers)
-        refuse_settings(cls.name, other_settings)
-        return cls(joints=joints, drivers=drivers)
+        """Return the effect of the ``drivers``, a name or a list of names."""
+        listed = {key: [value] if isinstance(value, str) else value for key, value in settings.items()}
+        return super().from_settings(joints, listed)
 
 
 def neighbours(arm: Arm, joint: str) -> tuple[str, ...]:

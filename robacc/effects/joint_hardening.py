@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, register
+from robacc.effects.base import About, Effect, Part, Term, register, setting
 from robacc.effects.elastic import TorqueDriven
-from robacc.effects.settings import refuse_settings
 from robacc.effects.validity import Validity, torque_of
 from robacc.geometry import Array
 from robacc.gravity.torques import weight_torques
@@ -38,9 +36,9 @@ class JointHardening(TorqueDriven):
     of large torques. The coefficient is then the compliance 1 / k at small torques.
     """
 
-    reference: float = 100.0
+    reference: float = setting(100.0, key="torque_nm", above=0.0, written=lambda spring: spring.knee is None)
     """Torque at which the coefficient is the deflection, N m (N for a prismatic joint)."""
-    knee: float | None = None
+    knee: float | None = setting(None, key="knee_nm", above=0.0)
     """Torque k x_knee of the spring without its cubic part at x_knee, N m; None for the cube of the torque."""
 
     largest_torques: Mapping[str, float] = dataclasses.field(default_factory=dict, repr=False, compare=False)
@@ -142,21 +140,9 @@ class JointHardening(TorqueDriven):
         doubled = self.knee * 4.0 / 3.0 / np.sqrt(3.0)
         return f"the spring hardens: it is twice as stiff at {doubled:.3g} {unit} as without load"
 
-    def settings(self) -> dict[str, Any]:
-        """Return the reference torque, or the knee."""
-        return {"torque_nm": self.reference} if self.knee is None else {"knee_nm": self.knee}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``torque_nm`` or ``knee_nm``."""
-        refuse_settings(cls.name, [key for key in settings if key not in ("torque_nm", "knee_nm")])
-        if len(settings) > 1:
-            raise ValueError(f"{cls.name} has torque_nm or knee_nm, not both")
-        for key, value in settings.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < np.inf:
-                raise ValueError(f"{cls.name}: {key} must be a number above 0, found {value!r}")
-        knee = settings.get("knee_nm")
-        return cls(joints, float(settings.get("torque_nm", cls.reference)), None if knee is None else float(knee))
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if there are both a reference torque and a knee."""
+        return "expected torque_nm or knee_nm, not both" if len(given) > 1 else None
 
 
 def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> float:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, circumstance_driver, joint_terms, needed, register, varies
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Term,
+    circumstance_driver,
+    joint_terms,
+    needed,
+    register,
+    setting,
+    varies,
+)
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -23,9 +31,9 @@ _SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)
 class JointWarmup(Effect):
     """Joint variable shifted by c (1 - exp(-t / t0)): a body of one heat capacity under a constant loss of heat."""
 
-    time_constant: float = 1800.0
+    time_constant: float = setting(1800.0, key="time_constant_s", written=True, above=0.0)
     """s"""
-    origin: float = 0.0
+    origin: float = setting(0.0, key="origin_s", written=True)
     """s, the time from which the joint warms up."""
 
     name = "joint_warmup"
@@ -91,20 +99,3 @@ class JointWarmup(Effect):
             f"the time constant is {minutes:.3g} min, and 95 % of the shift is over after {3 * minutes:.3g} min; warm "
             "the arm up before you measure or use it"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the time constant, and the time from which it counts."""
-        return {"time_constant_s": self.time_constant, "origin_s": self.origin}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``time_constant_s``, ``origin_s``."""
-        other_settings = dict(settings)
-        constant, origin = other_settings.pop("time_constant_s", cls.time_constant), other_settings.pop("origin_s", 0.0)
-        refuse_settings(cls.name, other_settings)
-        for value in (constant, origin):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"{cls.name}: time_constant_s and origin_s must be numbers, found {value!r}")
-        if not constant > 0:
-            raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {constant!r}")
-        return cls(joints, float(constant), float(origin))

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Term, commanded, register, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, Masses, base_regressors, deflection_setting, masses_setting
+from robacc.effects.base import About, Effect, Term, commanded, register, setting, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import FLEXURES, Arm
@@ -27,7 +27,7 @@ class LateralCompliance(Elastic):
     With masses ``unknown`` the bending moment's base regressors are fitted, as those of ``joint_compliance`` are.
     """
 
-    masses: Masses = "known"
+    masses: Literal["known", "unknown"] = setting("known")
 
     name = "lateral_compliance"
     extrapolates = "Hooke's law: deflection in proportion to the bending moment"
@@ -82,16 +82,6 @@ class LateralCompliance(Elastic):
         loads = unit_loads(arm, arm.owners[arm.number(joint)])
         flexures = tuple(arm.motion(joint, flexure) for flexure in FLEXURES)
         return base_regressors(f"{self.name}.{joint}", "rad/(N m)", 1e-5, loads, partial(self.parts, flexures))
-
-    def settings(self) -> dict[str, Any]:
-        """Return the form, and whether the masses are unknown."""
-        return super().settings() | ({} if self.masses == "known" else {"masses": self.masses})
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``masses: known`` or ``unknown``; ``deflection: equilibrium`` or ``rigid``."""
-        masses, other_settings = masses_setting(cls.name, settings, ("known", "unknown"))
-        return cls(joints, masses, deflection=deflection_setting(cls.name, other_settings))
 
 
 def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:

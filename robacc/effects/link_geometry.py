@@ -5,12 +5,10 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
-from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register, setting
 from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
-from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Robot
@@ -34,7 +32,7 @@ def geometry_labels(arm: Arm, joint: Joint) -> tuple[str, ...]:
 class LinkGeometry(Effect):
     """Constant lengths and angles of the links: all of them, or those of ``labels``."""
 
-    labels: tuple[str, ...] = ()
+    labels: tuple[str, ...] = setting((), choices=("theta", *_DH, *_ORIGIN))
 
     name = "link_geometry"
     shares_terms = True
@@ -58,21 +56,6 @@ class LinkGeometry(Effect):
         for joint in arm.names:
             yield from (cls((joint,), (label,)) for label in geometry_labels(arm, arm.joint(joint)))
             yield cls((joint,))
-
-    def settings(self) -> dict[str, Any]:
-        """Return the labels, if not all."""
-        return {"labels": list(self.labels)} if self.labels else {}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``labels: [a, alpha]``."""
-        other_settings = dict(settings)
-        labels = other_settings.pop("labels", [])
-        refuse_settings(cls.name, other_settings)
-        known = ("theta", *_DH, *_ORIGIN)
-        if not isinstance(labels, list) or any(label not in known for label in labels):
-            raise ValueError(f"{cls.name}: labels must be a list of some of {', '.join(known)}, found {labels!r}")
-        return cls(joints, tuple(labels))
 
     def _labels(self, arm: Arm, joint: str) -> tuple[str, ...]:
         labels = geometry_labels(arm, arm.joint(joint))

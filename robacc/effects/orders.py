@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from robacc.effects.settings import refuse_settings
+from robacc.effects.settings import setting
 from robacc.geometry import Array
 
 # Physical origins of a periodic error's order: motor turns, the wave generator of a strain-wave gear, the joint.
@@ -131,19 +131,6 @@ def _limits(angle: Array) -> tuple[float, float]:
     return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
 
 
-def orders_setting(name: str, settings: Mapping[str, Any], default: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the setting ``orders``: positive numbers.
-
-    Raises:
-        ValueError: the value is wrong, or there is another setting.
-    """
-    other_settings = dict(settings)
-    orders = other_settings.pop("orders", default)
-    refuse_settings(name, other_settings)
-    if not isinstance(orders, list | tuple) or not orders:
-        raise ValueError(f"{name}: orders must be a list of numbers, found {orders!r}")
-    if not all(isinstance(n, int | float) and not isinstance(n, bool) and 0 < n <= 1000 for n in orders):
-        raise ValueError(f"{name}: each order must be above 0 and at most 1000, found {orders!r}")
-    if len({f"{n:.6g}" for n in orders}) < len(orders):
-        raise ValueError(f"{name}: an order is given more than once in {orders!r}")
-    return tuple(float(n) for n in orders)
+def orders_setting(default: tuple[float, ...]) -> Any:
+    """Return the field of an effect that is its orders."""
+    return setting(default, written=True, above=0.0, most=1000.0, different=True)

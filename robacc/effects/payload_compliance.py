@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, needed, register, torque_driver
-from robacc.effects.elastic import DEFLECTIONS, Elastic, deflection_setting
+from robacc.effects.base import About, Driver, Effect, Term, needed, register, setting, torque_driver
+from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, payload
@@ -29,8 +29,8 @@ class PayloadCompliance(Elastic):
     correct it; their coefficients are the compliance times what the centre is off the file's.
     """
 
-    com: Literal["known", "uncertain"] = "known"
-    groups: tuple[str, ...] = ()
+    com: Literal["known", "uncertain"] = setting("known")
+    groups: tuple[str, ...] = setting(())
     """Names of loads of unknown mass; none where the masses are those of payload_kg."""
 
     name = "payload_compliance"
@@ -138,23 +138,6 @@ class PayloadCompliance(Elastic):
         return (
             f"{', '.join(self.joints)} deflect under loads of unknown mass; relative to the largest, they are: {shares}"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the form, an uncertain centre of mass, and the names of unknown loads."""
-        groups: dict[str, Any] = {"groups": list(self.groups)} if self.groups else {}
-        return super().settings() | ({} if self.com == "known" else {"com": self.com}) | groups
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``com``, known or uncertain; ``groups``, names of unknown loads; ``deflection``."""
-        other_settings = dict(settings)
-        com = other_settings.pop("com", "known")
-        if com not in ("known", "uncertain"):
-            raise ValueError(f"{cls.name}: com must be known or uncertain, found {com!r}")
-        groups = other_settings.pop("groups", ())
-        if not isinstance(groups, list | tuple) or not all(isinstance(group, str) for group in groups):
-            raise ValueError(f"{cls.name}: groups must be names of payload_group, found {groups!r}")
-        return cls(joints, com, tuple(groups), deflection=deflection_setting(cls.name, other_settings))
 
 
 _NOTHING = ("none", "empty")

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import About, Effect, Part, Term, commanded, setting
+from robacc.effects.settings import as_plain, scaled
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -50,8 +49,8 @@ class PoseCorrection(Effect):
     centres the correction fades to zero.
     """
 
-    lengths: tuple[float, ...] = ()
-    centres: tuple[tuple[float, ...], ...] = ()
+    lengths: tuple[float, ...] = setting((), written=True, above=0.0)
+    centres: tuple[tuple[float, ...], ...] = setting((), written=True)
 
     name = "joint_correction"
     about = ABOUT
@@ -100,35 +99,19 @@ class PoseCorrection(Effect):
         sizes = [angle if arm.is_revolute(joint) else length for joint in self.joints]
         return dataclasses.replace(
             self,
-            lengths=_times(self.lengths, sizes),
-            centres=tuple(_times(centre, sizes) for centre in self.centres),
+            lengths=tuple(map(scaled, self.lengths, sizes)),
+            centres=tuple(tuple(map(scaled, centre, sizes)) for centre in self.centres),
         )
+
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if lengths or centres have not a number for each joint."""
+        if len(self.lengths) != len(self.joints):
+            return f"lengths must be a positive number for each joint, found {list(self.lengths)!r}"
+        if any(len(centre) != len(self.joints) for centre in self.centres):
+            return f"centres must be lists of a number for each joint, found {as_plain(self.centres)!r}"
+        return None
 
     @property
     def term_of_covariance(self) -> str | None:
         """Return the process over all joints."""
         return "smooth"
-
-    def settings(self) -> dict[str, Any]:
-        """Return the lengths and the centres."""
-        return {"lengths": list(self.lengths), "centres": [list(centre) for centre in self.centres]}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``lengths: [1.0, 1.0]``, ``centres: [[0, 0], [0.5, -0.5]]``, a number for each joint."""
-        other_settings = dict(settings)
-        lengths, centres = other_settings.pop("lengths", None), other_settings.pop("centres", None)
-        refuse_settings(cls.name, other_settings)
-        if not _are_numbers(lengths, len(joints)) or min(lengths) <= 0:
-            raise ValueError(f"{cls.name}: lengths must be a positive number for each joint, found {lengths!r}")
-        if not isinstance(centres, list) or not all(_are_numbers(centre, len(joints)) for centre in centres):
-            raise ValueError(f"{cls.name}: centres must be lists of a number for each joint, found {centres!r}")
-        return cls(joints, tuple(map(float, lengths)), tuple(tuple(map(float, centre)) for centre in centres))
-
-
-def _are_numbers(values: Any, count: int) -> bool:
-    return isinstance(values, list) and len(values) == count and all(isinstance(v, int | float) for v in values)
-
-
-def _times(values: Sequence[float], sizes: Sequence[float]) -> tuple[float, ...]:
-    return tuple(value * size for value, size in zip(values, sizes, strict=True))

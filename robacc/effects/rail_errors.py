@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.settings import refuse_settings
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -32,9 +29,9 @@ class RailErrors(Effect):
     a DH table only those motions that its row has.
     """
 
-    low: float = 0.0
+    low: float = setting(0.0, key="from", unit="length", written=True)
     """Beginning of the travel, m."""
-    high: float = 1.0
+    high: float = setting(1.0, key="to", unit="length", written=True)
     """End of the travel, m."""
 
     name = "rail_errors"
@@ -98,26 +95,9 @@ class RailErrors(Effect):
                     terms.append(Term(name, "m" if is_shift else "rad", 1e-4, (part,), group, 1 / degree**2))
         return tuple(terms)
 
-    def settings(self) -> dict[str, Any]:
-        """Return the ends of the travel."""
-        return {"from": self.low, "to": self.high}
-
-    def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
-        """Return the effect with its travel in m."""
-        return RailErrors(self.joints, self.low * length, self.high * length)
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``from`` and ``to``."""
-        other_settings = dict(settings)
-        low, high = other_settings.pop("from", 0.0), other_settings.pop("to", 1.0)
-        refuse_settings(cls.name, other_settings)
-        for value in (low, high):
-            if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-                raise ValueError(f"{cls.name}: from and to must be numbers, found {value!r}")
-        if not low < high:
-            raise ValueError(f"{cls.name}: from must be below to, found {low!r} and {high!r}")
-        return cls(joints, float(low), float(high))
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if the travel has no length."""
+        return None if self.low < self.high else f"from must be below to, found {self.low!r} and {self.high!r}"
 
 
 def _carriage(arm: Arm, joint: str) -> dict[str, int]:

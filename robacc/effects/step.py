@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, ClassVar, Literal
@@ -11,9 +11,19 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 
 from robacc.chain import BASE, TOOL
-from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, commanded, register, varies
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Part,
+    Term,
+    circumstance_driver,
+    commanded,
+    register,
+    setting,
+    varies,
+)
 from robacc.effects.base_frame import FRAME_LABELS
-from robacc.effects.settings import refuse_settings
 from robacc.geometry import Array
 from robacc.gravity.loads import payload
 from robacc.gravity.torques import gravity_torques
@@ -31,16 +41,16 @@ class Step(Effect):
     Poses without a time, without lines, or of another file than ``file`` come after the step: the arm is as it is now.
     """
 
-    part: Literal["base", "target", "joint", "payload"] = "base"
-    from_line: int | None = None
+    part: Literal["base", "target", "joint", "payload"] = setting("base", written=lambda step: step.part != "joint")
+    from_line: int | None = setting(None)
     """Line (or row) of the first pose after the step, as messages count it."""
-    from_time: float | None = None
+    from_time: float | None = setting(None, key="from_time_s")
     """s, the time of the step; it is used in place of the line where poses have a time."""
-    file: str | None = None
+    file: str | None = setting(None)
     """Name of the file that the line belongs to; None for any."""
-    target: str | None = None
+    target: str | None = setting(None)
     """Name of the only target that moved; None for all."""
-    turning: bool = False
+    turning: bool = setting(False)
     """True if the base, or the target, turns too."""
     span: float = field(default=0.0, compare=False)
     """Length of the run, s or lines; 0 if unknown."""
@@ -148,41 +158,22 @@ class Step(Effect):
             return circumstance_driver("time_s", data)
         return None if data.rows is None else Driver("line", "1", data.rows.astype(float), False)
 
-    def settings(self) -> dict[str, Any]:
-        """Return the part, the place of the step and what moved."""
-        values = {
-            "part": None if self.part == "joint" else self.part,
-            "from_line": self.from_line,
-            "from_time_s": self.from_time,
-            "file": self.file,
-            "target": self.target,
-            "turning": self.turning or None,
-        }
-        return {key: value for key, value in values.items() if value is not None}
-
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``part``, ``from_line`` or ``from_time_s``, ``file``, ``target``, ``turning``."""
-        other_settings = dict(settings)
-        part = other_settings.pop("part", "joint" if joints else "base")
-        line, time = other_settings.pop("from_line", None), other_settings.pop("from_time_s", None)
-        file, target = other_settings.pop("file", None), other_settings.pop("target", None)
-        turning = other_settings.pop("turning", False)
-        refuse_settings(cls.name, other_settings)
-        if part not in ("base", "target", "joint", "payload") or (part in ("joint", "payload")) != bool(joints):
-            raise ValueError(
-                f"{cls.name}: expected part: base or part: target without joints, part: payload with joints, or joints "
-                "without part"
+        """Return the step; without ``part``, it is one of the joints if there are any, else of the base."""
+        return super().from_settings(joints, {"part": "joint" if joints else "base", **settings})
+
+    def conflict(self, given: Collection[str]) -> str | None:
+        """Return the reason if the part does not go with the joints, the place, the target, or a turn."""
+        if (self.part in ("joint", "payload")) != bool(self.joints):
+            return (
+                "expected part: base or part: target without joints, part: payload with joints, or joints without part"
             )
-        if (line is None) == (time is None):
-            raise ValueError(f"{cls.name} needs from_line or from_time_s, the place of the step")
-        if not _is_number(line, int) or not _is_number(time, int, float):
-            raise ValueError(f"{cls.name}: from_line must be a whole number, from_time_s a number of seconds")
-        if any(not isinstance(text, str | None) for text in (file, target)) or not isinstance(turning, bool):
-            raise ValueError(f"{cls.name}: file and target must be names, turning must be true or false")
-        if (target is not None and part != "target") or (turning and part in ("joint", "payload")):
-            raise ValueError(f"{cls.name}: target belongs to part: target, turning to the base or the target")
-        return cls(joints, part, line, None if time is None else float(time), file, target, turning)
+        if (self.from_line is None) == (self.from_time is None):
+            return "expected from_line or from_time_s, the place of the step"
+        if (self.target is not None and self.part != "target") or (self.turning and self.joints):
+            return "target belongs to part: target, turning to the base or the target"
+        return None
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -236,7 +227,3 @@ def sequence_of(data: Measurements) -> Array:
 
 def _interval(between: tuple[str, str, str]) -> str:
     return f" (95 % between {between[1]} and {between[2]})"
-
-
-def _is_number(value: Any, *kinds: type) -> bool:
-    return value is None or (type(value) in kinds and math.isfinite(value))

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, register
-from robacc.effects.instrument_place import LineOfSight, Place, beams, perpendicular, place_setting
+from robacc.effects.base import About, register, setting
+from robacc.effects.instrument_place import LineOfSight, beams, perpendicular
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
-
-Axis = Literal["x", "y", "z"]
 
 
 @register
@@ -25,7 +23,7 @@ class TargetDecentre(LineOfSight):
     line of sight and across it; the roll about the line of sight is that of an axis of the tool.
     """
 
-    axis: Axis = "x"
+    axis: Literal["x", "y", "z"] = setting("x", written=True)
     """Axis of the tool that decides the reflector's roll about the line of sight."""
 
     name = "target_decentre"
@@ -63,10 +61,6 @@ class TargetDecentre(LineOfSight):
         beyond = np.cross(along, across, axis=1)
         return np.stack((along, across, beyond), axis=1)
 
-    def at(self, place: Place) -> LineOfSight:
-        """Return the same form at another place."""
-        return TargetDecentre(self.joints, place, self.axis)
-
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
@@ -79,16 +73,3 @@ class TargetDecentre(LineOfSight):
             f"{place} m: turn it in its nest and watch the reading; replace it, or keep the same side "
             "towards the instrument"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the tool's axis and the instrument's place."""
-        return {"axis": self.axis, **super().settings()}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``axis: x``, ``instrument: [x, y, z]``."""
-        place, other_settings = place_setting(cls.name, settings)
-        axis = other_settings.pop("axis", "x")
-        if other_settings or axis not in ("x", "y", "z"):
-            raise ValueError(f"{cls.name}: expected axis: x, y or z, and instrument, found {dict(settings)!r}")
-        return cls(joints, place, axis)

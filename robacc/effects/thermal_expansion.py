@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from robacc.chain import Scalar
-from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, needed, register, varies
-from robacc.effects.settings import refuse_settings
+from robacc.effects.base import (
+    About,
+    Driver,
+    Effect,
+    Part,
+    Term,
+    circumstance_driver,
+    needed,
+    register,
+    setting,
+    varies,
+)
 from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -24,10 +33,13 @@ REFERENCE_TEMPERATURE = 20.0
 class ThermalExpansion(Effect):
     """Every length of the arm in proportion to itself times T - T_ref, or 1 - exp(-t / t0) while it warms up."""
 
-    reference: float = REFERENCE_TEMPERATURE
-    time_constant: float | None = None
+    reference: float = setting(
+        REFERENCE_TEMPERATURE, key="reference_c", written=lambda expansion: expansion.time_constant is None
+    )
+    """Degrees Celsius."""
+    time_constant: float | None = setting(None, key="time_constant_s", above=0.0)
     """s; None: by temperature."""
-    slides: bool = True
+    slides: bool = setting(True)
     """True if a slide's travel grows as the links do; False if its scale does not grow."""
 
     name = "thermal_expansion"
@@ -102,28 +114,6 @@ class ThermalExpansion(Effect):
             travelled = arm.chain.scalars(needed(data.q, "q", self.name))
             lengths.update({k: travelled[k] for k in travels})
         return (Term(self.name, unit, typical, tuple(Part(k, length * rise) for k, length in sorted(lengths.items()))),)
-
-    def settings(self) -> dict[str, Any]:
-        """Return the reference temperature or the time constant, and ``slides`` if they do not grow."""
-        rise = (
-            {"reference_c": self.reference} if self.time_constant is None else {"time_constant_s": self.time_constant}
-        )
-        return rise if self.slides else {**rise, "slides": False}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``reference_c: 20`` or ``time_constant_s: 1800``, and ``slides: false``."""
-        other_settings = dict(settings)
-        reference = other_settings.pop("reference_c", REFERENCE_TEMPERATURE)
-        time_constant = other_settings.pop("time_constant_s", None)
-        slides = other_settings.pop("slides", True)
-        refuse_settings(cls.name, other_settings)
-        if time_constant is not None and not float(time_constant) > 0:
-            raise ValueError(f"{cls.name}: time_constant_s must be above 0, found {time_constant!r}")
-        if not isinstance(slides, bool):
-            raise ValueError(f"{cls.name}: slides must be true or false, found {slides!r}")
-        constant = None if time_constant is None else float(time_constant)
-        return cls(reference=float(reference), time_constant=constant, slides=slides)
 
 
 def _travels(arm: Arm) -> list[int]:

@@ -5,18 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Term, register
-from robacc.effects.instrument_place import LineOfSight, Place, beams, place_setting
+from robacc.effects.base import About, Term, register, setting
+from robacc.effects.instrument_place import LineOfSight, beams
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
 
 _LARGEST_ANGLE = 3e-4
 """Largest plausible amplitude of an angle's error, rad: three times what a tracker in need of service has."""
-Kind = Literal["range", "horizontal", "vertical"]
 
 
 @register
@@ -27,7 +26,7 @@ class TrackerError(LineOfSight):
     The instrument's standing axis is the measuring frame's z.
     """
 
-    kind: Kind = "range"
+    kind: Literal["range", "horizontal", "vertical"] = setting("range", written=True)
 
     name = "tracker_error"
     per_joint = False
@@ -84,10 +83,6 @@ class TrackerError(LineOfSight):
             "amplitudes are 0.002 to 0.1 mrad"
         )
 
-    def at(self, place: Place) -> LineOfSight:
-        """Return the same form at another place."""
-        return TrackerError(self.joints, place, self.kind)
-
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
@@ -99,18 +94,3 @@ class TrackerError(LineOfSight):
             f"the instrument near {place} m has an error of {amount} in its {self.kind} reading: run its compensation "
             "routine and a two-face check, and measure again"
         )
-
-    def settings(self) -> dict[str, Any]:
-        """Return the kind and the instrument's place."""
-        return {"kind": self.kind, **super().settings()}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``kind: range``, ``instrument: [x, y, z]``."""
-        place, other_settings = place_setting(cls.name, settings)
-        kind = other_settings.pop("kind", "range")
-        if other_settings or kind not in ("range", "horizontal", "vertical"):
-            raise ValueError(
-                f"{cls.name}: expected kind: range, horizontal or vertical, and instrument, found {dict(settings)!r}"
-            )
-        return cls(joints, place, kind)

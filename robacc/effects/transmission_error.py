@@ -6,12 +6,11 @@ import functools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, orders_setting, register
-from robacc.effects.orders import common_period, exact_period
+from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.orders import common_period, exact_period, orders_setting
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -32,8 +31,8 @@ class TransmissionError(Effect):
     deviation is estimated, so that a profile is shrunk if the poses determine little of it.
     """
 
-    orders: tuple[float, ...] = (1.0, 2.0)
-    shrunk: bool = False
+    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
+    shrunk: bool = setting(False)
 
     name = "transmission_error"
     shares_terms = True
@@ -126,19 +125,6 @@ class TransmissionError(Effect):
             return None
         periods = ", ".join(f"{1e3 * 2.0 * math.pi / order:.4g}" for order in self.orders)
         return f"period {periods} mm: compare with the lead of the screw, the pinion's circumference, the scale's pitch"
-
-    def settings(self) -> dict[str, Any]:
-        """Return the orders, and ``shrunk`` for a profile."""
-        return {"orders": list(self.orders), **({"shrunk": True} if self.shrunk else {})}
-
-    @classmethod
-    def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
-        """Read ``orders: [12.5]``, ``shrunk: true`` for a profile."""
-        other_settings = dict(settings)
-        shrunk = other_settings.pop("shrunk", False)
-        if not isinstance(shrunk, bool):
-            raise ValueError(f"{cls.name}: shrunk must be true or false, found {shrunk!r}")
-        return cls(joints, orders_setting(cls.name, other_settings, (1.0, 2.0)), shrunk)
 
 
 @functools.lru_cache(maxsize=32)

@@ -95,6 +95,6 @@ def test_the_columns_are_the_torque_of_the_spring() -> None:
 
 
 def test_wrong_settings_are_refused() -> None:
-    for settings, message in (({"ratio": 1.0}, "below 1"), ({"tooth": 3}, "no setting"), ({"ratio": "x"}, "numbers")):
+    for settings, message in (({"ratio": 1.0}, "below 1"), ({"tooth": 3}, "no setting"), ({"ratio": "x"}, "a number")):
         with pytest.raises(ValueError, match=message):
             REGISTRY["counterbalance"].from_settings(("j2",), settings)

@@ -13,6 +13,7 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.catalogue import catalogue
 from robacc.effects.elastic import Elastic
+from robacc.effects.settings import settings_of
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
@@ -255,6 +256,34 @@ def test_a_file_in_mm_and_degrees_says_the_same(name: str) -> None:
     np.testing.assert_allclose(predict(robot, data).translation, direct.translation, rtol=0, atol=1e-12)
 
 
+WRONG_VALUES = {
+    bool: (1, "yes", None),
+    int: (True, "1", 1.5, None),
+    float: (True, "1", [1.0], float("nan"), 10**400),
+    str: (5, "", True),
+    tuple: (5, None, [{}]),
+    type(None): ([1], True),
+}
+"""Values that a setting refuses, by the type of what it holds."""
+
+
+@pytest.mark.parametrize("name", EFFECTS)
+def test_settings_are_read_back_and_unknown_keys_and_wrong_values_are_refused(name: str) -> None:
+    one = suited(name, arm("puma560"))
+    for effect in forms(name, one, circumstances(one.robot, N)):
+        cls, settings = type(effect), effect.settings()
+        assert cls.from_settings(effect.joints, settings) == effect
+        assert effect.from_units(one, 1.0, 1.0) == effect
+        with pytest.raises(ValueError, match=rf"{name} has no setting 'tooth'"):
+            cls.from_settings(effect.joints, settings | {"tooth": 3})
+        for key, declared in settings_of(cls).items():
+            for value in WRONG_VALUES[type(getattr(effect, declared.field))]:
+                if value == "" and not declared.choices:
+                    continue
+                with pytest.raises(ValueError, match=rf"{name}: {key} must be [a-z].*, found "):
+                    cls.from_settings(effect.joints, settings | {key: value})
+
+
 BARE = Measurements(position=np.zeros((3, 2)), q=np.array([[0.1, 0.2]] * 6))
 NEEDY = tuple(name for name, cls in REGISTRY.items() if cls.missing_reasons)
 """Effects that ask for a column or for masses."""
@@ -334,7 +363,7 @@ WRONG = {
     "{effect: backlash, joints: [j2], values: {j2: big}}": "values.j2 must be a finite number, found 'big'",
     "{effect: backlash, joints: [j2], values: {j2: true}}": "values.j2 must be a finite number",
     "{effect: backlash, joints: [j2], values: 3}": "values must be a mapping of name to number, found 3",
-    "{effect: backlash, joints: [j2], by: luck}": "backlash: expected by: approach, or by: gravity",
+    "{effect: backlash, joints: [j2], by: luck}": "backlash: by must be approach or gravity, found 'luck'",
     "{effect: backlash, joints: [j2], by: gravity, friction_nm: -1}": "friction_nm must be a number of at least 0",
     "{effect: backlash, joints: [j2], friction_nm: 1}": "friction_nm belongs to by: gravity",
     "{effect: payload_compliance, joints: [j2], com: far}": "com must be known or uncertain",
@@ -343,26 +372,32 @@ WRONG = {
     "{effect: link_geometry, joints: [j2], labels: [b]}": "link_geometry: labels must be a list of",
     "{effect: joint_coupling, joints: [j2], tooth: 3}": "joint_coupling has no setting 'tooth'",
     "{effect: joint_coupling, joints: [j2], drivers: [j8]}": "no joint 'j8'; this arm has j1",
-    "{effect: transmission_error, joints: [j2], orders: [0]}": "each order must be above 0 and at most 1000",
-    "{effect: transmission_error, joints: [j2], orders: 3}": "orders must be a list of numbers",
-    "{effect: transmission_error, joints: [j2], orders: [1, 1]}": "an order is given more than once",
+    "{effect: transmission_error, joints: [j2], orders: [0]}": "different numbers above 0 and at most 1000, found [0]",
+    "{effect: transmission_error, joints: [j2], orders: 3}": "orders must be a list of different numbers",
+    "{effect: transmission_error, joints: [j2], orders: [1, 1]}": "orders must be a list of different numbers",
     "{effect: transmission_error, joints: [j2], tooth: 3}": "transmission_error has no setting 'tooth'",
     "{effect: transmission_error, joints: [j2], shrunk: 3}": "shrunk must be true or false",
-    "{effect: axis_wobble, joints: [j2], tilts: [z]}": "tilts must be a list of alpha, beta",
+    "{effect: axis_wobble, joints: [j2], tilts: [z]}": "tilts must be a list of some of alpha, beta, flex_x, flex_y",
     "{effect: joint_compliance, joints: [j2], masses: heavy}": "masses must be known or uncertain or unknown",
     "{effect: joint_hardening, joints: [j2], knee_nm: 0}": "knee_nm must be a number above 0",
     "{effect: joint_hardening, joints: [j2], knee_nm: 5, torque_nm: 5}": "torque_nm or knee_nm, not both",
     "{effect: joint_compliance, joints: [j2], deflection: soft}": "deflection must be equilibrium or rigid",
+    "{effect: base_compliance, below: true, masses: unknown}": "below: true needs masses: known",
     "{effect: base_compliance, tooth: 3}": "base_compliance has no setting 'tooth'",
     "{effect: thermal_expansion, tooth: 3}": "thermal_expansion has no setting 'tooth'",
-    "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be above 0",
+    "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be a number above 0",
     "{effect: thermal_expansion, slides: 2}": "slides must be true or false, found 2",
     "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",
-    "{effect: frame_drift, span_s: 0}": "span_s above 0, degree 1 to 9 and turning",
+    "{effect: frame_drift, turning: 1}": "turning must be true or false, found 1",
+    "{effect: frame_drift, degree: 10}": "degree must be a whole number of at least 1 and at most 9, found 10",
+    "{effect: frame_drift, span_s: 0}": "span_s must be a number above 0, found 0",
     "{effect: joint_correction, joints: [j2], tooth: 3}": "joint_correction has no setting 'tooth'",
     "{effect: joint_correction, joints: [j2]}": "drivers must be a list of one or two names",
-    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [3]}": "range must be a list of [low, high]",
-    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [[0, 1]], degree: 0}": "degree must be 1 to 40",
+    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [3]}": "list of lists of 2 numbers, found [3]",
+    "{effect: joint_correction, joints: [j2], drivers: [j3], range: []}": "one for each driver, found []",
+    "{effect: joint_correction, joints: [j2], lengths: [1, 1], centres: []}": "lengths must be a positive number",
+    "{effect: joint_correction, joints: [j2], lengths: [1], centres: [[0, 0]]}": "lists of a number for each joint",
+    "{effect: joint_correction, joints: [j2], drivers: [j3], range: [[0, 1]], degree: 0}": "at least 1 and at most 40",
 }
 
 

@@ -169,8 +169,8 @@ def test_settings_are_read_back(effect: Effect) -> None:
 @pytest.mark.parametrize(
     ("entry", "message"),
     [
-        ({"effect": "step", "values": {"x": 1e-4}}, "needs from_line or from_time_s"),
-        ({"effect": "step", "part": "floor", "from_line": 3, "values": {"x": 1e-4}}, "part: base or part: target"),
+        ({"effect": "step", "values": {"x": 1e-4}}, "expected from_line or from_time_s"),
+        ({"effect": "step", "part": "floor", "from_line": 3, "values": {"x": 1e-4}}, "part must be base or target"),
         ({"effect": "step", "joints": ["j2"], "part": "base", "from_line": 3, "values": {"j2": 1e-4}}, "expected part"),
         ({"effect": "step", "from_line": 2.5, "values": {"x": 1e-4}}, "whole number"),
         ({"effect": "step", "from_line": 2, "target": "a", "values": {"x": 1e-4}}, "target belongs to"),

@@ -14,19 +14,20 @@ from robacc.effects.base import (
     Effect,
     Part,
     Term,
+    as_plain,
     circumstance_driver,
     commanded,
     is_circumstance,
     joint_driver,
     needed,
     register,
+    scaled,
     setting,
     torque_driver,
     torques_needed,
     varies,
 )
 from robacc.effects.pose_correction import ABOUT, PoseCorrection
-from robacc.effects.settings import as_plain, scaled
 from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.settings import setting
+from robacc.effects.base import setting
 from robacc.geometry import Array
 
 # Physical origins of a periodic error's order: motor turns, the wave generator of a strain-wave gear, the joint.

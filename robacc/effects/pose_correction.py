@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, setting
-from robacc.effects.settings import as_plain, scaled
+from robacc.effects.base import About, Effect, Part, Term, as_plain, commanded, scaled, setting
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

@@ -406,8 +406,15 @@ def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearis
     """Return model and noise at the rows of random poses that the parameters are estimated on."""
     if linear.y.size <= MOST_COMPONENTS:
         return linear, noise
+    index, part = _subset(linear)
+    return part, dataclasses.replace(noise, factor=noise.factor[index])
+
+
+@lru_cache(maxsize=1)
+def _subset(linear: Linearised) -> tuple[NDArray[np.int64], Linearised]:
+    """Return the rows of random poses; kept, with their kernels, while the same model is asked for."""
     index = first_ranks(linear.rows.draw, MOST_COMPONENTS // linear.y.shape[1])
-    return linear.subset(index), dataclasses.replace(noise, factor=noise.factor[index])
+    return index, linear.subset(index)
 
 
 def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:

@@ -269,12 +269,8 @@ def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect
 
 def _log_likelihood(fitted: Fit, rows: NDArray[np.bool_]) -> float:
     """Return the log-likelihood of the rows and of the priors, up to a constant that both forms share."""
-    weight = fitted.weight[:, rows]
-    with_prior = fitted.precision > 0
-    precision = fitted.precision[with_prior]
-    theta = fitted.theta[fitted.identifiability.columns][with_prior]
-    cost = float(np.square(fitted.whitening.apply(fitted.residual * rows)).sum()) + float(precision @ np.square(theta))
-    return float(np.log(weight).sum()) + 0.5 * (float(np.log(precision).sum()) - cost)
+    cost = float(np.square(fitted.whitening.apply(fitted.residual * rows)).sum())
+    return float(np.log(fitted.weight[:, rows]).sum()) - 0.5 * cost + fitted.log_prior
 
 
 # A load on one link that the robot file does not state, against errors of the file's masses.

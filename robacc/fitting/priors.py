@@ -1,4 +1,4 @@
-"""Gaussian priors about zero: given ones, tolerances, those of weakly identifiable constants and of groups."""
+"""Priors about zero: the broad one of the arm's constants, given ones, tolerances, and those of groups."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ from robacc.robots.description import Robot
 # Broad prior of the arm's constants, and the constants that it bounds.
 #
 # Poses may be few, or all have one orientation. Without a prior, noise then moves a constant by centimetres along a
-# direction that has no effect on these poses but does on others. Each constant of the arm therefore has a Gaussian
-# prior about nominal, with the standard deviation of a badly made arm. The data outweigh it for a constant that the
-# poses determine well, however far it is from nominal. Given priors take precedence.
+# direction that has no effect on these poses but does on others. Each constant of the arm therefore has a Cauchy prior
+# about nominal, which near nominal is a Gaussian one with the standard deviation b of a badly made arm. Its tails are
+# heavy: an arm may differ from its file by any amount that the data show. At a constant c it pulls as a Gaussian prior
+# of precision 1 / (b^2 + c^2 / 2) does (iterative reweighting; Holland and Welsch 1977). Given priors are Gaussian.
 
 BADLY_MADE = 3.0
-"""Standard deviation of the broad prior, over the usual size of a constant: 3 mm or 3 mrad."""
+"""Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
 WEAK = 0.3
 """Share of that standard deviation above which a standard error makes a constant weakly identifiable."""
 
@@ -35,17 +36,23 @@ class WeakKind:
     effect: str
     unit: str
     std: float
-    """Standard deviation of the broad prior, in ``unit``."""
+    """Standard deviation of the broad prior near nominal, in ``unit``."""
     names: tuple[str, ...]
     """Names of the weakly identifiable constants."""
 
 
 def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
-    """Return ``(P,)`` standard deviations of the constants' broad prior, m or rad; inf for all other coefficients."""
+    """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others."""
     is_constant = [effect.is_constant and not effect.is_frame for effect in free]
     return np.array(
         [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
     )
+
+
+def broad_precision(std: Array, theta: Array) -> Array:
+    """Return the precision ``(P,)`` with which the broad prior pulls coefficients ``theta``; 0 where ``std`` is inf."""
+    precision: Array = 1.0 / (np.square(std) + 0.5 * np.square(theta))
+    return precision
 
 
 def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
@@ -56,14 +63,14 @@ def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
     columns = fit.identifiability.columns
     broad = broad_stds(fit.model.free, fit.terms, fit.owners)[columns]
     is_weak = np.sqrt(np.diag(posterior(fit.gram, fit.precision))) > WEAK * broad
-    is_weak &= fit.precision == 1.0 / np.square(broad)
+    is_weak &= np.isclose(fit.precision, broad_precision(broad, fit.theta[columns]), rtol=0.5)
     kinds: dict[tuple[str, str, float], list[str]] = {}
     for i, std in zip(columns[is_weak].tolist(), broad[is_weak].tolist(), strict=True):
         kinds.setdefault((fit.model.free[fit.owners[i]].name, fit.terms[i].unit, std), []).append(fit.names[i])
     return tuple(WeakKind(*kind, tuple(names)) for kind, names in kinds.items())
 
 
-# Gaussian priors about zero: given ones, and those of groups, whose standard deviation is estimated from the data.
+# Priors of a fit: the broad one, given ones, and those of groups, whose standard deviation is estimated from the data.
 #
 # Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
 # (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring.
@@ -81,18 +88,21 @@ _LEAST_INFORMATION = 1e-9
 _ROUNDS = 60
 _SETTLED = 1e-3
 """Change of the groups' standard deviations, as a share, at which the iteration ends."""
+_FOLLOWED = 0.1
+"""Change of a broad prior's precision, as a share, below which it is settled: it moves a constant by less."""
 _INNER = 0.1
 """The same, over the change that counts as settled: later linearisations continue the iteration."""
 
 
 class Priors:
-    """Precision of every coefficient's prior; the groups' standard deviations are improved in place."""
+    """Precision of every coefficient's prior; broad priors and the groups' deviations are improved in place."""
 
-    def __init__(self, terms: Sequence[Term], prior_stds: Array, start: Mapping[str, float]) -> None:
-        """Start from ``prior_stds`` ``(P,)``, standard deviations of coefficients without a group, inf for none.
+    def __init__(self, terms: Sequence[Term], given: Array, broad: Array, start: Mapping[str, float]) -> None:
+        """Start from standard deviations ``(P,)`` of ``given`` and ``broad`` priors, inf for none; a given one counts.
 
         A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
+        self._broad = np.where(np.isfinite(given), np.inf, broad)
         self._terms = terms
         self._weights = np.array([term.weight for term in terms], dtype=np.float64)
         self.groups: dict[str, list[int]] = {}
@@ -103,9 +113,24 @@ class Priors:
         """Standard deviation of each group, in units of its terms' weights."""
         sizes = [
             start.get(term.group, term.typical) * term.weight if term.group else std
-            for term, std in zip(terms, prior_stds.tolist(), strict=True)
+            for term, std in zip(terms, given.tolist(), strict=True)
         ]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
+
+    def follow(self, theta: Array) -> bool:
+        """Let the broad priors pull as they do at ``theta`` ``(P,)``; return whether one changed by much."""
+        is_broad = np.isfinite(self._broad)
+        precision = broad_precision(self._broad, theta)[is_broad]
+        changed = np.abs(self.precision[is_broad] - precision) > _FOLLOWED * precision
+        self.precision[is_broad] = precision
+        return bool(changed.any())
+
+    def log_density(self, theta: Array) -> float:
+        """Return the log density of coefficients ``(P,)``, up to a constant."""
+        is_gaussian = np.isinf(self._broad) & (self.precision > 0)
+        precision, own = self.precision[is_gaussian], theta[is_gaussian]
+        broad = np.log1p(0.5 * np.square(theta / self._broad))
+        return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
 
     def effective(self, normal: NormalEquations, columns: NDArray[np.int64]) -> float:
         """Return the number of coefficients that the data determine: all without priors, fewer with."""

@@ -257,10 +257,6 @@ def _extrapolated(step: Array, previous_step: Array | None, gram: Array) -> tupl
 _DEFAULTS = Options()
 _REWEIGHTINGS = 6
 """Most rounds of updates of the weights, the groups' priors and the inliers."""
-_FAR = 0.5
-"""Ratio of the misfit without priors of constants to the present one below which the weights are not settled."""
-_COARSE = 0.1
-"""Tolerance of the fit without priors of constants, of which only the misfit is used."""
 _GROSS = 5.0
 """Multiple of an outlier's limit up to which rows that share a circumstance stay in the fit."""
 _MANY = 20_000
@@ -291,12 +287,14 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
+    is_trimmed = options.robust and data.n >= _LEAST_POSES_TO_TRIM
+    if is_trimmed and options.start is None:
+        solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
     linear = solver.solve()
-    if options.robust and data.n >= _LEAST_POSES_TO_TRIM:
-        for _ in range(_REWEIGHTINGS):
-            if not solver.trim():
-                break
-            linear = solver.solve()
+    for _ in range(_REWEIGHTINGS):
+        if not (is_trimmed and solver.trim()):
+            break
+        linear = solver.solve()
     return solver.result(linear)
 
 
@@ -308,10 +306,6 @@ class _Solver:
         self.equations = PoseEquations(model, data)
         terms = self.equations.terms
         self.inliers = np.ones(data.n, dtype=bool) if options.inliers is None else options.inliers.copy()
-        self.prior_stds = broad_stds(model.free, terms, self.equations.owners)
-        if options.priors is not None:
-            is_given = np.isfinite(options.priors) & (options.priors > 0)
-            self.prior_stds[is_given] = options.priors[is_given]
         self.priors = self._priors()
         self.steps = 0
         self.converged = True
@@ -358,24 +352,28 @@ class _Solver:
         return dataclasses.replace(identified, columns=columns)
 
     def _priors(self) -> Priors:
-        """Return the priors, those of groups as at the start."""
-        return Priors(self.equations.terms, self.prior_stds, self.options.group_stds)
+        """Return the priors, broad ones as without constants, those of groups as at the start."""
+        given, terms = np.full(len(self.equations.terms), np.inf), self.equations.terms
+        if self.options.priors is not None:
+            given = np.where(self.options.priors > 0, self.options.priors, np.inf)
+        broad = broad_stds(self.model.free, terms, self.equations.owners)
+        return Priors(terms, given, broad, self.options.group_stds)
 
     def solve(self) -> NormalEquations:
         """Alternate Gauss-Newton with updates of the weights and the groups' priors until neither changes."""
-        for _ in range(_REWEIGHTINGS):
-            if not self._reduce_misfit():
-                break
-            self._minimise()
+        if self.options.start is None:
+            # The residual of an arm far from nominal is not noise: with weights of its size, priors outweigh the data.
+            self._update_misfit(self._minimise())
+        self.priors.follow(self.predicted.theta)
         for _ in range(_REWEIGHTINGS):
             linear = self._minimise()
-            changed = False
+            changed = self.priors.follow(self.predicted.theta)
             columns = self.equations.columns
             if self.priors.groups:
                 components = float(np.count_nonzero(self.inliers) * self.equations.rows)
                 known = self.options.misfit is not None
                 settled = 10 * self.options.settled
-                changed = self.priors.update(linear, columns, components, known, settled)
+                changed = self.priors.update(linear, columns, components, known, settled) or changed
             changed = self._update_misfit(linear) or changed
             if not changed:
                 return linear
@@ -393,26 +391,6 @@ class _Solver:
         squares = float(np.sum(np.square(white.apply(self.predicted.residual))))
         self.normal = linear.moved_to(theta, squares)
         return linear
-
-    def _reduce_misfit(self) -> bool:
-        """Reduce the misfit to that of the fit without priors of constants; return whether it is far less.
-
-        The residual of an arm far from nominal is not noise. With weights of its size, the priors outweigh the data.
-        """
-        if self.options.misfit is not None:
-            return False
-        white, terms = self.weights.whitening(self.inliers), self.equations.terms
-        groups = Priors(terms, np.full(len(terms), np.inf), self.priors.group_stds)
-        free = minimise(self.equations, self.predicted, self.normal, white, groups.precision, _COARSE)
-        dof = np.count_nonzero(self.inliers) * self.equations.rows - groups.effective(
-            free.normal, self.equations.columns
-        )
-        cost = float(np.square(white.apply(free.predicted.residual)).sum())
-        ratio = min(float(np.sqrt(cost / max(dof, 1.0))), 1.0)
-        self.misfit = (ratio * self.misfit[0], ratio * self.misfit[1])
-        self.weights.set_misfit(self.misfit)
-        self.normal = None
-        return ratio < _FAR
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
         """Estimate the misfit again; return whether it changed significantly."""
@@ -493,6 +471,7 @@ class _Solver:
             gram=linear.gram,
             rhs=linear.rhs,
             precision=prior,
+            log_prior=self.priors.log_density(predicted.theta),
             group_stds=self.priors.group_stds,
             validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )

@@ -226,6 +226,7 @@ OWN = {
     "voxel",
     "write_model",
     "jobs",
+    "quiet",
 }
 """Options of the command line that say what becomes of the result, or how it is computed."""
 IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}

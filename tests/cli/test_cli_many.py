@@ -159,7 +159,7 @@ def test_annotations_say_what_became_of_each_file(folder: Path) -> None:
 
 
 def test_warnings_carry_their_files_name(folder: Path) -> None:
-    far = "x,y,z,cmd_x,cmd_y,cmd_z,cmd_yy\n1,2,3,1,2,4,0\n1.1,2,3,1.1,2,4,0\n"
+    far = "x,y,z,cmd_x,cmd_y,cmd_z,cmd_yy\n1,2,3,1,2,4,0\n1.1,2,3,1.1,2,4,0\n1,2.1,3.1,1.2,2,4,0\n"
     for path in files(folder, "ac"):
         Path(path).write_text(far, encoding="utf-8")
     done = run(*files(folder, "ac"))

@@ -194,7 +194,7 @@ def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_pa
         "effects[1]: joints must be a list of j1, j2",
         "effects[2]: values must be a mapping of name to number, found None",
         "effects[3]: values.j1 must be a finite number, found '1'",
-        "effects[4]: backlash: expected by: approach, or by: gravity",
+        "effects[4]: backlash has no setting 'size'",
         "effects[5]: backlash[j1] has no values, so it would do nothing; write values: {name: number}",
         "effects[7]: repeats joint_offset[j1] of effects[6]; their values would add up",
         "effects[8]: values.j2 is more than a turn; expected a small angle, found 1e+09",

@@ -141,7 +141,7 @@ def test_the_form_asked_for_is_fitted_as_it_is() -> None:
     assert choose_deflection(found, model, data, Options()) == (found, model, None)
 
 
-def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_prior() -> None:
+def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors() -> None:
     def gain(options: Options) -> tuple[float, Fit, Fit]:
         data = measured("rigid", known=True)
         effects = calibrated("equilibrium").effects
@@ -163,7 +163,7 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_prior() 
         return float(
             errors
             + stats.norm.logpdf(one.theta[-1], scale=1e-4)
-            + stats.norm.logpdf(one.theta[zeros], scale=3e-3).sum()
+            + stats.cauchy.logpdf(one.theta[zeros], scale=np.sqrt(2.0) * 3e-3).sum()
         )
 
     assert value == pytest.approx(2 * (density(other) - density(found)), rel=1e-9)

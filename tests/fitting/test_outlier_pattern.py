@@ -84,6 +84,6 @@ def test_rows_that_a_lacking_effect_displaces_stay_in_the_fit() -> None:
 def test_gross_rows_are_left_out_and_their_circumstance_is_named() -> None:
     q = np.random.default_rng(3).uniform(-1.5, 1.5, size=(6, 120))
     extreme = np.argsort(q[1])[-4:]
-    data, fitted = displaced(0.3, extreme)
+    data, fitted = displaced(0.03, extreme)
     assert set(fitted.outliers) == set(extreme)
     assert fitted.model.arm.names[1] in outliers_warning(fitted, data)[1]

@@ -30,7 +30,7 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     gram, rhs = design.T @ design, design.T @ measured
     normal = NormalEquations(np.zeros(72), gram, rhs, float(measured @ measured))
     terms = [Term(f"t{i}", "rad", TYPICAL, (), "profile") for i in range(72)]
-    priors = Priors(terms, np.full(72, np.inf), {})
+    priors = Priors(terms, np.full(72, np.inf), np.full(72, np.inf), {})
     columns = np.arange(72)
     for _ in range(5):
         priors.update(normal, columns, float(angle.size), noise_known=True, settled=0.01)
@@ -57,7 +57,7 @@ def linear_problem(seed: int) -> tuple[Array, Array, NormalEquations]:
 def test_group_stds_have_the_largest_marginal_likelihood(seed: int, start: float) -> None:
     design, measured, normal = linear_problem(seed)
     terms = [Term(f"t{i}", "rad", TYPICAL, (), "a" if i < 10 else "b" if i < 15 else None) for i in range(19)]
-    priors = Priors(terms, np.full(19, np.inf), {"a": start, "b": start})
+    priors = Priors(terms, np.full(19, np.inf), np.full(19, np.inf), {"a": start, "b": start})
     for _ in range(6):
         priors.update(normal, np.arange(19), 60.0, noise_known=True, settled=0.01)
     free = design[:, 15:]

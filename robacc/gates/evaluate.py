@@ -21,7 +21,6 @@ from robacc.statistics.records import Statistic, paired_difference
 
 MOST_POSES = 20_000
 """With more poses, the stored interval is as good as a recomputed one and costs nothing."""
-_UNITS = ("m", "rad")
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 
 
@@ -52,119 +51,112 @@ class GateFigure:
     """None if the result has no interval for the figure."""
     n: int | None
     """Number of commanded poses."""
-    statistic: str
-    """Last part of the key."""
 
 
-@dataclass(frozen=True, slots=True)
-class Missing:
+class NoValueError(Exception):
     """Reason why a result has no value for a key."""
 
-    why: str
 
+def value_at(document: Mapping[str, Any], key: str) -> tuple[Any, Mapping[str, Any], str]:
+    """Return the value of a short key, the object that holds it, and its full name in that object.
 
-def value_at(document: Mapping[str, Any], key: str) -> tuple[Any, Mapping[str, Any], str] | Missing:
-    """Return the value of a short key, the object that holds it, and its full name in that object."""
+    Raises:
+        NoValueError: The result has no such key, or null there.
+    """
     node: Any = document
     path: list[str] = []
     holder, name = document, ""
     for part in key.split("."):
         if not isinstance(node, Mapping):
-            return Missing(f"the result has no keys within {'.'.join(path)}")
-        names = (part, *(f"{part}_{unit}" for unit in _UNITS))
-        full_name = next((candidate for candidate in names if candidate in node), None)
+            raise NoValueError(f"the result has no keys within {'.'.join(path)}")
         path.append(part)
-        if full_name is None:
-            return Missing(f"a result of robacc {document.get('command', '?')} has no {'.'.join(path)}")
-        holder, name, node = node, full_name, node[full_name]
+        full_names = [full for full in (part, *(f"{part}_{unit}" for unit in _DIMENSIONS)) if full in node]
+        if not full_names:
+            raise NoValueError(f"a result of robacc {document.get('command', '?')} has no {'.'.join(path)}")
+        holder, name, node = node, full_names[0], node[full_names[0]]
         if node is None:
             why = holder.get("why")
-            return Missing(f"the result has no {'.'.join(path)}" + (f": {why}" if isinstance(why, str) else ""))
+            raise NoValueError(f"the result has no {'.'.join(path)}" + (f": {why}" if isinstance(why, str) else ""))
     return node, holder, name
 
 
-def word_at(document: Mapping[str, Any], key: str) -> str | Missing:
-    """Return the word of a key; a boolean gives ``true`` or ``false``."""
-    match = value_at(document, key)
-    if isinstance(match, Missing):
-        return match
-    value = match[0]
+def word_at(document: Mapping[str, Any], key: str) -> str:
+    """Return the word of a key; a boolean gives ``true`` or ``false``.
+
+    Raises:
+        NoValueError: The result has no word there.
+    """
+    value = value_at(document, key)[0]
     if isinstance(value, bool | np.bool_):
         return "true" if value else "false"
-    return value if isinstance(value, str) else Missing(f"the result's {key} is not a word")
+    if not isinstance(value, str):
+        raise NoValueError(f"the result's {key} is not a word")
+    return value
 
 
-def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateFigure | Missing:
-    """Return the number of a key, with its curve; ``confidence`` is the level that a recomputed curve includes."""
-    match = value_at(document, key)
-    if isinstance(match, Missing):
-        return match
-    value, holder, name = match
-    stored: Any = _stored_interval(holder, name)
+def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateFigure:
+    """Return the number of a key, with its curve; ``confidence`` is the level that a recomputed curve includes.
+
+    Raises:
+        NoValueError: The result has no number there.
+    """
+    value, holder, name = value_at(document, key)
+    stored = [_mapping(holder.get("intervals")).get(name), holder.get("interval")]
     if isinstance(value, Mapping):
-        if "value" not in value:
-            return Missing(f"the result's {key} is not a number")
-        stored, value = value, value["value"]
+        stored, value = [value], value.get("value")
     number = _number(value)
     if number is None:
-        return Missing(f"the result's {key} is not a number")
-    dimension = _DIMENSIONS.get(name.rpartition("_")[2], "number")
+        raise NoValueError(f"the result's {key} is not a number")
     statistic = key.rpartition(".")[2]
-    n = _n_poses(document, holder)
-    curve = None if stored is None else _stored_curve(_interval(stored), number, statistic)
+    counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
+    n = next((int(count) for count in map(_number, counts) if count is not None), None)
+    interval = next((_interval(entry) for entry in stored if isinstance(entry, Mapping)), None)
+    curve = None if interval is None else _stored_curve(interval, number, statistic)
     sample = sample_at(document, key)
     if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
-        levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
         n = int(np.unique(sample.groups).size)
         share = (_number(holder.get("independent_poses")) or n) / n
-        seed = document.get("seed") or 0
-        statistics = length_intervals(sample.errors, levels, groups=sample.groups, share=share, seed=seed)
-        intervals = [by_name[cast("Statistic", statistic)] for by_name in statistics]
-        curve = BoundCurve.through(intervals)
-    return GateFigure(number, dimension, curve, n, statistic)
+        statistics = length_intervals(
+            sample.errors, _levels(confidence), groups=sample.groups, share=share, seed=document.get("seed") or 0
+        )
+        curve = BoundCurve.through([by_name[cast("Statistic", statistic)] for by_name in statistics])
+    return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
+
+
+def _levels(confidence: float) -> list[float]:
+    """Return the confidences of the intervals behind a curve that has bounds at ``confidence``."""
+    return sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
 
 
 def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
-    """Return the errors of the poses behind the statistic of a key; None if the result does not list them."""
+    """Return the errors of the poses behind the statistic of a key; None if the result does not list them.
+
+    The metrics of a stage count outliers; those of inliers have keys of their own.
+    """
     parts = key.split(".")
-    unit = {"position": "m", "orientation": "rad"}.get(parts[-2] if len(parts) > 1 else "")
+    unit = {"position": "m", "orientation": "rad"}.get(parts[-2]) if len(parts) in (2, 4) else None
     if unit is None:
         return None
-    if len(parts) == 2:
-        quantity = document.get(parts[0])
-        errors = quantity.get(f"errors_{unit}") if isinstance(quantity, Mapping) else None
-        return _sample(errors, document.get("poses"), document)
-    kind = parts[1].removesuffix("_inliers")
-    if len(parts) != 4 or kind not in ("fitted", "held_out"):
+    source, place, stage, listed = "poses", document.get("poses"), parts[0], document.get(parts[0])
+    name, kind = f"errors_{unit}", parts[1].removesuffix("_inliers")
+    if len(parts) == 4:
+        if kind not in ("fitted", "held_out"):
+            return None
+        if kind == "held_out" and document.get("poses_apart") is not None:
+            source, place = "holdout", document["poses_apart"]
+        elif kind == "held_out" and stage != "nominal_unregistered":
+            stage = f"held_out_{stage}"
+        listed, name = _mapping(place).get(name), stage
+    poses, errors = _mapping(place), _mapping(listed).get(name)
+    if errors is None or poses.get("group") is None:
         return None
-    holdout = document.get("poses_apart") if kind == "held_out" else None
-    poses = document.get("poses") if holdout is None else holdout
-    cross_validated = kind == "held_out" and holdout is None and parts[0] != "nominal_unregistered"
-    stages = poses.get(f"errors_{unit}") if isinstance(poses, Mapping) else None
-    errors = (
-        stages.get(f"held_out_{parts[0]}" if cross_validated else parts[0]) if isinstance(stages, Mapping) else None
-    )
-    source = "poses" if holdout is None else "holdout"
-    return _sample(errors, poses, document, source, inliers=parts[1].endswith("_inliers"))
-
-
-def _sample(
-    errors: Any, poses: Any, document: Mapping[str, Any], kind: str = "poses", *, inliers: bool = False
-) -> GateSample | None:
-    """Return all rows of ``errors``, or those of inliers; None if the document does not say to which poses they belong.
-
-    The metrics of a stage count outliers; those without outliers have keys of their own.
-    """
-    if errors is None or not isinstance(poses, Mapping) or poses.get("group") is None:
-        return None
-    rows = np.asarray(errors, dtype=float)
-    flags = poses.get("used") if inliers else None
+    rows, groups = np.asarray(errors, dtype=float), np.asarray(poses["group"], dtype=np.int64)
+    flags = poses.get("used") if parts[1].endswith("_inliers") else None
     used = np.ones(len(rows), dtype=bool) if flags is None else np.asarray(flags, dtype=bool)
-    groups = np.asarray(poses["group"], dtype=np.int64)
     if rows.ndim != 2 or rows.shape[1] != 3 or used.shape != groups.shape or len(rows) != len(groups) or not used.any():
         return None
     commanded = poses.get("commanded_m")
-    digests = [entry["sha256"] for entry in document.get("inputs", ()) if entry.get("kind") == kind]
+    digests = [entry["sha256"] for entry in document.get("inputs", ()) if entry.get("kind") == source]
     return GateSample(
         rows[used].T,
         groups[used],
@@ -174,31 +166,20 @@ def _sample(
     )
 
 
-def _stored_interval(holder: Mapping[str, Any], name: str) -> Mapping[str, Any] | None:
-    """Return the interval stored beside a value."""
-    intervals = holder.get("intervals")
-    for interval in (intervals.get(name) if isinstance(intervals, Mapping) else None, holder.get("interval")):
-        if isinstance(interval, Mapping):
-            return interval
-    return None
-
-
 def _stored_curve(interval: Interval, value: float, statistic: str) -> BoundCurve:
     """Return the curve through a stored interval, and through the value at level 1/2 if the interval is about it.
 
     The 95th percentile of a small sample is biased low, so two bounds locate the median better than the value does.
     """
     two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
-    centre = None if two_sided and statistic == "p95" else value
-    return BoundCurve.through([interval], centre)
+    return BoundCurve.through([interval], None if two_sided and statistic == "p95" else value)
 
 
 def _interval(stored: Mapping[str, Any]) -> Interval:
     def number(*names: str) -> float | None:
         return next((value for name in names if (value := _number(stored.get(name))) is not None), None)
 
-    why = stored.get("why")
-    method = stored.get("method")
+    why, method = stored.get("why"), stored.get("method")
     return Interval(
         number("lower", "low"),
         number("upper", "high"),
@@ -209,12 +190,9 @@ def _interval(stored: Mapping[str, Any]) -> Interval:
     )
 
 
-def _n_poses(document: Mapping[str, Any], holder: Mapping[str, Any]) -> int | None:
-    for node, name in ((holder, "n_commanded_poses"), (holder, "n_poses"), (document, "n_poses")):
-        value = _number(node.get(name))
-        if value is not None:
-            return int(value)
-    return None
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """Return a mapping as it is, and an empty one for anything else."""
+    return value if isinstance(value, Mapping) else {}
 
 
 def _number(value: Any) -> float | None:
@@ -233,38 +211,54 @@ _PAIRABLE = ("rms", "mean_error", "p95", "max")
 
 def difference_to_baseline(
     document: Mapping[str, Any], baseline: Mapping[str, Any], criterion: GateCriterion
-) -> tuple[GateFigure, GateFigure] | Missing:
-    """Return the difference, result minus baseline, and the baseline's figure, or the reason why there is none."""
-    figure = figure_at(document, criterion.key, criterion.confidence)
-    if isinstance(figure, Missing):
-        return figure
-    reference = figure_at(baseline, criterion.key, criterion.confidence)
-    if isinstance(reference, Missing):
-        return Missing(f"in the baseline, {reference.why}")
+) -> tuple[GateFigure, float]:
+    """Return the difference, result minus baseline, and the baseline's value.
+
+    Raises:
+        NoValueError: The result or the baseline has no such number, or their poses cannot be paired as required.
+    """
+    key, confidence = criterion.key, criterion.confidence
+    figure = figure_at(document, key, confidence)
+    try:
+        reference = figure_at(baseline, key, confidence)
+    except NoValueError as error:
+        raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
-        return Missing(f"{criterion.key} has different units in the result and in the baseline")
-    sample, reference_sample = sample_at(document, criterion.key), sample_at(baseline, criterion.key)
-    value, curve, n = figure.value - reference.value, None, figure.n
-    if sample is not None and reference_sample is not None and figure.statistic in _PAIRABLE:
-        pair = _matching_rows(sample, reference_sample, criterion.paired)
-        if isinstance(pair, Missing):
-            return pair
-        if pair is not None:
+        raise NoValueError(f"{key} has different units in the result and in the baseline")
+    sample, reference_sample = sample_at(document, key), sample_at(baseline, key)
+    statistic = key.rpartition(".")[2]
+    if sample is not None and reference_sample is not None and statistic in _PAIRABLE:
+        pairs = _matching_rows(sample, reference_sample, criterion.paired)
+        if pairs is not None:
+            first, second = pairs
             seed = document.get("seed")
-            value, curve, n = _paired_figure(
-                *pair, figure.statistic, criterion.confidence, seed if isinstance(seed, int) else 0
+            value, intervals = paired_difference(
+                sample.errors[:, first],
+                reference_sample.errors[:, second],
+                cast("Statistic", statistic),
+                _levels(confidence),
+                groups=sample.groups[first],
+                seed=seed if isinstance(seed, int) else 0,
             )
+            through, n = BoundCurve.through(intervals), int(np.unique(sample.groups[first]).size)
+            curve = replace(through, method=f"paired, {through.method}")
+            return GateFigure(value, figure.dimension, curve, n), reference.value
     elif criterion.paired:
-        return Missing("paired: true needs the error of every pose, which the result or the baseline does not list")
-    if curve is None and figure.curve is not None and reference.curve is not None:
-        curve = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
-    return GateFigure(value, figure.dimension, curve, n, figure.statistic), reference
+        raise NoValueError("paired: true needs the error of every pose, which the result or the baseline does not list")
+    independent = None
+    if figure.curve is not None and reference.curve is not None:
+        independent = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    return GateFigure(figure.value - reference.value, figure.dimension, independent, figure.n), reference.value
 
 
 def _matching_rows(
     sample: GateSample, reference: GateSample, paired: bool | None
-) -> tuple[GateSample, GateSample] | Missing | None:
-    """Return the rows in use that the two samples share; None if their poses differ."""
+) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
+    """Return the indices of the rows that the two samples share; None if their poses differ.
+
+    Raises:
+        NoValueError: The criterion requires the same poses, and the samples differ in size.
+    """
     if paired is False:
         return None
     rows, in_sample, in_reference = np.intersect1d(sample.rows, reference.rows, return_indices=True)
@@ -274,30 +268,11 @@ def _matching_rows(
         distance = np.abs(sample.commanded[:, in_sample] - reference.commanded[:, in_reference])
         same_poses = same_size and rows.size > 0 and bool(np.all(distance < _SAME_POSITION))
     if paired and not same_poses and not same_size:
-        return Missing(
+        raise NoValueError(
             f"paired: true needs the same poses, but the result has {sample.rows.size} and the baseline has "
             f"{reference.rows.size}"
         )
-    if not (same_poses or paired) or rows.size == 0:
-        return None
-    return _subset(sample, in_sample), _subset(reference, in_reference)
-
-
-def _subset(sample: GateSample, rows: NDArray[np.intp]) -> GateSample:
-    commanded = None if sample.commanded is None else sample.commanded[:, rows]
-    return GateSample(sample.errors[:, rows], sample.groups[rows], sample.rows[rows], commanded, sample.file)
-
-
-def _paired_figure(
-    sample: GateSample, reference: GateSample, statistic: str, confidence: float, seed: int
-) -> tuple[float, BoundCurve, int]:
-    levels = sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
-    value, intervals = paired_difference(
-        sample.errors, reference.errors, cast("Statistic", statistic), levels, groups=sample.groups, seed=seed
-    )
-    through = BoundCurve.through(intervals)
-    curve = BoundCurve(through.z, through.bounds, f"paired, {through.method}", through.why, through.exact)
-    return value, curve, int(np.unique(sample.groups).size)
+    return (in_sample, in_reference) if (same_poses or paired) and rows.size else None
 
 
 COVERAGE_FACTOR = 2.0
@@ -317,15 +292,15 @@ class CriterionEvaluation:
     decision: Decision
     dimension: str
     """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
-    value: float | None
-    word: str | None
+    value: float | None = None
+    word: str | None = None
     """Word or grade of the result, for a criterion on one."""
-    baseline_value: float | None
-    n: int | None
+    baseline_value: float | None = None
+    n: int | None = None
     """Number of commanded poses behind the value."""
-    instrument_ratio: float | None
+    instrument_ratio: float | None = None
     """The instrument's expanded uncertainty over the limit."""
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
     is_by_share: bool = False
     """A largest error, decided by the share of all poses within the limit."""
 
@@ -370,7 +345,14 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         document: The JSON document of the result.
         baselines: The documents of ``gate.baselines``, by their paths in the gate.
     """
-    return GateOutcome(gate, tuple(_evaluate(criterion, document, baselines) for criterion in gate.criteria))
+    evaluations = []
+    for criterion in gate.criteria:
+        try:
+            evaluations.append(_evaluate(criterion, document, baselines))
+        except NoValueError as error:
+            decision = Decision("not_evaluated", str(error))
+            evaluations.append(CriterionEvaluation(criterion, decision, criterion.kind))
+    return GateOutcome(gate, tuple(evaluations))
 
 
 def _evaluate(
@@ -380,40 +362,27 @@ def _evaluate(
         return _evaluate_word(criterion, document)
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
-    baseline_value = None
-    figure: GateFigure | Missing
-    if criterion.baseline is None:
-        figure = figure_at(document, criterion.key, criterion.confidence)
+    baseline_value = ratio = None
+    if criterion.baseline is not None:
+        figure, baseline_value = difference_to_baseline(document, baselines[criterion.baseline], criterion)
     else:
-        comparison = difference_to_baseline(document, baselines[criterion.baseline], criterion)
-        figure = comparison if isinstance(comparison, Missing) else comparison[0]
-        baseline_value = None if isinstance(comparison, Missing) else comparison[1].value
-    if isinstance(figure, Missing):
-        return _not_evaluated(criterion, figure.why)
+        figure = figure_at(document, criterion.key, criterion.confidence)
+        ratio = _instrument_ratio(criterion, document)
     if criterion.limit != 0.0 and figure.dimension != criterion.kind:
-        why = (
+        raise NoValueError(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
-        return _not_evaluated(criterion, why)
-    ratio = None if criterion.baseline is not None else _instrument_ratio(criterion, document)
     return CriterionEvaluation(
         criterion,
         _decide_figure(criterion, figure),
         figure.dimension,
         figure.value,
-        None,
-        baseline_value,
-        figure.n,
-        ratio,
-        _warnings(criterion, ratio),
-        _is_by_share(criterion, figure),
-    )
-
-
-def _not_evaluated(criterion: GateCriterion, why: str) -> CriterionEvaluation:
-    return CriterionEvaluation(
-        criterion, Decision("not_evaluated", why), criterion.kind, None, None, None, None, None, ()
+        baseline_value=baseline_value,
+        n=figure.n,
+        instrument_ratio=ratio,
+        warnings=_warnings(criterion, ratio),
+        is_by_share=_is_by_share(criterion, figure),
     )
 
 
@@ -421,7 +390,7 @@ def _is_by_share(criterion: GateCriterion, figure: GateFigure) -> bool:
     if figure.curve is not None and figure.curve.bounds:
         return False
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
-    is_sample_maximum = figure.statistic == "max" and figure.n is not None and criterion.key in KEYS
+    is_sample_maximum = criterion.key.endswith(".max") and figure.n is not None and criterion.key in KEYS
     is_upper_limit = criterion.baseline is None and not criterion.at_least
     return is_sample_maximum and is_upper_limit and criterion.rule != "simple"
 
@@ -433,27 +402,21 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Decision:
 
 
 def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+    """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
     word = word_at(document, criterion.key)
-    if isinstance(word, Missing):
-        return _not_evaluated(criterion, word.why)
-    warnings: tuple[str, ...] = ()
     decision = Decision("pass" if word in criterion.accepted else "fail")
+    warnings: tuple[str, ...] = ()
     if criterion.key == "verdict" and decision.outcome == "pass":
-        decision, warnings = _qualify_verdict(decision, document)
-    return CriterionEvaluation(criterion, decision, "word", None, word, None, None, None, warnings)
-
-
-def _qualify_verdict(decision: Decision, document: Mapping[str, Any]) -> tuple[Decision, tuple[str, ...]]:
-    """Return the decision on an accepted verdict of a trace: inconclusive without held-out poses to confirm it."""
-    after, noise = document.get("after"), document.get("noise")
-    if isinstance(after, Mapping) and after.get("held_out") is None:
-        return Decision("inconclusive", "the result has no held-out poses to confirm the verdict"), ()
-    if isinstance(noise, Mapping) and noise.get("source") == "residual":
-        return decision, (
-            "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says that "
-            "no structure remains, not how large the remaining error is; add a limit on after.held_out.position.p95",
-        )
-    return decision, ()
+        after = document.get("after")
+        if isinstance(after, Mapping) and after.get("held_out") is None:
+            decision = Decision("inconclusive", "the result has no held-out poses to confirm the verdict")
+        elif _mapping(document.get("noise")).get("source") == "residual":
+            warnings = (
+                "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
+                "that no structure remains, not how large the remaining error is; add a limit on "
+                "after.held_out.position.p95",
+            )
+    return CriterionEvaluation(criterion, decision, "word", word=word, warnings=warnings)
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -462,39 +425,28 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
     Each bound is within its limit at the full confidence, so both are together (an intersection-union test, R. L.
     Berger, Technometrics 24, 1982); the probability is the smaller of the two.
     """
-    match = value_at(document, "grade")
-    if isinstance(match, Missing):
-        return _not_evaluated(criterion, match.why)
-    grade, required = match[0], criterion.accepted[0]
-    steps: Sequence[Mapping[str, Any]] = grade.get("steps") or ()
-    names = [str(step.get("grade")) for step in steps]
-    if not names:
-        return _not_evaluated(criterion, "the result's grade does not list the steps of its scale")
-    if required not in names:
-        why = f"the scale {grade.get('scale')} has no grade {required}; its grades are {', '.join(names)}"
-        return _not_evaluated(criterion, why)
-    step, statistic = steps[names.index(required)], grade.get("statistic")
-    decisions: list[tuple[Decision, int | None]] = []
+    grade, required = value_at(document, "grade")[0], criterion.accepted[0]
+    steps = {str(step.get("grade")): step for step in grade.get("steps") or ()}
+    if not steps:
+        raise NoValueError("the result's grade does not list the steps of its scale")
+    if required not in steps:
+        names = ", ".join(steps)
+        raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
     confidence = grade.get("confidence")
+    confidence = criterion.confidence if confidence is None else confidence
+    decisions: list[Decision] = []
+    n = None
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
-        limit = step.get(f"{quantity}_{unit}")
-        if limit is None or not document.get(quantity):
-            continue
-        condition = replace(
-            criterion,
-            key=f"{quantity}.{statistic}",
-            limit=limit,
-            confidence=criterion.confidence if confidence is None else confidence,
-        )
-        figure = figure_at(document, condition.key, condition.confidence)
-        if isinstance(figure, Missing):
-            return _not_evaluated(criterion, figure.why)
-        decisions.append((_decide_figure(condition, figure), figure.n))
-    decision = _joint_decision([decision for decision, _ in decisions])
+        limit = steps[required].get(f"{quantity}_{unit}")
+        if limit is not None and document.get(quantity):
+            key = f"{quantity}.{grade.get('statistic')}"
+            figure = figure_at(document, key, confidence)
+            n = n if decisions else figure.n
+            decisions.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
+    decision = _joint_decision(decisions)
     if decision.outcome == "fail" and isinstance(grade.get("reason"), str):
         decision = replace(decision, why=grade["reason"].partition(". ")[0])
-    n = next((n_poses for _, n_poses in decisions), None)
-    return CriterionEvaluation(criterion, decision, "grade", None, str(grade.get("grade")), None, n, None, ())
+    return CriterionEvaluation(criterion, decision, "grade", word=str(grade.get("grade")), n=n)
 
 
 def _joint_decision(decisions: Sequence[Decision]) -> Decision:

@@ -16,7 +16,7 @@ from robacc.documents.parts import grade_document, statistics_document
 from robacc.gates.evaluate import (
     CriterionEvaluation,
     GateOutcome,
-    Missing,
+    NoValueError,
     evaluate_gate,
     figure_at,
     sample_at,
@@ -66,7 +66,6 @@ def test_a_short_key_finds_the_value_with_its_unit() -> None:
     for key in ("position.rms", "position.p95", "orientation.max", "position.radius95.zero_mean.radius"):
         name = {"position": "m", "orientation": "rad"}[key.partition(".")[0]]
         match = figure_at(document, key, 0.95)
-        assert not isinstance(match, Missing)
         node: Any = document
         for part in f"{key}_{name}".split("."):
             node = node[part]
@@ -78,14 +77,12 @@ def test_a_short_key_finds_the_value_with_its_unit() -> None:
 def test_bounds_are_those_of_the_result_itself(statistic: str) -> None:
     document = estimate()
     recomputed = figure_at(document, f"position.{statistic}", 0.95)
-    assert not isinstance(recomputed, Missing)
     assert recomputed.curve is not None
     stored = document["position"]["intervals"][f"{statistic}_m"]
     assert recomputed.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
     without = copy.deepcopy(document)
     del without["position"]["errors_m"]
     from_stored = figure_at(without, f"position.{statistic}", 0.95)
-    assert not isinstance(from_stored, Missing)
     assert from_stored.curve is not None
     assert from_stored.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
     # Order statistics make steps, of which three bounds show little.
@@ -111,10 +108,8 @@ def test_repetitions_of_a_pose_count_once() -> None:
     document = estimate(np.tile(once, 5))
     document["poses"]["group"] = np.tile(np.arange(20), 5)
     grouped = figure_at(document, "position.rms", 0.95)
-    assert not isinstance(grouped, Missing)
     assert grouped.n == 20
     ungrouped = figure_at(estimate(np.tile(once, 5)), "position.rms", 0.95)
-    assert not isinstance(ungrouped, Missing)
     assert grouped.curve is not None
     assert ungrouped.curve is not None
     assert (grouped.curve.bound(0.95) or 0) > 1.02 * (ungrouped.curve.bound(0.95) or 1)
@@ -171,7 +166,6 @@ def test_samples_are_the_rows_that_a_stages_metrics_are_of() -> None:
             np.testing.assert_allclose(rows.errors, factor * after[:, columns])
             assert (7 in rows.rows) == (columns is not used)
             stage_figure = figure_at(document, key, 0.95)
-            assert not isinstance(stage_figure, Missing)
             assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.errors**2, axis=0))))
     apart = {"group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
     holdout = sample_at({**document, "poses_apart": apart}, "after.held_out.position.rms")
@@ -232,15 +226,15 @@ def test_what_the_result_lacks_is_never_a_pass(key: str, limit: str, why: str) -
 
 def test_a_missing_number_says_the_results_own_reason() -> None:
     document = {"command": "iso9283", "iso9283": {"RP": {"max_m": None, "why": "one cycle"}}}
-    assert value_at(document, "iso9283.RP.max") == Missing("the result has no iso9283.RP.max: one cycle")
-    assert value_at({"command": "x", "verdict": "a"}, "verdict.a") == Missing("the result has no keys within verdict")
-    assert figure_at({"position": {"rms_m": "x"}}, "position.rms", 0.95) == Missing(
-        "the result's position.rms is not a number"
-    )
-    assert figure_at({"position": {"rms_m": {}}}, "position.rms", 0.95) == Missing(
-        "the result's position.rms is not a number"
-    )
-    assert word_at({"verdict": 3}, "verdict") == Missing("the result's verdict is not a word")
+    with pytest.raises(NoValueError, match=r"^the result has no iso9283\.RP\.max: one cycle$"):
+        value_at(document, "iso9283.RP.max")
+    with pytest.raises(NoValueError, match=r"^the result has no keys within verdict$"):
+        value_at({"command": "x", "verdict": "a"}, "verdict.a")
+    for value in ("x", {}):
+        with pytest.raises(NoValueError, match=r"^the result's position\.rms is not a number$"):
+            figure_at({"position": {"rms_m": value}}, "position.rms", 0.95)
+    with pytest.raises(NoValueError, match=r"^the result's verdict is not a word$"):
+        word_at({"verdict": 3}, "verdict")
 
 
 def test_an_iso_criterion_has_its_interval_beside_it() -> None:

@@ -11,10 +11,10 @@ from typing import Any
 from robacc.documents.envelope import InputFile, significant_document
 from robacc.documents.read_result import read_result
 from robacc.errors import InputError, Problem
-from robacc.gates.decision_rules import ASSURANCE
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of
+from robacc.statistics.confidence_curves import ASSURANCE
 
 _UNITS = {"length": "m", "angle": "rad"}
 

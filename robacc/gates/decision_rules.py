@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 from robacc.gates.gate_file import GateCriterion
-from robacc.statistics.confidence_curves import ConfidenceCurve as ExactCurve
+from robacc.statistics.confidence_curves import ASSURANCE, ConfidenceCurve, smallest_sufficient
 from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import Interval
 
@@ -39,7 +39,7 @@ class BoundCurve:
     method: str
     why: str | None = None
     """Reason for missing bounds."""
-    exact: ExactCurve | None = None
+    exact: ConfidenceCurve | None = None
     """Confidence curve of the interval's own method, if known; it takes precedence over interpolation."""
 
     @classmethod
@@ -152,33 +152,30 @@ def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_
     return BoundCurve(tuple(sorted(points)), tuple(rising), method, why)
 
 
-def operating_curve(
-    limit: float, curve: BoundCurve, error: float, pass_probability: Callable[[float], float]
-) -> tuple[tuple[float, float], ...]:
+def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -> tuple[tuple[float, float], ...]:
     """Return the probability to pass over the true value, for the same number of poses.
 
     Args:
-        limit: Limit of the criterion.
+        criterion: The criterion, with a limit.
         curve: Bounds of the figure; they set the scale on which the figure is close to normal.
         error: Standard error of the figure on that scale.
-        pass_probability: Probability to pass, as a function of the true value's distance above the limit in standard
-            errors.
     """
-    centre = curve.scale(limit)
+    centre = curve.scale(_limit(criterion))
     if not math.isfinite(centre) or error <= 0.0:
         return ()
+    z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
+    shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     points = []
     for k in range(_STEPS + 1):
+        # Distance of the true value above the limit, in standard errors.
         distance = _AROUND_LIMIT * (2.0 * k / _STEPS - 1.0)
         place = centre + distance * error
-        points.append((math.exp(place) if curve.positive else place, pass_probability(distance)))
+        points.append((math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift)))
     return tuple(points)
 
 
 Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]
 
-ASSURANCE = 0.9
-"""Probability that the stated number of poses decides."""
 MOST_POSES = 10_000_000
 
 
@@ -215,8 +212,7 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         curve: Bounds of the figure; None if the result has no interval for it.
         n: Number of poses behind the figure.
     """
-    limit = criterion.limit if criterion.limit is not None else math.nan
-    sign = -1.0 if criterion.at_least else 1.0
+    limit, sign = _limit(criterion), -1.0 if criterion.at_least else 1.0
     if curve is None:
         if criterion.rule != "simple":
             no_interval = f"the result has no interval for {criterion.key}, which rule: {criterion.rule} needs"
@@ -227,12 +223,12 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     # beyond the limit, and nothing fails with a value within it.
     low, high = None if low is None else min(low, value), None if high is None else max(high, value)
     adverse, favourable = (low, high) if criterion.at_least else (high, low)
-    error = _standard_error(curve, criterion.confidence)
+    error = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9)
     outcome, tested, why = _outcome(criterion, curve, value, adverse, favourable)
     below = curve.below(limit)
     probability = None if below is None else 1.0 - below if criterion.at_least else below
     poses: tuple[int | None, int | None] = (None, None)
-    if outcome == "inconclusive" and n is not None:
+    if outcome == "inconclusive" and n is not None and error is not None:
         poses = _poses_needed(criterion, curve, value, error, n)
     return Decision(
         outcome,
@@ -243,8 +239,12 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         probability,
         curve.method,
         *poses,
-        () if error is None else operating_curve(limit, curve, error, _PassProbability.of(criterion)),
+        () if error is None else operating_curve(criterion, curve, error),
     )
+
+
+def _limit(criterion: GateCriterion) -> float:
+    return criterion.limit if criterion.limit is not None else math.nan
 
 
 def _outcome(
@@ -254,9 +254,9 @@ def _outcome(
 
     ``adverse`` is the bound towards the limit, ``favourable`` the opposite bound.
     """
-    limit = criterion.limit if criterion.limit is not None else math.nan
 
     def meets(number: float) -> bool:
+        limit = _limit(criterion)
         return number >= limit if criterion.at_least else number <= limit
 
     if criterion.rule == "simple":
@@ -283,50 +283,24 @@ def _missing_bound(criterion: GateCriterion, curve: BoundCurve) -> str:
     return curve.why or "there are too few poses for an interval"
 
 
-def _standard_error(curve: BoundCurve, confidence: float) -> float | None:
-    """Return the standard error on the curve's scale that applies when more poses are measured."""
-    return curve.standard_error(confidence if confidence > 0.6 else 0.9)
-
-
-@dataclass(frozen=True, slots=True)
-class _PassProbability:
-    """Probability to pass as a function of the true value's distance above the limit, in standard errors."""
-
-    shift: float
-    sign: float
-
-    @classmethod
-    def of(cls, criterion: GateCriterion) -> _PassProbability:
-        z = normal_quantile(criterion.confidence)
-        shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
-        return cls(shift, -1.0 if criterion.at_least else 1.0)
-
-    def __call__(self, distance: float) -> float:
-        return normal_cdf(-self.sign * distance - self.shift)
-
-
 def _poses_needed(
-    criterion: GateCriterion, curve: BoundCurve, value: float, error: float | None, n: int
+    criterion: GateCriterion, curve: BoundCurve, value: float, error: float, n: int
 ) -> tuple[int | None, int | None]:
     """Return the number of poses that decides: given the uncertainty of the value, and if the value is the truth."""
-    confidence = criterion.confidence
+    scaled = curve.scale(_limit(criterion)), curve.scale(value)
+    if error <= 0.0 or not all(map(math.isfinite, scaled)):
+        return None, None
+    z, distance = normal_quantile(criterion.confidence), abs(scaled[0] - scaled[1]) / error
+    # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
+    if_true = math.inf if distance == 0.0 else n * ((z + normal_quantile(ASSURANCE)) / distance) ** 2
     fewest = n + 1
     if criterion.key.endswith(".p95"):
         # With fewer poses, no order statistic bounds a 95th percentile.
-        fewest = max(fewest, math.ceil(math.log(1.0 - confidence) / math.log(0.95)))
-    limit = criterion.limit if criterion.limit is not None else math.nan
-    if error is None or error <= 0.0 or not math.isfinite(curve.scale(limit)) or not math.isfinite(curve.scale(value)):
-        return None, None
-    z = normal_quantile(confidence)
-    distance = abs(curve.scale(limit) - curve.scale(value)) / error
+        fewest = max(fewest, math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95)))
     assured = poses_to_decide(distance, z, n)
-    if_true = None
-    if distance > 0.0:
-        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
-        if_true = math.ceil(min(n * ((z + normal_quantile(ASSURANCE)) / distance) ** 2, MOST_POSES + 1.0))
     return (
         None if assured is None else max(assured, fewest),
-        None if if_true is None or if_true > MOST_POSES else max(if_true, fewest),
+        None if if_true > MOST_POSES else max(math.ceil(if_true), fewest),
     )
 
 
@@ -346,21 +320,14 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
     """
 
     def decides(poses: int) -> bool:
+        if poses <= n:
+            return False
         ratio = poses / n
         scatter_std, reach = math.sqrt(1.0 - 1.0 / ratio), z / math.sqrt(ratio)
         probability = normal_cdf((distance - reach) / scatter_std) + normal_cdf((-distance - reach) / scatter_std)
         return probability >= ASSURANCE
 
-    high = 2 * n
-    while not decides(high):
-        high *= 2
-        if high > MOST_POSES:
-            return None
-    low = n
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if middle > n and decides(middle) else (middle, high)
-    return high
+    return smallest_sufficient(decides, 2.0 * n, most=MOST_POSES)
 
 
 # Decision on a largest error, which no sample bounds from above: by the share of all poses within the limit.
@@ -373,14 +340,12 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 
 def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
     """Decide on the largest error of ``n`` poses against an upper limit."""
-    limit = criterion.limit if criterion.limit is not None else math.nan
-    share, confidence = criterion.share, criterion.confidence
-    n_needed = math.ceil(math.log(1.0 - confidence) / math.log(share))
-    margin = limit - value
+    share, margin = criterion.share, _limit(criterion) - value
+    n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
     method = f"confidence {claim} (Wilks)"
     curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
-    if value > limit:
+    if margin < 0.0:
         # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
         return Decision("fail", lower_bound=value, margin=margin, probability=0.0, method=method, operating_curve=curve)
     probability = 1.0 - share**n

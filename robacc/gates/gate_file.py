@@ -12,9 +12,7 @@ from robacc.errors import InputError, Problem
 from robacc.quantities import UNITS, Dimension, parse_quantity
 
 if TYPE_CHECKING:
-    import yaml
-
-    from robacc.io.yaml_nodes import Source, YamlSection
+    from robacc.io.yaml_nodes import YamlSection
 
 
 # Keys of results that a criterion may test, in their short form: ``position.p95`` for ``position.p95_m``.
@@ -23,44 +21,33 @@ Kind = Literal["length", "angle", "number", "grade", "word"]
 """Kind of a key's value: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
 
 _STATISTICS = ("rms", "mean_error", "p95", "max")
+_STAGES = tuple(".".join(stage) + "." for stage in product(("nominal", "before", "after"), ("fitted", "held_out")))
 _QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
 _ISO = re.compile(r"iso9283(\.[A-Za-z]\w*)+")
 """Keys of an ISO 9283 result, which depend on the criteria that its data support."""
 
-
-def _known_keys() -> dict[str, Kind]:
-    keys: dict[str, Kind] = {"grade": "grade", "gain": "length", "n_poses": "number"}
-    for quantity, kind in _QUANTITIES:
-        for statistic in _STATISTICS:
-            keys[f"{quantity}.{statistic}"] = kind
-            keys[f"unaligned.{quantity}.{statistic}"] = kind
-            for stage, poses in product(("nominal", "before", "after"), ("fitted", "held_out")):
-                keys[f"{stage}.{poses}.{quantity}.{statistic}"] = kind
-        for mean in ("zero_mean", "fitted_mean"):
-            keys[f"{quantity}.radius95.{mean}.radius"] = kind
-        keys[f"{quantity}.max_radius95"] = kind
-        keys[f"{quantity}.n_commanded_poses"] = "number"
-        keys[f"{quantity}.worst.rms"] = keys[f"{quantity}.worst.radius95"] = kind
-        keys[f"against.measured.{quantity}_rms"] = kind
-        keys[f"noise.{quantity}"] = kind
-        keys[f"coverage.{quantity}.share"] = "number"
-        for statistic in ("rms", "max"):
-            keys[f"correction.{quantity}.{statistic}"] = kind
-        for stage, statistic in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95")):
-            keys[f"expected.{stage}.{quantity}.{statistic}"] = kind
-    for name in ("n_targets", "n_corrected", "n_refused"):
-        keys[name] = "number"
-    for name in ("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"):
-        keys[name] = "word"
-    for name in ("unexplained.rms", "unexplained.noise_rms"):
-        keys[name] = "length"
-    for name in ("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"):
-        keys[name] = "number"
-    return keys
-
-
-KEYS = _known_keys()
-"""Kind of every key except those of ISO 9283 results."""
+_KEYS_OF_QUANTITY: tuple[tuple[str, Kind | None], ...] = (
+    *((f"{place}*.{name}", None) for name in _STATISTICS for place in ("", "unaligned.", *_STAGES)),
+    *((f"*.{name}", None) for name in ("radius95.zero_mean.radius", "radius95.fitted_mean.radius", "max_radius95")),
+    ("*.n_commanded_poses", "number"),
+    *((key, None) for key in ("*.worst.rms", "*.worst.radius95", "against.measured.*_rms", "noise.*")),
+    ("coverage.*.share", "number"),
+    *((f"correction.*.{name}", None) for name in ("rms", "max")),
+    *(
+        (f"expected.{stage}.*.{name}", None)
+        for stage, name in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95"))
+    ),
+)
+"""Keys of position and orientation, which take the place of the star; None is the kind of the quantity."""
+KEYS: dict[str, Kind] = {
+    **{"grade": "grade", "gain": "length", "n_poses": "number"},
+    **{key.replace("*", name): kind or own for name, own in _QUANTITIES for key, kind in _KEYS_OF_QUANTITY},
+    **dict.fromkeys(("n_targets", "n_corrected", "n_refused"), "number"),
+    **dict.fromkeys(("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"), "word"),
+    **dict.fromkeys(("unexplained.rms", "unexplained.noise_rms"), "length"),
+    **dict.fromkeys(("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"), "number"),
+}
+"""Kind of every key except those of ISO 9283 results, whose unit the result states."""
 LARGER_IS_BETTER = frozenset(
     {"gain", "n_poses", "n_corrected"}
     | {f"{q}.n_commanded_poses" for q, _ in _QUANTITIES}
@@ -71,11 +58,6 @@ LARGER_IS_BETTER = frozenset(
 def is_known(key: str) -> bool:
     """Return whether the result of a command can have the key."""
     return key in KEYS or _ISO.fullmatch(key) is not None
-
-
-def kind_of(key: str) -> Kind | None:
-    """Return the kind of a known key; None for a key of ISO 9283, whose unit the result states."""
-    return KEYS.get(key)
 
 
 def nearest_key(key: str) -> str:
@@ -186,7 +168,7 @@ def load_gate(text: str, file: str) -> Gate:
         source.choice(version, "robacc_gate", (VERSION,))
     name = top.require("name")
     gate_name = None if name is None else source.text(name, "name")
-    confidence = _probability(top, "confidence", DEFAULT_CONFIDENCE)
+    confidence = _between(top, "confidence", DEFAULT_CONFIDENCE)
     criteria: list[GateCriterion] = []
     nodes = top.require("criteria")
     items = () if nodes is None else source.items(nodes, "criteria", "criteria")
@@ -212,23 +194,19 @@ class _CriterionReader:
     confidence: float
     """Default confidence."""
 
-    @property
-    def source(self) -> Source:
-        return self.section.source
-
     def report(self, key: str, message: str, fix: str | None = None) -> None:
         node = self.section.values.get(key, self.section.node)
-        self.source.report(node, self.section.at(key), message, fix)
+        self.section.source.report(node, self.section.at(key), message, fix)
 
     def text(self, key: str) -> str | None:
         node = self.section.get(key)
-        return None if node is None else self.source.text(node, self.section.at(key))
+        return None if node is None else self.section.source.text(node, self.section.at(key))
 
     def criterion(self) -> GateCriterion | None:
         """Return the criterion; report the problems and return None if it cannot be read."""
-        n_problems = len(self.source.problems)
-        node = self.section.require("key")
-        key = None if node is None else self.source.text(node, self.section.at("key"))
+        problems = self.section.source.problems
+        n_problems = len(problems)
+        key = None if self.section.require("key") is None else self.text("key")
         reason = self._reason()
         if key is None:
             return None
@@ -238,9 +216,11 @@ class _CriterionReader:
         baseline = self.text("baseline")
         kind, limit, accepted, at_least = self._limit(key, baseline)
         rule, confidence = self._rule(kind, baseline)
-        share = self._share(key, baseline)
+        if self.section.get("share") is not None and (not key.endswith(".max") or baseline is not None):
+            self.report("share", "applies only to a largest error (a key ending in .max) without a baseline")
+        share = _between(self.section, "share", DEFAULT_SHARE)
         paired = self._paired(baseline)
-        if len(self.source.problems) > n_problems:
+        if len(problems) > n_problems:
             return None
         name = self.text("name") or key
         return GateCriterion(
@@ -261,7 +241,7 @@ class _CriterionReader:
 
     def _limit(self, key: str, baseline: str | None) -> tuple[Kind, float | None, tuple[str, ...], bool]:
         """Return the kind of the key, the limit, the accepted words, and whether the limit is a minimum."""
-        kind = kind_of(key)
+        kind = KEYS.get(key)
         limit_keys = [name for name in ("limit", "at_least") if self.section.get(name) is not None]
         if len(limit_keys) == 2:
             self.report("at_least", "limit (a maximum) and at_least (a minimum) exclude each other", "give only one")
@@ -272,19 +252,19 @@ class _CriterionReader:
                 self.report("limit", "is missing; give a maximum (limit) or a minimum (at_least)")
             # With a baseline, the default question is whether the figure got worse at all.
             return kind or "number", 0.0, (), key in LARGER_IS_BETTER
-        name = limit_keys[0]
-        text = self.text(name)
-        quantity = None if text is None else parse_quantity(text)
+        name, text = limit_keys[0], self.text(limit_keys[0])
         if text is None:
             return kind or "number", None, (), False
-        expected = _dimension(kind)
-        if quantity is None or (kind is not None and quantity[1] != expected and quantity != (0, None)):
-            units = "a number without a unit" if kind == "number" else f"a number with its unit ({_units(kind)})"
-            self.report(name, f"expected {units}, found {text!r}", _example(kind))
-            return kind or "number", None, (), False
-        if quantity[0] < 0 and baseline is None and expected is not None and key != "gain":
+        expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
+        limit, dimension = parse_quantity(text) or (None, None)
+        if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
+            units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
+            wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
+            examples = {"length": "as in 0.2 mm", "angle": "as in 0.1 deg", None: "as in 0.2 mm"}
+            self.report(name, f"expected {wanted}, found {text!r}", examples.get(kind))
+        elif limit < 0 and baseline is None and expected is not None and key != "gain":
             self.report(name, f"{key} is never negative, so no result can meet {text!r}")
-        return kind or quantity[1] or "number", quantity[0], (), name == "at_least"
+        return kind or dimension or "number", limit, (), name == "at_least"
 
     def _accepted(self, kind: Kind, limit_keys: list[str], baseline: str | None) -> tuple[str, ...]:
         """Return the words that pass, or the one grade to meet."""
@@ -302,7 +282,7 @@ class _CriterionReader:
             self.report("limit", "expected one grade (better grades meet it too), found a list")
             return ()
         nodes = list(node.value) if isinstance(node, SequenceNode) else [node]
-        texts = [self.source.text(item, path) for item in nodes]
+        texts = [self.section.source.text(item, path) for item in nodes]
         if not texts:
             self.report("limit", "the list of words that pass is empty")
         return tuple(text for text in texts if text is not None)
@@ -312,30 +292,24 @@ class _CriterionReader:
         default: Rule = "simple" if kind in ("word", "number") else "bound"
         rule = default if baseline is None else "guarded_rejection"
         if (node := self.section.get("rule")) is not None:
-            rule = cast("Rule", self.source.choice(node, self.section.at("rule"), tuple(RULES)) or rule)
+            rule = cast("Rule", self.section.source.choice(node, self.section.at("rule"), tuple(RULES)) or rule)
         if kind == "word" and rule != "simple":
             self.report("rule", "a word has no uncertainty; use rule: simple")
         if kind == "grade" and rule in ("guard_band", "guarded_rejection"):
             self.report("rule", "a grade takes rule: bound, at the confidence of its scale, or rule: simple")
-        setting = _SETTING.get(rule)
-        for key in _SETTING.values():
-            if key != setting and self.section.get(key) is not None:
-                matching_rule = next(name for name, value in _SETTING.items() if value == key)
-                self.report(key, f"does not apply to rule: {rule}", f"it belongs to rule: {matching_rule}")
+        for other, key in _SETTING.items():
+            if other != rule and self.section.get(key) is not None:
+                self.report(key, f"does not apply to rule: {rule}", f"it belongs to rule: {other}")
         if kind == "grade" and self.section.get("confidence") is not None:
             self.report("confidence", "the scale of the grade sets the confidence; remove this key")
-        if setting is None:
+        if rule == "simple":
             return rule, self.confidence
-        if setting == "confidence":
-            return rule, _probability(self.section, setting, self.confidence)
+        setting = _SETTING[rule]
+        if rule == "bound":
+            return rule, _between(self.section, setting, self.confidence)
         if rule == "guard_band" and self.section.get(setting) is None:
             self.report(setting, "is missing; give the accepted risk of a false accept, as in 0.05")
-        return rule, 1.0 - _risk(self.section, setting, 1.0 - self.confidence)
-
-    def _share(self, key: str, baseline: str | None) -> float:
-        if self.section.get("share") is not None and (not key.endswith(".max") or baseline is not None):
-            self.report("share", "applies only to a largest error (a key ending in .max) without a baseline")
-        return _probability(self.section, "share", DEFAULT_SHARE)
+        return rule, 1.0 - _between(self.section, setting, 1.0 - self.confidence, 0.0, 0.5)
 
     def _paired(self, baseline: str | None) -> bool | None:
         node = self.section.get("paired")
@@ -343,35 +317,13 @@ class _CriterionReader:
             return None
         if baseline is None:
             self.report("paired", "applies only with a baseline")
-        choice = self.source.choice(node, self.section.at("paired"), ("true", "false"))
+        choice = self.section.source.choice(node, self.section.at("paired"), ("true", "false"))
         return None if choice is None else choice == "true"
 
 
-def _dimension(kind: Kind | None) -> Dimension | None:
-    return "length" if kind == "length" else "angle" if kind == "angle" else None
-
-
-def _units(kind: Kind | None) -> str:
-    dimension = _dimension(kind)
-    sizes = UNITS[dimension] if dimension is not None else {**UNITS["length"], **UNITS["angle"]}
-    return ", ".join(sizes)
-
-
-def _example(kind: Kind | None) -> str | None:
-    return {"length": "as in 0.2 mm", "angle": "as in 0.1 deg", None: "as in 0.2 mm"}.get(kind)
-
-
-def _probability(section: YamlSection, key: str, default: float) -> float:
-    return _between(section, key, default, 0.5, 1.0)
-
-
-def _risk(section: YamlSection, key: str, default: float) -> float:
-    return _between(section, key, default, 0.0, 0.5)
-
-
-def _between(section: YamlSection, key: str, default: float, low: float, high: float) -> float:
+def _between(section: YamlSection, key: str, default: float, low: float = 0.5, high: float = 1.0) -> float:
     """Return a number in the open interval from ``low`` to ``high``; ``default`` if the key is missing."""
-    node: yaml.Node | None = section.get(key)
+    node = section.get(key)
     if node is None:
         return default
     value = section.source.number(node, section.at(key))

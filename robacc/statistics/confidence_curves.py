@@ -250,19 +250,22 @@ def _bounding_rank(n: int, p: float, confidence: float) -> int | None:
     return rank
 
 
-def smallest_sufficient(suffices: Callable[[int], bool], guess: float, tolerance: float = 0.0) -> int | None:
-    """Return the smallest number of poses that suffices; None above :data:`MOST_POSES`.
+def smallest_sufficient(
+    suffices: Callable[[int], bool], guess: float, tolerance: float = 0.0, most: int = MOST_POSES
+) -> int | None:
+    """Return the smallest number of poses that suffices; None above ``most``.
 
     Args:
         suffices: Monotonic test of a number of poses.
         guess: Number to try first.
         tolerance: Relative excess that the returned number may have.
+        most: Largest number that is tried.
     """
-    low, high = 1, min(max(math.ceil(guess), 2), MOST_POSES)
+    low, high = 1, min(max(math.ceil(guess), 2), most)
     while not suffices(high):
-        if high == MOST_POSES:
+        if high == most:
             return None
-        low, high = high, min(math.ceil(1.3 * high), MOST_POSES)
+        low, high = high, min(math.ceil(1.3 * high), most)
     while low == 1 and high > 2:
         below = max(math.floor(high / 1.3), 2)
         if suffices(below):

@@ -11,7 +11,6 @@ from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals
 from robacc.gates.decision_rules import (
-    ASSURANCE,
     LEVELS,
     BoundCurve,
     Decision,
@@ -22,6 +21,7 @@ from robacc.gates.decision_rules import (
 )
 from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
+from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
 from robacc.statistics.records import paired_difference, satterthwaite

@@ -9,12 +9,13 @@ from datetime import UTC, datetime
 from typing import Literal, TextIO
 from xml.sax.saxutils import escape, quoteattr
 
-from robacc.gates.decision_rules import ASSURANCE, Outcome
+from robacc.gates.decision_rules import Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.outcomes import FileOutcome
 from robacc.render.text.console import GREEN, RED, YELLOW, say, width_of, write_lines
 from robacc.render.text.layout import BLANK, IN_DEGREES, IN_MM, Style, TextLine, three_digits, wrapped
 from robacc.render.text.parameter_names import as_options
+from robacc.statistics.confidence_curves import ASSURANCE
 
 # Gate outcomes as text: the same wording in a table, a job summary, an annotation and JUnit.
 

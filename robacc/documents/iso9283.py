@@ -104,7 +104,7 @@ def _characteristic(characteristic: Characteristic) -> Document:
     }
 
 
-def _criterion(place: IsoCriterion) -> Document:
+def _criterion(place: IsoCriterion[CriterionFigure]) -> Document:
     document: Document = {
         "pose": "–".join(place.poses),
         "poses": list(place.poses),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -20,75 +19,71 @@ from robacc.iso_9283.estimates import (
     magnitude,
     position_repeatability,
     student,
+    threefold_std,
 )
 from robacc.iso_9283.records import Characteristic, CriterionFigure, IsoCriterion, Symbol
 from robacc.iso_9283.visits import CommandedPose, wrapped
 
 # Characteristics from the estimates at each place: every place's figures, and the largest of them.
 
-CLAUSES: dict[Symbol, str] = {
-    "AP": "7.2.1",
-    "RP": "7.2.2",
-    "vAP": "7.2.3",
-    "AD": "7.3.2",
-    "RD": "7.3.3",
-    "dAP": "7.6",
-    "dRP": "7.6",
-    "shift": "7.6",
-    "E": "7.7",
+NO_COMMAND = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
+_NO_COMMANDED_ANGLES = "no orientation was commanded and measured"
+_NO_ANGLES = "no orientation was measured"
+_CRITERIA: dict[Symbol, tuple[str, str]] = {
+    "AP": ("7.2.1", _NO_COMMANDED_ANGLES),
+    "RP": ("7.2.2", _NO_ANGLES),
+    "vAP": ("7.2.3", _NO_ANGLES),
+    "AD": ("7.3.2", _NO_ANGLES),
+    "RD": ("7.3.3", _NO_ANGLES),
+    "dAP": ("7.6", _NO_ANGLES),
+    "dRP": ("7.6", _NO_ANGLES),
+    "shift": ("7.6", "the angles' shift is their dAP"),
+    "E": ("7.7", "the criterion is defined for positions only"),
 }
-"""Clause of ISO 9283:1998 that defines each criterion."""
+"""Clause of ISO 9283:1998 that defines each criterion, and the reason where no place has angles."""
 ANGLE_LETTERS = "abc"
+Place = IsoCriterion[IntervalEstimate]
 
 
-@dataclass(frozen=True, slots=True)
-class PlaceEstimate:
-    """Estimate of one criterion at one place, before a confidence is chosen."""
-
-    poses: tuple[str, ...]
-    source: str | None
-    n: int
-    position: IntervalEstimate
-    axes: tuple[IntervalEstimate, ...] | None = None
-    angles: tuple[IntervalEstimate, ...] | None = None
-    mean_distance: float | None = None
-    sd_distance: float | None = None
-    between: str | None = None
-
-
-def combine_places(
-    symbol: Symbol, places: Sequence[PlaceEstimate], confidence: float, no_angle: str, notes: Sequence[str] = ()
+def characteristic(
+    symbol: Symbol, places: Sequence[Place], confidence: float, why: str, notes: Sequence[str] = ()
 ) -> Characteristic:
-    """Return the characteristic over at least one of ``places``; ``no_angle`` is the reason if angles are missing."""
+    """Return the criterion over ``places``; without any, it has no value, and ``why`` is the reason."""
+    clause, no_angle = _CRITERIA[symbol]
+    if not places:
+        missing = CriterionFigure.missing(confidence, why)
+        return Characteristic(symbol, clause, missing, None, missing, None, ())
+    several_files = len({place.source for place in places}) > 1
+    labels = ["–".join(place.poses) + (f" of {place.source}" if several_files else "") for place in places]
     largest, position = largest_figure([magnitude(place.position) for place in places], confidence)
     angle, angle_at = CriterionFigure.missing(confidence, no_angle), None
-    angles = [(place, letter, magnitude(estimate)) for place in places for letter, estimate in _lettered_angles(place)]
+    angles = [
+        (f"{label}, {letter}", magnitude(estimate))
+        for place, label in zip(places, labels, strict=True)
+        for letter, estimate in zip(ANGLE_LETTERS, place.angles or (), strict=False)
+    ]
     if angles:
-        worst, angle = largest_figure([estimate for _, _, estimate in angles], confidence)
-        angle_at = f"{place_label(angles[worst][0], places)}, {angles[worst][1]}"
-    return Characteristic(
-        symbol,
-        CLAUSES[symbol],
-        position,
-        place_label(places[largest], places),
-        angle,
-        angle_at,
-        tuple(_place_criterion(place, confidence) for place in places),
-        tuple(notes),
+        worst, angle = largest_figure([estimate for _, estimate in angles], confidence)
+        angle_at = angles[worst][0]
+
+    def figures(parts: Sequence[IntervalEstimate] | None) -> tuple[CriterionFigure, ...] | None:
+        return None if parts is None else tuple(part.figure(confidence) for part in parts)
+
+    criteria = tuple(
+        IsoCriterion(
+            place.poses,
+            place.source,
+            place.n,
+            place.position.figure(confidence),
+            figures(place.axes),
+            figures(place.angles),
+            place.mean_distance,
+            place.sd_distance,
+            place.between,
+        )
+        for place in places
     )
-
-
-def missing_characteristic(symbol: Symbol, confidence: float, reason: str) -> Characteristic:
-    """Return a characteristic without a value, which the data cannot support, and the reason."""
-    missing = CriterionFigure.missing(confidence, reason)
-    return Characteristic(symbol, CLAUSES[symbol], missing, None, missing, None, ())
-
-
-def place_label(place: PlaceEstimate, places: Sequence[PlaceEstimate]) -> str:
-    """Return the label of a place: its poses, and the file if ``places`` come from several files."""
-    name = "–".join(place.poses)
-    in_several_files = len({entry.source for entry in places}) > 1
-    return f"{name} of {place.source}" if in_several_files else name
+    return Characteristic(symbol, clause, position, labels[largest], angle, angle_at, criteria, tuple(notes))
 
 
 def separation(
@@ -99,15 +94,21 @@ def separation(
     The scatter is pooled over the groups. The third element names the two groups with the largest distance.
     """
     pairs = list(combinations(range(len(groups)), 2))
-    distances = [_position_separation(groups[first], groups[second], *_pooled(groups)) for first, second in pairs]
+    covariance, dof = _pooled(groups)
+    distances = []
+    for h, k in pairs:
+        factor = 1.0 / groups[h].shape[1] + 1.0 / groups[k].shape[1]
+        distances.append(distance(groups[h].mean(axis=1) - groups[k].mean(axis=1), covariance * factor, dof))
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
     largest_angles = None
     if group_angles is not None:
-        covariance, dof = _pooled(group_angles)
+        variances, dof = _pooled(group_angles)
         largest_angles = tuple(
             largest_estimate(
                 [
-                    _angle_separation(group_angles[h][axis], group_angles[k][axis], float(covariance[axis, axis]), dof)
+                    magnitude(
+                        _mean_change(group_angles[h][axis], group_angles[k][axis], float(variances[axis, axis]), dof)
+                    )
                     for h, k in pairs
                 ]
             )
@@ -117,41 +118,16 @@ def separation(
 
 
 def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
-    """Return the covariance ``(3, 3)`` within groups and its degrees of freedom."""
+    """Return the covariance ``(K, K)`` within groups ``(K, n_i)`` and its degrees of freedom."""
     dof = sum(group.shape[1] - 1 for group in groups)
     centred = np.concatenate([group - group.mean(axis=1, keepdims=True) for group in groups], axis=1)
     return centred @ centred.T / max(dof, 1), float(dof)
 
 
-def _position_separation(first: Array, second: Array, covariance: Array, dof: float) -> IntervalEstimate:
-    factor = 1.0 / first.shape[1] + 1.0 / second.shape[1]
-    return distance(first.mean(axis=1) - second.mean(axis=1), covariance * factor, dof)
-
-
-def _angle_separation(first: Array, second: Array, variance: float, dof: float) -> IntervalEstimate:
-    standard_error = (variance * (1.0 / first.size + 1.0 / second.size)) ** 0.5
-    return magnitude(student(float(first.mean() - second.mean()), standard_error, dof))
-
-
-def _lettered_angles(place: PlaceEstimate) -> list[tuple[str, IntervalEstimate]]:
-    return [] if place.angles is None else list(zip(ANGLE_LETTERS, place.angles, strict=True))
-
-
-def _place_criterion(place: PlaceEstimate, confidence: float) -> IsoCriterion:
-    def figures(estimates: Sequence[IntervalEstimate] | None) -> tuple[CriterionFigure, ...] | None:
-        return None if estimates is None else tuple(estimate.figure(confidence) for estimate in estimates)
-
-    return IsoCriterion(
-        place.poses,
-        place.source,
-        place.n,
-        place.position.figure(confidence),
-        figures(place.axes),
-        figures(place.angles),
-        place.mean_distance,
-        place.sd_distance,
-        place.between,
-    )
+def _mean_change(after: Array, before: Array, variance: float, dof: float) -> IntervalEstimate:
+    """Return the mean of ``after`` minus that of ``before``, of independent values with the pooled ``variance``."""
+    standard_error = (variance * (1.0 / after.size + 1.0 / before.size)) ** 0.5
+    return student(float(after.mean() - before.mean()), standard_error, dof)
 
 
 # Pose accuracy, repeatability, multi-directional variation and exchangeability: clauses 7.2 and 7.7 of ISO 9283:1998.
@@ -163,9 +139,6 @@ def _place_criterion(place: PlaceEstimate, confidence: float) -> IsoCriterion:
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-NO_COMMAND = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-NO_ANGLES = "no orientation was measured"
-_NO_COMMANDED_ANGLES = "no orientation was commanded and measured"
 _MAX_APPROACHES = 8
 """Largest number of approach directions at a pose; more are random moves."""
 _SAME_COMMAND = 1e-6
@@ -174,9 +147,14 @@ _SAME_COMMAND = 1e-6
 
 def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristic:
     """Return the accuracy (AP) of every commanded pose."""
-    if any(pose.deviation is None for pose in poses):
-        return missing_characteristic("AP", confidence, NO_COMMAND)
-    return combine_places("AP", [_pose_accuracy(pose) for pose in poses], confidence, _NO_COMMANDED_ANGLES)
+    places = []
+    for pose in poses:
+        if pose.deviation is None:
+            return characteristic("AP", [], confidence, NO_COMMAND)
+        angles = None if pose.turn is None or not pose.oriented else tuple(map(estimates.mean, pose.turn))
+        axes = tuple(map(estimates.mean, pose.deviation))
+        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position_accuracy(pose.deviation), axes, angles))
+    return characteristic("AP", places, confidence, NO_COMMAND)
 
 
 def position_accuracy(deviation: Array) -> IntervalEstimate:
@@ -186,77 +164,49 @@ def position_accuracy(deviation: Array) -> IntervalEstimate:
     return distance(deviation.mean(axis=1), covariance, n - 1)
 
 
-def _pose_accuracy(pose: CommandedPose) -> PlaceEstimate:
-    assert pose.deviation is not None
-    axes = tuple(estimates.mean(row) for row in pose.deviation)
-    angles = None if pose.turn is None or not pose.oriented else tuple(estimates.mean(row) for row in pose.turn)
-    return PlaceEstimate((pose.label,), pose.source, pose.n, position_accuracy(pose.deviation), axes, angles)
-
-
 def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) -> Characteristic:
     """Return the repeatability (RP) of every commanded pose with at least two visits."""
-    places = [_pose_repeatability(pose, seed) for pose in poses if pose.n > 1]
-    if not places:
-        return missing_characteristic(
-            "RP", confidence, "every commanded pose was visited only once: RP needs several cycles"
-        )
-    return combine_places("RP", places, confidence, NO_ANGLES)
-
-
-def _pose_repeatability(pose: CommandedPose, seed: int) -> PlaceEstimate:
-    length = np.sqrt(np.sum(np.square(pose.residuals), axis=0))
-    return PlaceEstimate(
-        (pose.label,),
-        pose.source,
-        pose.n,
-        position_repeatability(pose.residuals, (seed, *pose.stream)),
-        None,
-        None if pose.turn is None else tuple(estimates.threefold_std(row) for row in pose.turn),
-        float(np.mean(length)),
-        float(np.std(length, ddof=1)),
+    places = []
+    for pose in poses:
+        if pose.n > 1:
+            lengths = np.sqrt(np.sum(np.square(pose.residuals), axis=0))
+            position = position_repeatability(pose.residuals, (seed, *pose.stream))
+            angles = None if pose.turn is None else tuple(map(threefold_std, pose.turn))
+            scatter = float(np.mean(lengths)), float(np.std(lengths, ddof=1))
+            places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, None, angles, *scatter))
+    return characteristic(
+        "RP", places, confidence, "every commanded pose was visited only once: RP needs several cycles"
     )
 
 
 def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Characteristic:
     """Return the variation (vAP) of every commanded pose with several approaches (directions of the joints)."""
+    why = "every commanded pose was always approached from the same direction"
     if all(pose.direction is None for pose in poses):
-        return missing_characteristic(
-            "vAP", confidence, "approach directions are not known: give dir_q columns, or `ordered`"
-        )
-    approached = [(pose, _approaches(pose)) for pose in poses]
-    places = [
-        _variation_estimate(pose, approaches)
-        for pose, approaches in approached
-        if 2 <= len(approaches) <= _MAX_APPROACHES
-    ]
-    if places:
-        return combine_places("vAP", places, confidence, NO_ANGLES)
-    if any(len(approaches) > _MAX_APPROACHES for _, approaches in approached):
-        return missing_characteristic(
-            "vAP", confidence, "the moves to a pose differ from visit to visit: there are no approaches to compare"
-        )
-    return missing_characteristic(
-        "vAP", confidence, "every commanded pose was always approached from the same direction"
-    )
+        why = "approach directions are not known: give dir_q columns, or `ordered`"
+    places = []
+    for pose in poses:
+        approaches = _approaches(pose)
+        if len(approaches) > _MAX_APPROACHES:
+            why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
+        elif len(approaches) > 1:
+            rows = list(approaches.values())
+            turns = None if pose.turn is None else [pose.turn[:, index] for index in rows]
+            groups = [pose.attained[:, index] for index in rows]
+            position, angles, between = separation(groups, list(approaches), turns)
+            n = sum(index.size for index in rows)
+            places.append(IsoCriterion((pose.label,), pose.source, n, position, None, angles, between=between))
+    return characteristic("vAP", places, confidence, why)
 
 
-def _approaches(pose: CommandedPose) -> list[tuple[str, NDArray[np.int64]]]:
-    """Return name and visits of each approach; visits without a moving joint are left out."""
+def _approaches(pose: CommandedPose) -> dict[str, NDArray[np.int64]]:
+    """Return the visits of each approach by its name; visits without a moving joint are left out."""
     if pose.direction is None:
-        return []
+        return {}
     moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
     approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
     names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
-    return [(name, moving[index.ravel() == i]) for i, name in enumerate(names)]
-
-
-def _variation_estimate(pose: CommandedPose, approaches: Sequence[tuple[str, NDArray[np.int64]]]) -> PlaceEstimate:
-    turns = None if pose.turn is None else [pose.turn[:, rows] for _, rows in approaches]
-    groups = [pose.attained[:, rows] for _, rows in approaches]
-    position, angles, between = separation(groups, [name for name, _ in approaches], turns)
-    return PlaceEstimate(
-        (pose.label,), pose.source, sum(rows.size for _, rows in approaches), position, None, angles, between=between
-    )
+    return {name: moving[index.ravel() == i] for i, name in enumerate(names)}
 
 
 def exchangeability(
@@ -270,22 +220,19 @@ def exchangeability(
         confidence: Confidence of the intervals.
     """
     if len(poses_by_file) < 2:
-        return missing_characteristic(
-            "E", confidence, "exchangeability compares several robots: give one file per robot"
-        )
-    by_label = [dict(zip((pose.label for pose in poses), range(len(poses)), strict=True)) for poses in poses_by_file]
-    shared = [label for label in by_label[0] if all(label in labels for labels in by_label[1:])]
-    if not shared:
-        return missing_characteristic("E", confidence, "the files share no commanded pose")
+        return characteristic("E", [], confidence, "exchangeability compares several robots: give one file per robot")
+    by_label = [
+        {pose.label: (pose, positions) for pose, positions in zip(*file, strict=True)}
+        for file in zip(poses_by_file, attained, strict=True)
+    ]
     places = []
-    for label in shared:
-        shared_poses = [poses[labels[label]] for poses, labels in zip(poses_by_file, by_label, strict=True)]
-        if (reason := _command_mismatch(shared_poses)) is not None:
-            return missing_characteristic("E", confidence, reason)
-        groups = [positions[labels[label]] for positions, labels in zip(attained, by_label, strict=True)]
-        position, _, between = separation(groups, [pose.source for pose in shared_poses], None)
-        places.append(PlaceEstimate((label,), None, sum(pose.n for pose in shared_poses), position, between=between))
-    return combine_places("E", places, confidence, "the criterion is defined for positions only")
+    for label in [label for label in by_label[0] if all(label in labels for labels in by_label[1:])]:
+        shared, groups = zip(*(labels[label] for labels in by_label), strict=True)
+        if (reason := _command_mismatch(shared)) is not None:
+            return characteristic("E", [], confidence, reason)
+        position, _, between = separation(groups, [pose.source for pose in shared], None)
+        places.append(IsoCriterion((label,), None, sum(pose.n for pose in shared), position, between=between))
+    return characteristic("E", places, confidence, "the files share no commanded pose")
 
 
 def _command_mismatch(poses: Sequence[CommandedPose]) -> str | None:
@@ -312,46 +259,40 @@ def _command_mismatch(poses: Sequence[CommandedPose]) -> str | None:
 
 MAX_POSES_ALL_PAIRS = 10
 """With more commanded poses, only neighbours in the order of their first visit are paired."""
-_ONE_POSE = "one commanded pose has no distances"
 
 
 def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tuple[Characteristic, Characteristic]:
     """Return AD and RD between the commanded poses of each file."""
-    pairs = _pairs(poses)
-    if not pairs:
-        return missing_characteristic("AD", confidence, _ONE_POSE), missing_characteristic("RD", confidence, _ONE_POSE)
-    matched = [(pose_a, pose_b, *_matched_visits(pose_a, pose_b)) for pose_a, pose_b in pairs]
-    matched = [entry for entry in matched if entry[2].size > 0]
-    if not matched:
-        reason = "no cycle visits two commanded poses"
-        return missing_characteristic("AD", confidence, reason), missing_characteristic("RD", confidence, reason)
-    notes = _notes(poses)
-    accuracy = missing_characteristic("AD", confidence, NO_COMMAND)
-    if all(pose.commanded is not None for pose in poses):
-        accuracy = combine_places("AD", [_distance_accuracy(*entry) for entry in matched], confidence, NO_ANGLES, notes)
-    repeatable = [_distance_repeatability(*entry) for entry in matched if entry[2].size > 1]
-    if not repeatable:
-        return accuracy, missing_characteristic(
-            "RD", confidence, "every pair of commanded poses was visited once: RD needs cycles"
-        )
-    return accuracy, combine_places("RD", repeatable, confidence, NO_ANGLES, notes)
-
-
-def _pairs(poses: Sequence[CommandedPose]) -> list[tuple[CommandedPose, CommandedPose]]:
     pairs: list[tuple[CommandedPose, CommandedPose]] = []
+    notes: list[str] = []
     for number in sorted({pose.number for pose in poses}):
         file_poses = [pose for pose in poses if pose.number == number]
-        pairs += combinations(file_poses, 2) if len(file_poses) <= MAX_POSES_ALL_PAIRS else pairwise(file_poses)
-    return pairs
-
-
-def _notes(poses: Sequence[CommandedPose]) -> list[str]:
-    if all(
-        sum(pose.number == number for pose in poses) <= MAX_POSES_ALL_PAIRS
-        for number in {pose.number for pose in poses}
-    ):
-        return []
-    return [f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"]
+        if len(file_poses) <= MAX_POSES_ALL_PAIRS:
+            pairs += combinations(file_poses, 2)
+        else:
+            pairs += pairwise(file_poses)
+            notes = [
+                f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
+            ]
+    why = why_accuracy = "no cycle visits two commanded poses" if pairs else "one commanded pose has no distances"
+    accurate, repeatable = [], []
+    is_commanded = all(pose.commanded is not None for pose in poses)
+    for pose_a, pose_b in pairs:
+        rows_a, rows_b = _matched_visits(pose_a, pose_b)
+        if rows_a.size == 0:
+            continue
+        why, why_accuracy = "every pair of commanded poses was visited once: RD needs cycles", NO_COMMAND
+        place = (pose_a.label, pose_b.label), pose_a.source, int(rows_a.size)
+        length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
+        if is_commanded:
+            accurate.append(IsoCriterion(*place, *_distance_accuracy(pose_a, pose_b, length, axes, angles)))
+        if rows_a.size > 1:
+            repeated = None if angles is None else tuple(map(threefold_std, angles))
+            repeatable.append(IsoCriterion(*place, threefold_std(length), tuple(map(threefold_std, axes)), repeated))
+    return (
+        characteristic("AD", accurate, confidence, why_accuracy, notes),
+        characteristic("RD", repeatable, confidence, why, notes),
+    )
 
 
 def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -385,41 +326,22 @@ def _reference_difference(pose_a: CommandedPose, pose_b: CommandedPose) -> Array
 
 
 def _distance_accuracy(
-    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
-) -> PlaceEstimate:
+    pose_a: CommandedPose, pose_b: CommandedPose, length: Array, axes: Array, angles: Array | None
+) -> tuple[IntervalEstimate, tuple[IntervalEstimate, ...], tuple[IntervalEstimate, ...] | None]:
+    """Return AD_p, AD along the axes and AD of the angles, from what :func:`_distances_between` returns."""
     assert pose_a.commanded is not None
     assert pose_b.commanded is not None
-    commanded = pose_a.commanded - pose_b.commanded
-    length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
-    angle_estimates = None
-    if angles is not None and pose_a.oriented and pose_b.oriented:
-        commanded_angles = np.abs(_reference_difference(pose_a, pose_b))
-        angle_estimates = tuple(
-            estimates.mean(distances, float(offset)) for distances, offset in zip(angles, commanded_angles, strict=True)
+
+    def less(distances: Array, commanded: Array) -> tuple[IntervalEstimate, ...]:
+        return tuple(
+            estimates.mean(row, float(offset)) for row, offset in zip(distances, np.abs(commanded), strict=True)
         )
-    return PlaceEstimate(
-        (pose_a.label, pose_b.label),
-        pose_a.source,
-        rows_a.size,
-        estimates.mean(length, float(np.linalg.norm(commanded))),
-        tuple(estimates.mean(distances, float(abs(offset))) for distances, offset in zip(axes, commanded, strict=True)),
-        angle_estimates,
-    )
 
-
-def _distance_repeatability(
-    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
-) -> PlaceEstimate:
-    length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
-    threefold_std: Callable[[Array], IntervalEstimate] = estimates.threefold_std
-    return PlaceEstimate(
-        (pose_a.label, pose_b.label),
-        pose_a.source,
-        rows_a.size,
-        threefold_std(length),
-        tuple(map(threefold_std, axes)),
-        None if angles is None else tuple(map(threefold_std, angles)),
-    )
+    commanded = pose_a.commanded - pose_b.commanded
+    commanded_angles = None
+    if angles is not None and pose_a.oriented and pose_b.oriented:
+        commanded_angles = less(angles, _reference_difference(pose_a, pose_b))
+    return estimates.mean(length, float(np.linalg.norm(commanded))), less(axes, commanded), commanded_angles
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.
@@ -446,35 +368,18 @@ def drift(
     Poses with fewer than three visits in each window are left out.
     """
     divided = [(pose, window_rows) for pose in poses if (window_rows := _window_rows(pose, windows)) is not None]
-    if not divided:
-        needed = MIN_WINDOW_VISITS * (windows or 2)
-        reason = (
-            f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
-        )
-        return (
-            missing_characteristic("dAP", confidence, reason),
-            missing_characteristic("dRP", confidence, reason),
-            missing_characteristic("shift", confidence, reason),
-        )
-    notes = [_window_note(divided[0][0], divided[0][1])]
-    accuracy_change = missing_characteristic("dAP", confidence, NO_COMMAND)
+    needed = MIN_WINDOW_VISITS * (windows or 2)
+    why = f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
+    notes = [_window_note(*entry) for entry in divided[:1]]
+    accurate = []
     if all(pose.deviation is not None for pose, _ in divided):
-        accuracy_change = combine_places(
-            "dAP", [_accuracy_change(*entry) for entry in divided], confidence, NO_ANGLES, notes
-        )
-    repeatability_change = combine_places(
-        "dRP", [_repeatability_change(*entry, seed) for entry in divided], confidence, NO_ANGLES, notes
-    )
+        accurate = [_accuracy_change(*entry) for entry in divided]
+    repeated = [_repeatability_change(*entry, seed) for entry in divided]
+    shifted = [_barycentre_shift(*entry) for entry in divided]
     return (
-        accuracy_change,
-        repeatability_change,
-        combine_places(
-            "shift",
-            [_barycentre_shift(*entry) for entry in divided],
-            confidence,
-            "the angles' shift is their dAP",
-            notes,
-        ),
+        characteristic("dAP", accurate, confidence, NO_COMMAND if divided else why, notes),
+        characteristic("dRP", repeated, confidence, why, notes),
+        characteristic("shift", shifted, confidence, why, notes),
     )
 
 
@@ -488,90 +393,65 @@ def _window_note(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) 
     if pose.time is not None:
         first, last = (float(np.mean(pose.time[rows])) for rows in (window_rows[0], window_rows[-1]))
         order = f"by time_s, the first and the last {(last - first) / 60.0:.3g} min apart"
-    return f"{len(window_rows)} windows of {_visit_count(window_rows)} visits, {order}; each against the first"
-
-
-def _visit_count(window_rows: Sequence[NDArray[np.int64]]) -> str:
     smallest, largest = window_rows[-1].size, window_rows[0].size
-    return str(largest) if smallest == largest else f"{smallest} or {largest}"
+    count = str(largest) if smallest == largest else f"{smallest} or {largest}"
+    return f"{len(window_rows)} windows of {count} visits, {order}; each against the first"
 
 
-def _largest_change(
-    window_rows: Sequence[NDArray[np.int64]], against_first: Callable[[int], IntervalEstimate]
-) -> tuple[IntervalEstimate, int]:
-    """Return the largest absolute change against the first window, and the index of its window."""
-    changes = [magnitude(against_first(window)) for window in range(1, len(window_rows))]
-    largest = max(range(len(changes)), key=lambda window: changes[window].value)
-    return largest_estimate(changes), largest + 1
+def _drift_place(
+    pose: CommandedPose,
+    changes: Sequence[IntervalEstimate],
+    angle_changes: Sequence[Sequence[IntervalEstimate]] | None = None,
+) -> Place:
+    """Return the largest absolute change of the windows after the first, of the position and of each angle."""
+    sizes = [magnitude(change) for change in changes]
+    largest = max(range(len(sizes)), key=lambda window: sizes[window].value)
+    angles = None
+    if angle_changes is not None:
+        angles = tuple(largest_estimate([magnitude(change) for change in entry]) for entry in angle_changes)
+    between = f"windows 1 and {largest + 2}"
+    return IsoCriterion((pose.label,), pose.source, pose.n, largest_estimate(sizes), None, angles, between=between)
 
 
-def _accuracy_change(pose: CommandedPose, window_rows: list[NDArray[np.int64]]) -> PlaceEstimate:
-    deviation = pose.deviation
-    assert deviation is not None
-    dof = pose.n - len(window_rows)
-    means = np.stack([deviation[:, rows].mean(axis=1) for rows in window_rows], axis=1)
-    centred = np.concatenate(
-        [deviation[:, rows] - deviation[:, rows].mean(axis=1, keepdims=True) for rows in window_rows], axis=1
-    )
-    covariance = centred @ centred.T / dof
+def _accuracy_change(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> Place:
+    assert pose.deviation is not None
+    windows = [pose.deviation[:, rows] for rows in window_rows]
+    covariance, dof = _pooled(windows)
+    means = np.stack([window.mean(axis=1) for window in windows], axis=1)
     lengths = np.sqrt(np.sum(np.square(means), axis=0))
     directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
     variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / [rows.size for rows in window_rows]
-
-    def against_first(window: int) -> IntervalEstimate:
-        # AP changes as the mean does along its own direction (delta method).
-        return estimates.student(float(lengths[window] - lengths[0]), math.sqrt(variances[window] + variances[0]), dof)
-
-    position, number = _largest_change(window_rows, against_first)
-    angles = None
+    # AP changes as the mean does along its own direction (delta method).
+    changes = [
+        student(float(lengths[i] - lengths[0]), math.sqrt(variances[i] + variances[0]), dof)
+        for i in range(1, len(windows))
+    ]
+    angle_changes = None
     if pose.turn is not None and pose.oriented:
-        angles = tuple(_angle_accuracy_change(row, window_rows) for row in pose.turn)
-    return PlaceEstimate(
-        (pose.label,), pose.source, pose.n, position, None, angles, between=f"windows 1 and {number + 1}"
-    )
+        # AP_a = ā - a_c changes as ā does.
+        first, *later = (pose.turn[:, rows] for rows in window_rows)
+        spread = np.diag(_pooled([first, *later])[0])
+        angle_changes = [
+            [_mean_change(window[axis], first[axis], float(spread[axis]), dof) for window in later] for axis in range(3)
+        ]
+    return _drift_place(pose, changes, angle_changes)
 
 
-def _angle_accuracy_change(values: NDArray[np.float64], window_rows: list[NDArray[np.int64]]) -> IntervalEstimate:
-    """Return the largest change of AP_a = ā - a_c, which equals that of ā."""
-    dof = len(values) - len(window_rows)
-    means = [float(np.mean(values[rows])) for rows in window_rows]
-    variance = (
-        sum(float(np.sum(np.square(values[rows] - mean))) for rows, mean in zip(window_rows, means, strict=True)) / dof
-    )
+def _repeatability_change(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]], seed: int) -> Place:
+    def changes(windows: Sequence[IntervalEstimate]) -> list[IntervalEstimate]:
+        return [estimates.change(window, windows[0]) for window in windows[1:]]
 
-    def against_first(window: int) -> IntervalEstimate:
-        standard_error = math.sqrt(variance * (1.0 / window_rows[window].size + 1.0 / window_rows[0].size))
-        return estimates.student(means[window] - means[0], standard_error, dof)
-
-    return _largest_change(window_rows, against_first)[0]
-
-
-def _repeatability_change(pose: CommandedPose, window_rows: list[NDArray[np.int64]], seed: int) -> PlaceEstimate:
-    estimates_by_window = []
+    repeatabilities = []
     for index, rows in enumerate(window_rows):
         visits = pose.attained[:, rows]
         residuals = visits - visits.mean(axis=1, keepdims=True)
-        estimates_by_window.append(position_repeatability(residuals, (seed, *pose.stream, index)))
-    position, number = _largest_change(
-        window_rows, lambda window: estimates.change(estimates_by_window[window], estimates_by_window[0])
-    )
-    angles = None
+        repeatabilities.append(position_repeatability(residuals, (seed, *pose.stream, index)))
+    angle_changes = None
     if pose.turn is not None:
-        angles = tuple(_angle_repeatability_change(row, window_rows) for row in pose.turn)
-    return PlaceEstimate(
-        (pose.label,), pose.source, pose.n, position, None, angles, between=f"windows 1 and {number + 1}"
-    )
+        angle_changes = [changes([threefold_std(angle[rows]) for rows in window_rows]) for angle in pose.turn]
+    return _drift_place(pose, changes(repeatabilities), angle_changes)
 
 
-def _angle_repeatability_change(values: NDArray[np.float64], window_rows: list[NDArray[np.int64]]) -> IntervalEstimate:
-    estimates_by_window = [estimates.threefold_std(values[rows]) for rows in window_rows]
-    return _largest_change(
-        window_rows, lambda window: estimates.change(estimates_by_window[window], estimates_by_window[0])
-    )[0]
-
-
-def _barycentre_shift(pose: CommandedPose, window_rows: list[NDArray[np.int64]]) -> PlaceEstimate:
+def _barycentre_shift(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> Place:
     first, *later = (pose.attained[:, rows] for rows in window_rows)
-    shifts = [separation([first, visits], ("", ""), None)[0] for visits in later]
-    position, number = _largest_change(window_rows, lambda window: shifts[window - 1])
-    return PlaceEstimate((pose.label,), pose.source, pose.n, position, between=f"windows 1 and {number + 1}")
+    return _drift_place(pose, [separation([first, visits], ("", ""), None)[0] for visits in later])

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Generic, Literal, TypeVar
 
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array
@@ -30,20 +30,26 @@ class CriterionFigure:
         return cls(None, Interval.missing(confidence, reason))
 
 
+Figure = TypeVar("Figure")
+
+
 @dataclass(frozen=True, slots=True)
-class IsoCriterion:
-    """One criterion at one place: a commanded pose or a pair of commanded poses."""
+class IsoCriterion(Generic[Figure]):
+    """One criterion at one place: a commanded pose or a pair of commanded poses.
+
+    Results have figures with the interval at one confidence; the computation has estimates with intervals at any.
+    """
 
     poses: tuple[str, ...]
     source: str | None
     """Name of the file; None if the criterion is over several files."""
     n: int
     """Number of visits, or of pairs of visits."""
-    position: CriterionFigure
+    position: Figure
     """m"""
-    axes: tuple[CriterionFigure, ...] | None = None
+    axes: tuple[Figure, ...] | None = None
     """Components along x, y, z of the measuring frame, m, if the standard defines them."""
-    angles: tuple[CriterionFigure, ...] | None = None
+    angles: tuple[Figure, ...] | None = None
     """a, b, c: rad."""
     mean_distance: float | None = None
     """RP: mean distance of the visits from their barycentre, m."""
@@ -68,7 +74,7 @@ class Characteristic:
     """Largest of a, b, c, rad."""
     angle_at: str | None
     """Place and letter of the largest angle."""
-    places: tuple[IsoCriterion, ...]
+    places: tuple[IsoCriterion[CriterionFigure], ...]
     notes: tuple[str, ...] = ()
 
 

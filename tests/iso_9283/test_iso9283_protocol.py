@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.pose_errors import Commanded
-from robacc.iso_9283.criteria import drift, missing_characteristic, repeatability
+from robacc.iso_9283.criteria import characteristic, drift, repeatability
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.evaluation import iso9283, protocol
 from robacc.iso_9283.records import Condition
@@ -35,10 +35,8 @@ def condition(name: str, data: Measurements, rated_load: float | None = None) ->
     """One condition, without the criteria that it does not look at."""
     commanded = data.commanded_position
     poses = visits_of(data, None if commanded is None else Commanded.at(commanded, None, "file"), "poses.csv", 0)
-    repeated = (
-        repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else missing_characteristic("RP", 0.95, "")
-    )
-    shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else missing_characteristic("shift", 0.95, "")
+    repeated = repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else characteristic("RP", [], 0.95, "")
+    shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else characteristic("shift", [], 0.95, "")
     return next(entry for entry in protocol([data], poses, None, repeated, shift, rated_load) if entry.name == name)
 
 
@@ -154,7 +152,7 @@ def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
     robot = Robot("turned", "standard", (), base=Frame((0.1, 0.2, 0.3), (0, 0, 0.3)))
     poses = visits_of(data, Commanded.at(data.commanded_position, None, "file"), "poses.csv", 0)
     conditions = protocol(
-        [data], poses, robot, missing_characteristic("RP", 0.95, ""), missing_characteristic("shift", 0.95, ""), None
+        [data], poses, robot, characteristic("RP", [], 0.95, ""), characteristic("shift", [], 0.95, ""), None
     )
     assert next(entry for entry in conditions if entry.name == "diagonal plane").status == "met"
 

@@ -105,7 +105,7 @@ def _table(
     characteristic: Characteristic,
     multiple_files: bool,
     header: Sequence[str],
-    cells: Callable[[IsoCriterion], Sequence[str]],
+    cells: Callable[[IsoCriterion[CriterionFigure]], Sequence[str]],
 ) -> Iterator[TextLine]:
     """Return one row per place, the largest first if there are too many."""
     if not characteristic.places:
@@ -146,7 +146,7 @@ def _ends(figure: CriterionFigure) -> tuple[float | None, float | None]:
     return figure.interval.lower, figure.interval.upper
 
 
-def _distances(place: IsoCriterion) -> list[str]:
+def _distances(place: IsoCriterion[CriterionFigure]) -> list[str]:
     """Return mean and standard deviation of the distances from the barycentre with the decimals of RP."""
     ends = (None if end is None else end * IN_MM for end in _ends(place.position))
     places = decimals((place.position.value or 0.0) * IN_MM, *ends)

@@ -26,6 +26,8 @@ PLANES: tuple[Plane, ...] = ("x+", "x-", "y+", "y-")
 """Four planes of the standard, named by the horizontal direction in which each rises at 45 degrees."""
 PREFERRED_EDGES = (1.0, 0.63, 0.4, 0.25)
 """Edge lengths that the standard prefers, m, the largest first."""
+PREFERRED_SIZES = ", ".join(f"{1e3 * edge:.0f}" for edge in reversed(PREFERRED_EDGES))
+"""The same in mm, as text."""
 FROM_CORNER = 0.10
 """Distance of P2 to P5 from the corners, as a fraction of the diagonal's length."""
 TOLERANCE = 0.02
@@ -60,22 +62,18 @@ class CubeFit:
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
     level_axis = 1 if plane[0] == "x" else 0
-    tilted_axis = 1 - level_axis
-    rise = 1.0 if plane[1] == "+" else -1.0
     outer = np.zeros((3, 4))
     outer[level_axis] = (-1.0, 1.0, 1.0, -1.0)
     outer[2] = (-1.0, -1.0, 1.0, 1.0)
-    outer[tilted_axis] = rise * outer[2]
+    outer[1 - level_axis] = outer[2] if plane[1] == "+" else -outer[2]
     points = np.concatenate((np.zeros((3, 1)), (0.5 - FROM_CORNER) * edge * outer), axis=1)
-    result: Array = np.asarray(centre, dtype=float)[:, None] + points
-    return result
+    return np.asarray(np.asarray(centre, dtype=float)[:, None] + points)
 
 
 def corners(centre: Array, edge: float) -> Array:
     """Return the cube's corners ``(3, 8)``, m."""
     signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float).T
-    result: Array = np.asarray(centre, dtype=float)[:, None] + 0.5 * edge * signs
-    return result
+    return np.asarray(np.asarray(centre, dtype=float)[:, None] + 0.5 * edge * signs)
 
 
 def fit_cube(points: Array) -> CubeFit | str:
@@ -103,10 +101,10 @@ def fit_cube(points: Array) -> CubeFit | str:
 
 
 def _rising_plane(outer: Array) -> Plane | None:
-    for axis, name in ((0, "x"), (1, "y")):
-        products = np.sign(outer[axis] * outer[2])
-        if np.all(products == products[0]):
-            return next(plane for plane in PLANES if plane == f"{name}{'+' if products[0] > 0 else '-'}")
+    for plane in PLANES:
+        slopes = np.sign(outer["xy".index(plane[0])] * outer[2])
+        if np.all(slopes == slopes[0]) and (slopes[0] > 0) == (plane[1] == "+"):
+            return plane
     return None
 
 
@@ -297,8 +295,7 @@ def _notes(robot: Robot, proposal: Proposal, requested: Orientation | None) -> l
     if robot.effects:
         notes.append("joint angles are those of the nominal kinematics; the robot file's effects are not applied")
     if proposal.edge not in PREFERRED_EDGES:
-        sizes = ", ".join(f"{1e3 * preferred:.0f}" for preferred in reversed(PREFERRED_EDGES))
-        notes.append(f"the standard prefers edges of {sizes} mm")
+        notes.append(f"the standard prefers edges of {PREFERRED_SIZES} mm")
     if requested is None and proposal.orientation == "free":
         notes.append("the arm reaches no single tool orientation at all five poses: each pose has a different one")
     elif requested is None and proposal.orientation == "own":

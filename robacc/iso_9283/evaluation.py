@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
 from robacc.accuracy.estimation import check_confidence, register, too_far, unregistered_warning
-from robacc.accuracy.pose_errors import Commanded, commanded_poses, registered_poses
+from robacc.accuracy.pose_errors import commanded_poses, registered_poses
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
@@ -20,7 +21,7 @@ from robacc.iso_9283.criteria import (
     position_accuracy,
     repeatability,
 )
-from robacc.iso_9283.cube import PREFERRED_EDGES, CubeFit, fit_cube
+from robacc.iso_9283.cube import PREFERRED_EDGES, PREFERRED_SIZES, fit_cube
 from robacc.iso_9283.records import Characteristic, Condition, Iso9283Result, Status
 from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
 from robacc.measurements import Measurements
@@ -40,8 +41,12 @@ _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
 _LOADS = (1.0, 0.1)
 _VELOCITIES = (1.0, 0.5, 0.1)
+_NO_DIRECTION = "approach directions are not known; `ordered` derives them from the rows"
 _MAX_UNCERTAINTY_SHARE = 0.25
 """Largest measuring uncertainty as a fraction of the criterion."""
+
+Finding = tuple[Status, str]
+"""Whether a condition is met, and the reason."""
 
 
 def protocol(
@@ -54,100 +59,81 @@ def protocol(
 ) -> tuple[Condition, ...]:
     """Return every condition, in the order of the clauses."""
     poses_by_file = [[pose for pose in poses if pose.number == number] for number in range(len(files))]
-    return (
-        _warm_up(shift),
-        _temperature(files),
-        _instrument(files, repeatability),
-        _load(files, rated_load),
-        _velocity(files),
-        _five_poses(poses_by_file),
-        *_cube_conditions(poses_by_file, robot),
-        _cycles(poses),
-        _one_approach(files, poses),
-        Condition(
-            "stabilisation",
-            "7.4",
-            "unknown",
-            "the time between arrival and measurement is not recorded",
-        ),
+
+    def logged(column: str, missing: str, judge: Callable[[list[Any]], Finding]) -> Finding:
+        """Judge the values of a column, one array for each file; unknown where a file lacks it."""
+        values = [getattr(data, column) for data in files]
+        return ("unknown", missing) if any(value is None for value in values) else judge(values)
+
+    no_sigma = "no columns sigma_x, sigma_y, sigma_z"
+    diagonal, corner_distance = _cube(poses_by_file[0], robot)
+    findings: tuple[tuple[str, str, Finding], ...] = (
+        ("warm-up", "6.2", _warm_up(shift)),
+        ("temperature", "6.3", logged("temperature", "no column temperature_c", _temperature)),
+        ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
+        ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
+        ("rated velocity", "6.7", logged("speed", "no speed columns", lambda speeds: _velocity(files, speeds))),
+        ("five poses", "6.8", _five_poses(poses_by_file)),
+        ("diagonal plane", "6.8", diagonal),
+        ("10 % from the corners", "6.8", corner_distance),
+        ("30 cycles", "6.9", _cycles(poses)),
+        ("one approach", "7.2", logged("direction", _NO_DIRECTION, lambda _: _one_approach(poses))),
+        ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
+    return tuple(Condition(name, clause, *finding) for name, clause, finding in findings)
 
 
-def _warm_up(shift: Characteristic) -> Condition:
-    lower = shift.position.interval.lower
-    if lower is not None and lower > 0.0 and shift.position.value is not None:
-        shift_text = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
-        reason = f"the warm-up is not recorded, but {shift_text}"
-        return Condition("warm-up", "6.2", "unknown", reason)
-    return Condition("warm-up", "6.2", "unknown", "the warm-up is not recorded")
+def _warm_up(shift: Characteristic) -> Finding:
+    if not shift.position.interval.lower or shift.position.value is None:
+        return "unknown", "the warm-up is not recorded"
+    moved = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
+    return "unknown", f"the warm-up is not recorded, but {moved}"
 
 
-def _temperature(files: Sequence[Measurements]) -> Condition:
-    name, clause = "temperature", "6.3"
-    logged = [data.temperature for data in files if data.temperature is not None]
-    if len(logged) < len(files):
-        return Condition(name, clause, "unknown", "no column temperature_c")
-    low, high = (
-        min(float(temperature.min()) for temperature in logged),
-        max(float(temperature.max()) for temperature in logged),
-    )
+def _temperature(logged: list[Array]) -> Finding:
+    low, high = min(float(values.min()) for values in logged), max(float(values.max()) for values in logged)
     range_text = f"{low:.1f} °C to {high:.1f} °C"
     if high - low > 2.0 * _AMBIENT_TOLERANCE:
-        return Condition(name, clause, "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C")
+        return "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
     if abs(low - _AMBIENT) <= _AMBIENT_TOLERANCE and abs(high - _AMBIENT) <= _AMBIENT_TOLERANCE:
-        return Condition(name, clause, "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C")
-    return Condition(
-        name, clause, "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
+        return "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C"
+    return "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
+
+
+def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
+    smallest = min(
+        (place.position.value for place in repeatability.places if place.position.value is not None), default=None
     )
-
-
-def _instrument(files: Sequence[Measurements], repeatability: Characteristic) -> Condition:
-    name, clause = "measuring uncertainty", "6.5"
-    sigmas = [data.sigma_position for data in files if data.sigma_position is not None]
-    smallest = [place.position.value for place in repeatability.places if place.position.value is not None]
-    if len(sigmas) < len(files):
-        return Condition(name, clause, "unknown", "no columns sigma_x, sigma_y, sigma_z")
-    if not smallest:
-        return Condition(name, clause, "unknown", "there is no RP to compare it with")
+    if smallest is None:
+        return "unknown", "there is no RP to compare it with"
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
-    share = expanded / min(smallest) if min(smallest) > 0.0 else np.inf
+    share = expanded / smallest if smallest > 0.0 else np.inf
     reason = (
         f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
-    return Condition(name, clause, "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason)
+    return "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason
 
 
-def _load(files: Sequence[Measurements], rated: float | None) -> Condition:
-    name, clause = "rated load", "6.6"
-    loads = [data.payload for data in files if data.payload is not None]
-    if len(loads) < len(files):
-        return Condition(name, clause, "unknown", "no column payload_kg")
+def _load(loads: list[Array], rated: float | None) -> Finding:
     low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
     if high - low > _STEP_TOLERANCE * max(high, 1e-9):
-        return Condition(name, clause, "not met", f"the load varies from {low:g} kg to {high:g} kg")
+        return "not met", f"the load varies from {low:g} kg to {high:g} kg"
     if rated is None:
-        return Condition(name, clause, "unknown", f"{high:g} kg throughout; give `rated_load` to compare")
-    share = high / rated
-    return Condition(name, clause, *_rated_share(share, _LOADS, f"{high:g} kg of {rated:g} kg", "load"))
+        return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
+    return _rated_share(high / rated, _LOADS, f"{high:g} kg of {rated:g} kg", "load")
 
 
-def _velocity(files: Sequence[Measurements]) -> Condition:
-    name, clause = "rated velocity", "6.7"
-    speeds = [data.speed for data in files if data.speed is not None]
-    if len(speeds) < len(files):
-        return Condition(name, clause, "unknown", "no speed columns")
+def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
     if any(_from_order(data) for data in files):
-        reason = "speeds are derived from the order of rows: they are relative, not absolute"
-        return Condition(name, clause, "unknown", reason)
+        return "unknown", "speeds are derived from the order of rows: they are relative, not absolute"
     fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])
     fastest = fastest[fastest > 0.0]
     if fastest.size == 0:
-        return Condition(name, clause, "unknown", "every speed is 0")
+        return "unknown", "every speed is 0"
     if np.ptp(fastest) > _STEP_TOLERANCE:
-        reason = f"the fastest joint's speed varies from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
-        return Condition(name, clause, "not met", reason)
-    share = float(fastest.mean())
-    return Condition(name, clause, *_rated_share(share, _VELOCITIES, "the fastest joint's last motion", "velocity"))
+        extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
+        return "not met", f"the fastest joint's speed varies {extent}"
+    return _rated_share(float(fastest.mean()), _VELOCITIES, "the fastest joint's last motion", "velocity")
 
 
 def _from_order(data: Measurements) -> bool:
@@ -158,7 +144,7 @@ def _from_order(data: Measurements) -> bool:
     return bool(np.allclose(data.speed, motion_between_visits(data.q, visits)[1], atol=1e-9))
 
 
-def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> tuple[Status, str]:
+def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
     """Return the status of a share of the rated value and the reason, which names the standard's optional steps."""
     step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
     if step == 1.0:
@@ -175,87 +161,56 @@ def _rated_share(share: float, steps: tuple[float, ...], description: str, quant
     )
 
 
-def _five_poses(files: Sequence[Sequence[CommandedPose]]) -> Condition:
+def _five_poses(files: Sequence[Sequence[CommandedPose]]) -> Finding:
     counts = sorted({len(poses) for poses in files})
     count_text = f"{' and '.join(map(str, counts))} commanded pose{'s' * (counts != [1])}"
-    return Condition("five poses", "6.8", "met" if counts == [_POSE_COUNT] else "not met", count_text)
+    return "met" if counts == [_POSE_COUNT] else "not met", count_text
 
 
-def _cube_conditions(files: Sequence[Sequence[CommandedPose]], robot: Robot | None) -> tuple[Condition, Condition]:
-    """Return the conditions on the diagonal plane and on the distance from the corners, from the first file."""
-    names = ("diagonal plane", "10 % from the corners")
-    poses = files[0]
+def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding, Finding]:
+    """Return the conditions on the diagonal plane and on the distance from the corners."""
     points = [pose.commanded for pose in poses if pose.commanded is not None]
     if len(points) < len(poses):
-        return _both_conditions(names, "unknown", "the commanded positions are not known")
+        return (("unknown", "the commanded positions are not known"),) * 2
     if len(points) != _POSE_COUNT:
-        return _both_conditions(names, "not met", "needs five commanded poses")
-    fit = fit_cube(_in_base(np.stack(points, axis=1), robot))
+        return (("not met", "needs five commanded poses"),) * 2
+    in_base = np.stack(points, axis=1)
+    if robot is not None:
+        base = _base_pose(robot.base)
+        in_base = base.rotation.T @ (in_base - base.translation[:, None])
+    fit = fit_cube(in_base)
     if isinstance(fit, str):
-        return _both_conditions(names, "not met", fit)
-    first = Condition(
-        names[0],
-        "6.8",
-        "met",
-        f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}",
-    )
-    if fit.plane is None:
-        first = Condition(
-            names[0], "6.8", "not met", "the diagonal plane is upright; the standard's planes rise at 45°"
-        )
-    return first, _distance_from_corners(names[1], fit)
-
-
-def _both_conditions(names: tuple[str, str], status: Status, reason: str) -> tuple[Condition, Condition]:
-    return Condition(names[0], "6.8", status, reason), Condition(names[1], "6.8", status, reason)
-
-
-def _distance_from_corners(name: str, fit: CubeFit) -> Condition:
+        return (("not met", fit),) * 2
+    plane: Finding = ("not met", "the diagonal plane is upright; the standard's planes rise at 45°")
+    if fit.plane is not None:
+        plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
     edge = f"a cube of {fit.edge * 1e3:.0f} mm"
     if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
-        return Condition(name, "6.8", "met", f"{100 * fit.from_corner:.1f} % in {edge}")
-    sizes = ", ".join(f"{1e3 * preferred:.0f}" for preferred in reversed(PREFERRED_EDGES))
-    return Condition(
-        name, "6.8", "unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {sizes} mm"
-    )
+        return plane, ("met", f"{100 * fit.from_corner:.1f} % in {edge}")
+    return plane, ("unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
 
 
-def _in_base(points: Array, robot: Robot | None) -> Array:
-    """Return the points in the axes of the robot's base; unchanged without a robot."""
-    if robot is None:
-        return points
-    base = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
-    result: Array = base.rotation.T @ (points - base.translation[:, None])
-    return result
-
-
-def _cycles(poses: Sequence[CommandedPose]) -> Condition:
+def _cycles(poses: Sequence[CommandedPose]) -> Finding:
     smallest, largest = min(pose.n for pose in poses), max(pose.n for pose in poses)
     count_text = (
         f"{largest} visit{'s' * (largest > 1)} of each commanded pose"
         if smallest == largest
         else f"{smallest} to {largest} visits of a commanded pose"
     )
-    return Condition("30 cycles", "6.9", "met" if smallest >= CYCLES else "not met", count_text)
+    return "met" if smallest >= CYCLES else "not met", count_text
 
 
-def _one_approach(files: Sequence[Measurements], poses: Sequence[CommandedPose]) -> Condition:
-    name, clause = "one approach", "7.2"
-    if any(data.direction is None for data in files):
-        return Condition(
-            name, clause, "unknown", "approach directions are not known; `ordered` derives them from the rows"
-        )
-    several_approaches = []
+def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
+    labels = []
     for pose in poses:
         assert pose.direction is not None
         moving = pose.direction[:, np.any(pose.direction != 0, axis=0)]
         if np.unique(moving, axis=1).shape[1] > 1:
-            several_approaches.append(pose.label)
-    if several_approaches:
-        labels = f"{', '.join(several_approaches[:3])}{' …' * (len(several_approaches) > 3)}"
-        reason = f"{labels} approached from several directions: AP and RP include vAP"
-        return Condition(name, clause, "not met", reason)
-    return Condition(name, clause, "met", "every visit of a pose has the same approach direction")
+            labels.append(pose.label)
+    if not labels:
+        return "met", "every visit of a pose has the same approach direction"
+    names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
+    return "not met", f"{names} approached from several directions: AP and RP include vAP"
 
 
 _HEAVY_TAIL_P_VALUE = 0.01
@@ -293,16 +248,22 @@ def iso9283(
     check_confidence(confidence)
     _check_arguments(files, windows, rated_load)
     sources = _file_names(files)
-    commands = [_commanded_of(data, robot) for data in files]
+    # Without a robot and without commands in a file, the commanded poses are not known.
+    commands = [
+        None if robot is None and data.commanded_position is None else commanded_poses(data, robot) for data in files
+    ]
     nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
     _check_count(nominal_poses)
-    alignments = _alignments(files, robot, align)
+    if align and robot is None and any(data.commanded_position is None for data in files):
+        raise UsageError(
+            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
+        )
+    alignments = [register(data, robot, align) for data in files] if align else []
     poses_by_file = nominal_poses
     if alignments:
-        registered_commands = [
-            registered_poses(data, robot, alignment) for data, alignment in zip(files, alignments, strict=True)
+        poses_by_file = [
+            visits_of(data, registered_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
-        poses_by_file = [visits_of(data, registered_commands[i], sources[i], i) for i, data in enumerate(files)]
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
     repeatability_characteristic = repeatability(poses, confidence, seed)
     accuracy_drift, repeatability_drift, shift = drift(poses, confidence, seed, windows)
@@ -348,13 +309,6 @@ def _file_names(files: Sequence[Measurements]) -> list[str]:
     return [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _commanded_of(data: Measurements, robot: Robot | None) -> Commanded | None:
-    """Return the commanded poses of a file; None if neither the robot nor the file gives them."""
-    if robot is None and data.commanded_position is None:
-        return None
-    return commanded_poses(data, robot)
-
-
 def _check_count(poses_by_file: Sequence[Sequence[CommandedPose]]) -> None:
     """Reject files with too many commanded poses, in which few poses are visited again.
 
@@ -374,17 +328,6 @@ def _check_count(poses_by_file: Sequence[Sequence[CommandedPose]]) -> None:
         raise InputError(problems)
 
 
-def _alignments(files: Sequence[Measurements], robot: Robot | None, align: Sequence[str]) -> list[Alignment]:
-    """Return the registration of each file, or an empty list if no frame is fitted."""
-    if not align:
-        return []
-    if robot is None and any(data.commanded_position is None for data in files):
-        raise UsageError(
-            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-        )
-    return [register(data, robot, align) for data in files]
-
-
 def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
     """Return the largest AP_p, m."""
     return max(position_accuracy(pose.deviation).value for pose in poses if pose.deviation is not None)
@@ -402,14 +345,9 @@ def _positions_in_shared_frame(
     nominal = _base_pose(robot.base if robot is not None else Frame())
     positions = []
     for poses, alignment in zip(poses_by_file, alignments, strict=True):
-        rotation = nominal.rotation @ _base_pose(alignment.robot.base).rotation.T
-        registered_base = _base_pose(alignment.robot.base)
-        positions.append(
-            [
-                rotation @ (pose.attained - registered_base.translation[:, None]) + nominal.translation[:, None]
-                for pose in poses
-            ]
-        )
+        base = _base_pose(alignment.robot.base)
+        rotation, origin = nominal.rotation @ base.rotation.T, nominal.translation[:, None]
+        positions.append([rotation @ (pose.attained - base.translation[:, None]) + origin for pose in poses])
     return positions
 
 
@@ -460,10 +398,10 @@ def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:
         values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
         if values[0] > 1e-12 * values[-1]:
             sphered.append((axes / np.sqrt(values)).T @ pose.residuals)
-    if not sphered:
+    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
+    if test is None or test.p_value is None or test.statistic is None:
         return None
-    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis
-    if test.p_value is None or test.statistic is None or test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic < 0.0:
+    if test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic < 0.0:
         return None
     return (
         f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "
@@ -475,16 +413,12 @@ def _warnings(
     files: Sequence[Measurements], poses_by_file: Sequence[Sequence[CommandedPose]], registered: bool
 ) -> tuple[str, ...]:
     warnings = [warning for data in files for warning in data.warnings]
-    poses = [pose for file_poses in poses_by_file for pose in file_poses]
-    if (shifting := shifting_commands(poses)) is not None:
+    if (shifting := shifting_commands([pose for poses in poses_by_file for pose in poses])) is not None:
         warnings.append(shifting)
-    if any(_too_far(file_poses) for file_poses in poses_by_file):
-        warnings.append(unregistered_warning(registered))
+    for poses in poses_by_file:
+        # A single pose does not show whether the accuracy of a robot is too bad for an arm.
+        if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
+            barycentres = np.column_stack([pose.attained.mean(axis=1) for pose in poses])
+            if too_far(_largest_accuracy(poses), barycentres):
+                warnings.append(unregistered_warning(registered))
     return tuple(dict.fromkeys(warnings))
-
-
-def _too_far(poses: Sequence[CommandedPose]) -> bool:
-    """Return whether the accuracy of one robot is too bad for an arm; a single pose does not show it."""
-    if len(poses) < 2 or any(pose.deviation is None for pose in poses):
-        return False
-    return too_far(_largest_accuracy(poses), np.column_stack([pose.attained.mean(axis=1) for pose in poses]))

@@ -20,8 +20,9 @@ from robacc.comparison.differences import (
     pair_poses,
     unpaired_sample,
 )
-from robacc.comparison.reading import ComparedFigure, ComparedResult, split_key
+from robacc.comparison.reading import ComparedResult, split_key, unit_of
 from robacc.errors import UsageError
+from robacc.statistics.intervals import Estimate, Interval
 from robacc.statistics.records import ErrorStatistics, Unit
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
@@ -69,17 +70,6 @@ def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
     return ["".join(name for name, group in zip(names, groups, strict=True) if i in group) for i in range(count)]
 
 
-def significant_pairs(
-    pairs: Sequence[tuple[int, int, Difference]], level: float
-) -> tuple[list[float | None], set[tuple[int, int]]]:
-    """Return the corrected p-value of each pair, and the pairs that differ at ``level``."""
-    corrected = holm([difference.p_value for _, _, difference in pairs])
-    different = {
-        (min(i, j), max(i, j)) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level
-    }
-    return corrected, different
-
-
 # Status of several results against a required grade: confirmed, met but not confirmed, or not met.
 
 Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
@@ -97,13 +87,10 @@ class GradeStatus:
     """The result's own grade on the scale."""
     probability: float | None
     """Probability that the limits of the required grade are truly met, given the data."""
-    position: float
-    """Statistic of the scale, m."""
-    position_bound: float | None
-    """Upper bound at the scale's confidence."""
-    orientation: float | None
+    position: Estimate
+    """Statistic of the scale, m, with its interval at the scale's confidence."""
+    orientation: Estimate | None
     """rad"""
-    orientation_bound: float | None
     poses_to_demonstrate: int | None
     """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
     why: str | None
@@ -164,16 +151,14 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
     confirmed = best_confirmed is not None and names.index(best_confirmed) <= rank
     met = assessed.grade in names and names.index(assessed.grade) <= rank
     probability = assessed.probability_within(names[rank])
-    angle = assessed.orientation
+    position_grade, angle = assessed.position, assessed.orientation
     return GradeStatus(
         result.name,
         "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
         assessed.grade,
         probability,
-        assessed.position.value,
-        assessed.position.upper_bound,
-        None if angle is None else angle.value,
-        None if angle is None else angle.upper_bound,
+        Estimate(position_grade.value, position_grade.interval),
+        None if angle is None else Estimate(angle.value, angle.interval),
         assessed.poses_needed(rank) if met and not confirmed else None,
         None if confirmed or not met else _why_not_confirmed(assessed),
     )
@@ -216,7 +201,7 @@ def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> Grade
     if not result.measured:
         why = "predicted from tolerances, not measured"
     verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
-    return GradeStatus(result.name, verdict, names[own_rank], None, position.value, None, angle, None, None, why)
+    return GradeStatus(result.name, verdict, names[own_rank], None, position, orientation, None, why)
 
 
 def _meets(limit: float | None, value: float | None) -> bool:
@@ -291,7 +276,7 @@ class ComparedRow:
 
     key: str
     unit: str
-    figures: tuple[ComparedFigure, ...]
+    figures: tuple[Estimate, ...]
     """One figure for each result, in the order of the results."""
     differences: tuple[Difference | None, ...]
     """Differences to the baseline; None for the baseline itself."""
@@ -445,12 +430,12 @@ class _PairwiseDifferences:
         group, statistic = split_key(key)
         first_figure, second_figure = first_result.figures[key], second_result.figures[key]
         if first_result.digest == second_result.digest:
-            return Difference(0.0, 0.0, 0.0, self.confidence, 1.0, "the same result twice", True, None)
+            return Difference.same(0.0, self.confidence, "the same result twice", True, None)
         value = second_figure.value - first_figure.value
         if statistic in ("max", "max_radius95") and not group.startswith("iso9283."):
-            return Difference(value, None, None, self.confidence, None, "none", False, None, _NO_TEST_OF_MAXIMUM)
+            return Difference(value, Interval.missing(self.confidence, _NO_TEST_OF_MAXIMUM))
         if not (first_result.measured and second_result.measured):
-            return Difference(value, None, None, self.confidence, None, "none", False, None, _NO_TEST_OF_PREDICTION)
+            return Difference(value, Interval.missing(self.confidence, _NO_TEST_OF_PREDICTION))
         if statistic in RESAMPLED and group in first_result.errors and group in second_result.errors:
             pairing = self.pairing(group, first, second)
             return difference(
@@ -487,7 +472,7 @@ def _row(differences: _PairwiseDifferences, key: str, reference: int) -> Compare
     to_reference = tuple(
         None if i == reference else differences.difference(key, reference, i) for i in range(len(figures))
     )
-    return ComparedRow(key, figures[0].unit, figures, to_reference)
+    return ComparedRow(key, unit_of(key), figures, to_reference)
 
 
 def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
@@ -495,13 +480,14 @@ def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
     order = sorted(range(len(results)), key=lambda i: (abs(results[i].figures[key].value), i))
     pairs = [(i, j, differences.difference(key, order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
     level = 1.0 - differences.confidence
-    corrected, different = significant_pairs(pairs, level)
+    corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
+    different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     names = [results[i].name for i in order]
     tested = any(p is not None for p in corrected)
     groups = indistinguishable_groups(len(order), different) if tested else []
     return Ranking(
         key=key,
-        unit=results[0].figures[key].unit,
+        unit=unit_of(key),
         level=level,
         names=tuple(names),
         values=tuple(results[i].figures[key].value for i in order),

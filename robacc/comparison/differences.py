@@ -16,15 +16,23 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.comparison.reading import ComparedFigure, ComparedPoses, ErrorSet
+from robacc.comparison.reading import ComparedPoses, ErrorSet
 from robacc.geometry import Array
 from robacc.measurements import commanded_groups
 from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
-from robacc.statistics.intervals import FEWEST_FOR_BOOTSTRAP, MOST_FOR_BOOTSTRAP, interpolated, resampled_counts
+from robacc.statistics.intervals import (
+    FEWEST_FOR_BOOTSTRAP,
+    MOST_FOR_BOOTSTRAP,
+    Estimate,
+    Interval,
+    interpolated,
+    resampled_counts,
+)
 
 DRAWS = 2000
 FEWEST_FOR_PERCENTILE = 30
@@ -38,17 +46,19 @@ class Difference:
     """Statistic of the second set minus statistic of the first."""
 
     value: float
-    lower: float | None
-    upper: float | None
-    confidence: float
-    p_value: float | None
+    interval: Interval
+    """It gives the reason for a missing interval or p-value."""
+    p_value: float | None = None
     """Two-sided p-value of no difference."""
-    method: str
-    paired: bool
-    n_poses: int | None
+    paired: bool = False
+    n_poses: int | None = None
     """Commanded poses of a paired difference."""
-    why: str | None = None
-    """Reason for a missing interval or p-value."""
+
+    @classmethod
+    def same(cls, value: float, confidence: float, why: str, paired: bool, n_poses: int | None) -> Difference:
+        """Return a difference without uncertainty, and the reason."""
+        interval = Interval(value, value, None, confidence, why)
+        return cls(value, interval, float(value == 0.0), paired, n_poses)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,16 +141,20 @@ def difference(
         confidence: Confidence of the interval.
         seed: Seed of the resampling.
     """
-    if min(first.n_groups, second.n_groups) < 2:
-        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
+    sizes = [first.n_groups, second.n_groups]
+    why = None
+    if min(sizes) < 2:
         why = "one commanded pose shows no scatter between poses"
-        return Difference(value, None, None, confidence, None, "none", paired, None, why)
+    elif statistic == "p95" and min(sizes) < FEWEST_FOR_PERCENTILE:
+        why = f"{min(sizes)} poses: too few to compare 95th percentiles; at least {FEWEST_FOR_PERCENTILE} are needed"
+    elif statistic.startswith("sd_") and min(sizes) < FEWEST_FOR_BOOTSTRAP:
+        why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to compare standard deviations"
+    if why is not None:
+        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
+        n = first.n_groups if paired and statistic == "p95" and min(sizes) > 1 else None
+        return Difference(value, Interval.missing(confidence, why), None, paired, n)
     if statistic == "p95":
         return _percentile(first, second, paired, confidence, seed)
-    if statistic.startswith("sd_") and min(first.n_groups, second.n_groups) < FEWEST_FOR_BOOTSTRAP:
-        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
-        why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to compare standard deviations"
-        return Difference(value, None, None, confidence, None, "none", paired, None, why)
     return _smooth(statistic, first, second, paired, confidence, seed)
 
 
@@ -160,7 +174,7 @@ def _smooth(
     error = math.sqrt(float(np.sum(variances)))
     n = first.n_groups if paired else None
     if error <= _ROUNDING * max(abs(part.value) for part in parts):
-        return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
+        return Difference.same(value, confidence, "the same at every pose", paired, n)
     sizes = [part.sums.shape[1] for part in parts]
     dof = _degrees_of_freedom(variances, sizes)
     t = student_quantile(0.5 + 0.5 * confidence, dof)
@@ -177,9 +191,8 @@ def _smooth(
     ratio = (below if value > 0.0 else above) / t
     p_value = f_sf((value / error / ratio) ** 2, 1.0, dof)
     basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
-    return Difference(
-        value, value - below * error, value + above * error, confidence, p_value, f"{method}, {basis}", paired, n
-    )
+    interval = Interval(value - below * error, value + above * error, None, confidence, f"{method}, {basis}")
+    return Difference(value, interval, p_value, paired, n)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,19 +252,18 @@ def _percentile(first: ErrorSample, second: ErrorSample, paired: bool, confidenc
     value = _statistic_of("p95", second) - _statistic_of("p95", first)
     sizes = [first.n_groups, second.n_groups]
     n = first.n_groups if paired else None
-    if min(sizes) < FEWEST_FOR_PERCENTILE:
-        why = f"{min(sizes)} poses: too few to compare 95th percentiles; at least {FEWEST_FOR_PERCENTILE} are needed"
-        return Difference(value, None, None, confidence, None, "none", paired, n, why)
     resampled = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate((first, second))]
     error = float(np.std(resampled[1] - resampled[0]))
     if error <= _ROUNDING * abs(_statistic_of("p95", first)):
-        return Difference(value, value, value, confidence, float(value == 0.0), "the same at every pose", paired, n)
+        return Difference.same(value, confidence, "the same at every pose", paired, n)
     dof = sizes[0] - 1.0 if paired else _degrees_of_freedom([np.asarray(np.var(values)) for values in resampled], sizes)
     half_width = student_quantile(0.5 + 0.5 * confidence, dof) * error
     basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
     method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws), {basis}"
     p_value = f_sf((value / error) ** 2, 1.0, dof)
-    return Difference(value, value - half_width, value + half_width, confidence, p_value, method, paired, n)
+    return Difference(
+        value, Interval(value - half_width, value + half_width, None, confidence, method), p_value, paired, n
+    )
 
 
 def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
@@ -282,28 +294,24 @@ def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
 METHOD = "from the intervals of the two results, assumed independent (Zou and Donner)"
 
 
-def from_intervals(first: ComparedFigure, second: ComparedFigure, confidence: float) -> Difference:
+def from_intervals(first: Estimate, second: Estimate, confidence: float) -> Difference:
     """Return ``second`` minus ``first``; ``confidence`` is recorded where there is no interval."""
-    value = second.value - first.value
-    limits = (first.lower, first.upper, second.lower, second.upper)
-    if any(limit is None for limit in limits) or first.confidence is None or second.confidence is None:
-        why = "the results have no interval for this figure"
-        return Difference(value, None, None, confidence, None, "none", False, None, why)
-    if first.confidence != second.confidence:
-        why = f"the intervals of the results have different confidences, {first.confidence:g} and {second.confidence:g}"
-        return Difference(value, None, None, confidence, None, "none", False, None, why)
-    first_low, first_high, second_low, second_high = (limit or 0.0 for limit in limits)
+    value, ends = second.value - first.value, []
+    for interval in (first.interval, second.interval):
+        if interval is None or interval.lower is None or interval.upper is None:
+            return Difference(value, Interval.missing(confidence, "the results have no interval for this figure"))
+        ends.append((interval.lower, interval.upper, interval.confidence))
+    (first_low, first_high, level), (second_low, second_high, second_level) = ends
+    if level != second_level:
+        why = f"the intervals of the results have different confidences, {level:g} and {second_level:g}"
+        return Difference(value, Interval.missing(confidence, why))
     below = math.hypot(max(second.value - second_low, 0.0), max(first_high - first.value, 0.0))
     above = math.hypot(max(second_high - second.value, 0.0), max(first.value - first_low, 0.0))
-    p_value = _p_value(value, below if value > 0.0 else above, first.confidence)
-    return Difference(value, value - below, value + above, first.confidence, p_value, METHOD, False, None)
-
-
-def _p_value(value: float, distance: float, confidence: float) -> float:
-    """Return the p-value as if the limit that faces zero, at ``distance`` from the value, were a Gaussian's."""
-    if value == 0.0 or distance == 0.0:
-        return float(value == 0.0)
-    return 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * confidence) * abs(value) / distance)
+    # The p-value is as if the limit that faces zero were a Gaussian's.
+    distance, p_value = below if value > 0.0 else above, float(value == 0.0)
+    if value != 0.0 and distance != 0.0:
+        p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * level) * abs(value) / distance)
+    return Difference(value, Interval(value - below, value + above, None, level, METHOD), p_value)
 
 
 # Pairing of two results by commanded pose.
@@ -388,9 +396,9 @@ def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[n
             keys = _numbered(_pose_numbers(first))
             return keys, keys
     if same_joints and first.q is not None and second.q is not None:
-        return _numbers_by_joints(np.round(first.q / _SAME_JOINT), np.round(second.q / _SAME_JOINT))
+        return _numbers_of(np.round(first.q / _SAME_JOINT).T, np.round(second.q / _SAME_JOINT).T)
     if first.pose is not None and second.pose is not None and _same_positions(first, second):
-        return _numbers_by_id(first.pose, second.pose)
+        return _numbers_of(first.pose, second.pose)
     return None
 
 
@@ -409,15 +417,10 @@ def _same_targets(first: ComparedPoses, second: ComparedPoses) -> bool:
     return bool(np.array_equal(first.target, second.target))
 
 
-def _numbers_by_joints(first: Array, second: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    numbers = np.unique(np.concatenate((first, second), axis=1), axis=1, return_inverse=True)[1]
-    numbers = numbers.ravel().astype(np.int64)
-    return numbers[: first.shape[1]], numbers[first.shape[1] :]
-
-
-def _numbers_by_id(first: NDArray[np.str_], second: NDArray[np.str_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    numbers = np.unique(np.concatenate((first, second)), return_inverse=True)[1].astype(np.int64)
-    return numbers[: first.size], numbers[first.size :]
+def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return a number for each row of two arrays, the same for equal rows."""
+    numbers = np.unique(np.concatenate((first, second)), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
+    return numbers[: len(first)], numbers[len(first) :]
 
 
 def _same_positions(first: ComparedPoses, second: ComparedPoses) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.grade import STATISTICS, GradeStep, Scale
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
+from robacc.statistics.intervals import Estimate, Interval
 
 # Typed access to the JSON document of a stored result, by path; problems are collected.
 
@@ -94,41 +95,18 @@ class ResultDocument:
             return None
         return array.T
 
-    def texts(self, path: str, n: int) -> NDArray[Any] | None:
-        """Return ``(n,)`` texts; None if there are none."""
+    def column(self, path: str, n: int, kind: type, plural: str) -> NDArray[Any] | None:
+        """Return ``(n,)`` values of one kind; None if there are none."""
         values = self.at(path)
         if values is None:
             return None
-        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, str) for value in values):
-            self.report(path, f"expected {n} texts")
+        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, kind) for value in values):
+            self.report(path, f"expected {n} {plural}")
             return None
-        return np.array(values, dtype=str)
-
-    def flags(self, path: str, n: int) -> NDArray[np.bool_] | None:
-        """Return ``(n,)`` booleans; None if there are none."""
-        values = self.at(path)
-        if values is None:
-            return None
-        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, bool) for value in values):
-            self.report(path, f"expected {n} booleans")
-            return None
-        return np.array(values, dtype=bool)
+        return np.array(values, dtype=kind)
 
 
 # A result to compare: its figures, the errors of every pose behind them, and how it was made.
-
-
-@dataclass(frozen=True, slots=True)
-class ComparedFigure:
-    """One number of one result."""
-
-    value: float
-    unit: str
-    """``m``, ``rad`` or ``1``"""
-    lower: float | None = None
-    upper: float | None = None
-    confidence: float | None = None
-    """Confidence of the interval from ``lower`` to ``upper``, if the result has an interval."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,16 +121,6 @@ class ComparedPoses:
     pose: NDArray[Any] | None
     """``(n,)`` id, text."""
     target: NDArray[Any] | None
-
-    def subset(self, rows: NDArray[np.bool_]) -> ComparedPoses:
-        """Return the poses of the rows where ``rows`` is true."""
-        return ComparedPoses(
-            int(np.count_nonzero(rows)),
-            None if self.q is None else self.q[:, rows],
-            None if self.commanded is None else self.commanded[:, rows],
-            None if self.pose is None else self.pose[rows],
-            None if self.target is None else self.target[rows],
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +145,7 @@ class ComparedResult:
     """Version of robacc that made the result."""
     n_poses: int
     robot: str | None
-    figures: Mapping[str, ComparedFigure]
+    figures: Mapping[str, Estimate]
     """Figures by key: ``position.rms``, ``nominal.held_out.position.p95`` …"""
     errors: Mapping[str, ErrorSet]
     """Errors by group, the start of a key: ``position``, ``orientation``, ``nominal.held_out.position`` …"""
@@ -205,32 +173,30 @@ def split_key(key: str) -> tuple[str, str]:
     return group, statistic
 
 
+def unit_of(key: str) -> str:
+    """Return the unit of a key's value: ``m`` or ``rad``."""
+    return "rad" if "orientation" in key.split(".") else "m"
+
+
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")
+_QUANTITIES = ("position", "orientation")
 _LENGTHS = ("rms", "mean_error", "p95", "max")
-_QUANTITIES = (("position", "m"), ("orientation", "rad"))
-
-
-class _FitStage(NamedTuple):
-    """Place of one stage of a fit in its document."""
-
-    prefix: str
-    """Start of the keys."""
-    stage: str
-    poses: str
-    """``fitted`` or ``held_out``"""
-    errors: str
-    """Name of the errors under ``poses``."""
-    holdout_errors: str | None
-    """Name of the errors under ``poses_apart``; None if there are none."""
-
-
-_STAGES = (
-    _FitStage("", "after", "held_out", "held_out_after", "after"),
-    _FitStage("before.held_out.", "before", "held_out", "held_out_before", "before"),
-    _FitStage("nominal.held_out.", "nominal", "held_out", "held_out_nominal", "nominal"),
-    _FitStage("after.fitted.", "after", "fitted", "after", None),
+_STATISTICS: tuple[tuple[str, str, str], ...] = (
+    *((name, f"{name}_*", f"intervals.{name}_*") for name in (*_LENGTHS, "max_radius95")),
+    ("radius95", "radius95.fitted_mean.radius_*", "radius95.fitted_mean.interval"),
+    ("longest_sd", "ellipsoid.0.sd_*", "ellipsoid.0.interval"),
+    *((f"mean_{axis}", f"mean_*.{i}", f"intervals.mean_*.{i}") for i, axis in enumerate("xyz")),
 )
+"""Statistics with the places of their value and interval; a star stands for the unit."""
+_ISO9283 = ("AP", "RP", "vAP", "AD", "RD", "drift.AP", "drift.RP", "drift.barycentre", "exchangeability")
+_STAGES = (
+    ("", "after", "held_out"),
+    ("before.held_out.", "before", "held_out"),
+    ("nominal.held_out.", "nominal", "held_out"),
+    ("after.fitted.", "after", "fitted"),
+)
+"""Stages of a fit: the start of their keys, the name of the stage, and its poses."""
 
 
 def read_compared_result(document: Mapping[str, Any], name: str, file: str, digest: str) -> ComparedResult:
@@ -276,103 +242,66 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     return compared
 
 
-def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, ComparedFigure]]:
+def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, Estimate]]:
+    places = [(f"{quantity}.", f"{quantity}.") for quantity in _QUANTITIES]
+    names: tuple[str, ...] = ()  # all statistics
+
     if command == "iso9283":
-        yield from _iso9283(result)
-        return
-    for quantity, unit in _QUANTITIES:
-        if command in FITS:
-            for stage in _stages(result):
-                path = f"{stage.stage}.{stage.poses}.{quantity}"
-                yield from _lengths(result, path, f"{stage.prefix}{quantity}", unit)
-        else:
-            yield from _lengths(result, quantity, quantity, unit)
-            yield from _other_figures(result, quantity, unit)
+        places = [(f"iso9283.{name}",) * 2 for symbol in _ISO9283 for name in (f"{symbol}.", f"{symbol}.orientation.")]
+        names = ("max",)
+    elif command in FITS:
+        places = [
+            (f"{start}{quantity}.", f"{stage}.{poses}.{quantity}.")
+            for quantity in _QUANTITIES
+            for start, stage, poses in _stages(result)
+        ]
+        names = _LENGTHS
+    for start, place in places:
+        unit = unit_of(start)
+        for name, path, interval_path in _STATISTICS:
+            value = None if names and name not in names else result.number(place + path.replace("*", unit))
+            if value is not None:
+                yield f"{start}{name}", Estimate(value, _interval(result, place + interval_path.replace("*", unit)))
+        for i, axis in enumerate("" if names else "xyz"):
+            variance = result.number(f"{place}centred_covariance_{unit}2.{i}.{i}")
+            if variance is not None:
+                yield f"{start}sd_{axis}", Estimate(max(variance, 0.0) ** 0.5, None)
 
 
-def _stages(result: ResultDocument) -> tuple[_FitStage, ...]:
+def _interval(result: ResultDocument, path: str) -> Interval | None:
+    lower, upper, confidence = (result.number(f"{path}.{name}") for name in ("lower", "upper", "confidence"))
+    return None if confidence is None else Interval(lower, upper, None, confidence, "interval stored in the result")
+
+
+def _stages(result: ResultDocument) -> tuple[tuple[str, str, str], ...]:
     """Return the stages of a fit; without held-out poses, the stages on calibration poses take their place."""
     if result.at("after.held_out") is not None:
         return _STAGES
-    return tuple(
-        _FitStage(entry.prefix.replace("held_out", "fitted"), entry.stage, "fitted", entry.stage, None)
-        for entry in _STAGES[:3]
-    )
-
-
-def _lengths(result: ResultDocument, path: str, key: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
-    for name in _LENGTHS:
-        yield from _figure(result, path, f"{key}.{name}", f"{name}_{unit}", unit)
-
-
-def _figure(result: ResultDocument, path: str, key: str, name: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
-    """Yield the figure ``name`` of the mapping at ``path``, with the interval stored beside it."""
-    value = result.number(f"{path}.{name}")
-    if value is not None:
-        yield key, _with_interval(result, value, unit, f"{path}.intervals.{name}")
-
-
-def _with_interval(result: ResultDocument, value: float, unit: str, path: str) -> ComparedFigure:
-    limits = (result.number(f"{path}.lower"), result.number(f"{path}.upper"), result.number(f"{path}.confidence"))
-    return ComparedFigure(value, unit, *limits)
-
-
-def _other_figures(result: ResultDocument, quantity: str, unit: str) -> Iterator[tuple[str, ComparedFigure]]:
-    """Yield the figures of an estimate or a prediction other than lengths."""
-    yield from _figure(result, quantity, f"{quantity}.max_radius95", f"max_radius95_{unit}", unit)
-    radius = f"{quantity}.radius95.fitted_mean"
-    value = result.number(f"{radius}.radius_{unit}")
-    if value is not None:
-        yield f"{quantity}.radius95", _with_interval(result, value, unit, f"{radius}.interval")
-    value = result.number(f"{quantity}.ellipsoid.0.sd_{unit}")
-    if value is not None:
-        yield f"{quantity}.longest_sd", _with_interval(result, value, unit, f"{quantity}.ellipsoid.0.interval")
-    for i, axis in enumerate("xyz"):
-        value = result.number(f"{quantity}.mean_{unit}.{i}")
-        if value is not None:
-            yield (
-                f"{quantity}.mean_{axis}",
-                _with_interval(result, value, unit, f"{quantity}.intervals.mean_{unit}.{i}"),
-            )
-    for i, axis in enumerate("xyz"):
-        variance = result.number(f"{quantity}.centred_covariance_{unit}2.{i}.{i}")
-        if variance is not None:
-            yield f"{quantity}.sd_{axis}", ComparedFigure(max(variance, 0.0) ** 0.5, unit)
-
-
-def _iso9283(result: ResultDocument) -> Iterator[tuple[str, ComparedFigure]]:
-    for symbol in ("AP", "RP", "vAP", "AD", "RD", "drift.AP", "drift.RP", "drift.barycentre", "exchangeability"):
-        path = f"iso9283.{symbol}"
-        yield from _figure(result, path, f"{path}.max", "max_m", "m")
-        yield from _figure(result, f"{path}.orientation", f"{path}.orientation.max", "max_rad", "rad")
+    return tuple((start.replace("held_out", "fitted"), stage, "fitted") for start, stage, _ in _STAGES[:3])
 
 
 def _errors(result: ResultDocument, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
     if command == "estimate":
         poses = _poses(result, "poses", n)
-        for quantity, unit in _QUANTITIES:
-            vectors = result.matrix(f"{quantity}.errors_{unit}", n, 3)
+        for quantity in _QUANTITIES:
+            vectors = result.matrix(f"{quantity}.errors_{unit_of(quantity)}", n, 3)
             if vectors is not None and n:
                 yield quantity, ErrorSet(vectors, poses, result.number(f"{quantity}.independent_poses"))
-        return
-    if command not in FITS:
-        return
     has_holdout = result.at("poses_apart") is not None
-    n_holdout = len(result.at("poses_apart.line") or ()) if has_holdout else 0
-    for stage in _stages(result):
-        path, size, name = "poses", n, stage.errors
-        if has_holdout and stage.poses == "held_out":
-            if stage.holdout_errors is None:
-                continue
-            path, size, name = "poses_apart", n_holdout, stage.holdout_errors
+    for start, stage, kind in _stages(result) if command in FITS else ():
+        path, size, name = "poses", n, stage
+        if kind == "held_out" and has_holdout:
+            path, size = "poses_apart", len(result.at("poses_apart.line") or ())
+        elif kind == "held_out":
+            name = f"held_out_{stage}"
         if not size:
             continue
         poses = _poses(result, path, size)
-        result.flags(f"{path}.used", size)  # checked only: the figures count outliers
-        for quantity, unit in _QUANTITIES:
-            vectors = result.matrix(f"{path}.errors_{unit}.{name}", size, 3)
+        result.column(f"{path}.used", size, bool, "booleans")  # checked only: the figures count outliers
+        for quantity in _QUANTITIES:
+            vectors = result.matrix(f"{path}.errors_{unit_of(quantity)}.{name}", size, 3)
             if vectors is not None:
-                yield f"{stage.prefix}{quantity}", ErrorSet(vectors, poses)
+                yield f"{start}{quantity}", ErrorSet(vectors, poses)
 
 
 def _poses(result: ResultDocument, path: str, n: int) -> ComparedPoses:
@@ -380,8 +309,8 @@ def _poses(result: ResultDocument, path: str, n: int) -> ComparedPoses:
         n,
         result.matrix(f"{path}.q", n),
         result.matrix(f"{path}.commanded_m", n, 3),
-        result.texts(f"{path}.pose", n),
-        result.texts(f"{path}.target", n),
+        result.column(f"{path}.pose", n, str, "texts"),
+        result.column(f"{path}.target", n, str, "texts"),
     )
 
 
@@ -413,9 +342,7 @@ def _scale(result: ResultDocument) -> tuple[Scale | None, str | None]:
     return Scale(name, statistic, confidence, tuple(steps), otherwise), name  # type: ignore[arg-type]
 
 
-def _provenance(
-    result: ResultDocument, command: str, figures: Mapping[str, ComparedFigure]
-) -> Iterator[tuple[str, str]]:
+def _provenance(result: ResultDocument, command: str, figures: Mapping[str, Estimate]) -> Iterator[tuple[str, str]]:
     """Yield how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     yield "command", command
     yield "robacc version", str(result.root["robacc"])
@@ -426,7 +353,7 @@ def _provenance(
     scale = result.text("grade.scale")
     if scale is not None:
         yield "grade scale", scale
-    confidences = sorted({figure.confidence for figure in figures.values() if figure.confidence is not None})
+    confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     if confidences:
         yield "confidence", ", ".join(f"{confidence:g}" for confidence in confidences)
     if command in FITS:

@@ -9,6 +9,7 @@ from robacc.comparison.differences import Difference
 from robacc.comparison.paired_targets import PairedTargets
 from robacc.comparison.reading import ComparedResult
 from robacc.documents.parts import figures_document, rounded
+from robacc.statistics.intervals import Estimate
 
 Document = dict[str, Any]
 
@@ -60,9 +61,9 @@ def _row(row: ComparedRow, names: list[str]) -> Document:
             {
                 "name": name,
                 "value": figure.value,
-                "lower": figure.lower,
-                "upper": figure.upper,
-                "confidence": figure.confidence,
+                "lower": figure.interval and figure.interval.lower,
+                "upper": figure.interval and figure.interval.upper,
+                "confidence": figure.interval and figure.interval.confidence,
             }
             for name, figure in zip(names, row.figures, strict=True)
         ],
@@ -77,14 +78,14 @@ def _row(row: ComparedRow, names: list[str]) -> Document:
 def _difference(difference: Difference) -> Document:
     return {
         "value": difference.value,
-        "lower": difference.lower,
-        "upper": difference.upper,
-        "confidence": difference.confidence,
+        "lower": difference.interval.lower,
+        "upper": difference.interval.upper,
+        "confidence": difference.interval.confidence,
         "p_value": difference.p_value,
         "paired": difference.paired,
         "n_poses": difference.n_poses,
-        "method": difference.method,
-        "why": difference.why,
+        "method": difference.interval.method,
+        "why": difference.interval.why,
     }
 
 
@@ -134,13 +135,17 @@ def _grade_status(status: GradeStatus) -> Document:
         "demonstrated": status.verdict == "demonstrated",
         "grade": status.grade,
         "probability": status.probability,
-        "position_m": status.position,
-        "position_upper_bound_m": status.position_bound,
-        "orientation_rad": status.orientation,
-        "orientation_upper_bound_rad": status.orientation_bound,
+        "position_m": status.position.value,
+        "position_upper_bound_m": _upper_bound(status.position),
+        "orientation_rad": None if status.orientation is None else status.orientation.value,
+        "orientation_upper_bound_rad": _upper_bound(status.orientation),
         "poses_to_demonstrate": status.poses_to_demonstrate,
         "why": status.why,
     }
+
+
+def _upper_bound(estimate: Estimate | None) -> float | None:
+    return None if estimate is None or estimate.interval is None else estimate.interval.upper_bound
 
 
 # Keys of ``robacc.compare-paired/1`` in m.

@@ -89,6 +89,14 @@ class Interval:
         return Interval(min(pairs[0]), max(pairs[1]), max(pairs[2]), self.confidence, method, curve=curve)
 
 
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number with its interval, in one unit."""
+
+    value: float
+    interval: Interval | None
+
+
 def tails(confidence: float) -> tuple[float, float, float]:
     """Return the probabilities below the lower limit, the upper limit and the one-sided upper bound."""
     return 0.5 * (1.0 - confidence), 0.5 * (1.0 + confidence), confidence

@@ -13,8 +13,9 @@ from scipy import stats
 
 from robacc.comparison.comparing import compare, group_letters, holm, indistinguishable_groups
 from robacc.comparison.differences import SMOOTH, ErrorSample, difference, from_intervals, pair_poses
-from robacc.comparison.reading import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet, read_compared_result
+from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet, read_compared_result
 from robacc.errors import InputError, UsageError
+from robacc.statistics.intervals import Estimate, Interval
 
 RNG = np.random.default_rng
 
@@ -47,9 +48,9 @@ def test_a_difference_is_that_of_the_statistics(statistic: str, paired: bool) ->
     a, b = errors(seed=1), errors(seed=2, scale=1.3e-4)
     delta = difference(statistic, sample(a), sample(b), paired=paired)
     assert delta.value == pytest.approx(by_hand(statistic, b) - by_hand(statistic, a), rel=1e-12, abs=1e-19)
-    assert delta.lower is not None
-    assert delta.upper is not None
-    assert delta.lower < delta.value < delta.upper
+    assert delta.interval.lower is not None
+    assert delta.interval.upper is not None
+    assert delta.interval.lower < delta.value < delta.interval.upper
     assert delta.paired is paired
 
 
@@ -61,7 +62,7 @@ def test_means_of_lengths_by_scipys_t_tests() -> None:
     reference = stats.ttest_rel(second_lengths, first_lengths)
     interval = reference.confidence_interval(0.95)
     assert delta.p_value == pytest.approx(reference.pvalue, rel=1e-9)
-    assert (delta.lower, delta.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
+    assert (delta.interval.lower, delta.interval.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
     b = errors(1100, 3, 1.02e-4)
     second_lengths = np.linalg.norm(b, axis=0)
     delta = difference("mean_error", sample(a), sample(b), paired=False)
@@ -78,9 +79,9 @@ def test_standard_error_by_the_jackknife(statistic: str) -> None:
         [by_hand(statistic, np.delete(b, i, 1)) - by_hand(statistic, np.delete(a, i, 1)) for i in range(n)]
     )
     error = math.sqrt((n - 1) / n * np.sum(np.square(left_out - left_out.mean())))
-    assert delta.upper is not None
+    assert delta.interval.upper is not None
     # The influence is the jackknife's limit; at 1500 poses they agree to some parts in a thousand.
-    assert delta.upper - delta.value == pytest.approx(stats.t.ppf(0.975, n - 1) * error, rel=5e-3)
+    assert delta.interval.upper - delta.value == pytest.approx(stats.t.ppf(0.975, n - 1) * error, rel=5e-3)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "p95", "sd_x"])
@@ -93,14 +94,18 @@ def test_pairs_cancel_what_they_share(statistic: str) -> None:
     assert width(paired_delta) < 0.4 * width(unpaired_delta)
 
 
+def figure(value: float, lower: float, upper: float, confidence: float) -> Estimate:
+    return Estimate(value, Interval(lower, upper, None, confidence, "stored"))
+
+
 def width(delta: Any) -> float:
-    return float(delta.upper - delta.lower)
+    return float(delta.interval.upper - delta.interval.lower)
 
 
 @pytest.mark.parametrize("statistic", [*SMOOTH, "p95"])
 def test_equal_errors_do_not_differ(statistic: str) -> None:
     delta = difference(statistic, sample(errors()), sample(errors()), paired=True)
-    assert (delta.value, delta.lower, delta.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
+    assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95", "sd_z"])
@@ -119,31 +124,31 @@ def test_p_value_and_interval_say_the_same(statistic: str, n: int, shift: float)
     for seed in range(4):
         a, b = errors(n, seed), errors(n, seed + 100, shift * 1e-4)
         delta = difference(statistic, sample(a), sample(b), paired=False)
-        assert delta.lower is not None
-        assert delta.upper is not None
+        assert delta.interval.lower is not None
+        assert delta.interval.upper is not None
         assert delta.p_value is not None
-        assert (delta.p_value < 0.05) == (not delta.lower <= 0.0 <= delta.upper)
+        assert (delta.p_value < 0.05) == (not delta.interval.lower <= 0.0 <= delta.interval.upper)
 
 
 def test_order_turns_the_sign() -> None:
     a, b = errors(1200, 1), errors(1200, 2)
     forward = difference("rms", sample(a), sample(b), paired=False)
     reverse = difference("rms", sample(b), sample(a), paired=False)
-    assert (forward.value, forward.lower, forward.p_value) == pytest.approx(
-        (-reverse.value, -(reverse.upper or 0.0), reverse.p_value)
+    assert (forward.value, forward.interval.lower, forward.p_value) == pytest.approx(
+        (-reverse.value, -(reverse.interval.upper or 0.0), reverse.p_value)
     )
 
 
 def test_too_few_poses_are_said() -> None:
     few = difference("p95", sample(errors(29)), sample(errors(50)), paired=False)
-    assert (few.lower, few.p_value) == (None, None)
-    assert few.why == "29 poses: too few to compare 95th percentiles; at least 30 are needed"
+    assert (few.interval.lower, few.p_value) == (None, None)
+    assert few.interval.why == "29 poses: too few to compare 95th percentiles; at least 30 are needed"
     assert difference("p95", sample(errors(30)), sample(errors(50)), paired=False).p_value is not None
     single = difference("rms", sample(errors(1)), sample(errors(50)), paired=False)
-    assert single.why == "one commanded pose shows no scatter between poses"
+    assert single.interval.why == "one commanded pose shows no scatter between poses"
     assert single.value == pytest.approx(by_hand("rms", errors(50)) - by_hand("rms", errors(1)))
     sd = difference("sd_x", sample(errors(9)), sample(errors(9, 1)), paired=True)
-    assert sd.why == "fewer than 10 poses: too few to compare standard deviations"
+    assert sd.interval.why == "fewer than 10 poses: too few to compare standard deviations"
 
 
 def coverage(statistic: str, n: int, m: int, correlation: float, ratio: float, runs: int) -> float:
@@ -160,7 +165,7 @@ def coverage(statistic: str, n: int, m: int, correlation: float, ratio: float, r
         delta = difference(
             statistic, sample(mean + shape * a), sample(ratio * (mean + shape * b)), paired=correlation > 0, seed=seed
         )
-        covered += (delta.lower or 0.0) <= truth <= (delta.upper or 0.0)
+        covered += (delta.interval.lower or 0.0) <= truth <= (delta.interval.upper or 0.0)
     return covered / runs
 
 
@@ -192,22 +197,23 @@ def test_differences_from_intervals() -> None:
     """Gaussian limits give Gaussian limits: the standard errors 3 and 4 put together are 5."""
     z = stats.norm.ppf(0.975)
     delta = from_intervals(
-        ComparedFigure(10.0, "m", 10 - 3 * z, 10 + 3 * z, 0.95),
-        ComparedFigure(20.0, "m", 20 - 4 * z, 20 + 4 * z, 0.95),
+        figure(10.0, 10 - 3 * z, 10 + 3 * z, 0.95),
+        figure(20.0, 20 - 4 * z, 20 + 4 * z, 0.95),
         0.95,
     )
-    assert (delta.value, delta.lower, delta.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
+    assert (delta.value, delta.interval.lower, delta.interval.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
     assert delta.p_value == pytest.approx(2 * stats.norm.sf(2.0))
-    missing = from_intervals(ComparedFigure(1.0, "m"), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
-    assert (missing.value, missing.p_value, missing.why) == (1.0, None, "the results have no interval for this figure")
-    mixed = from_intervals(ComparedFigure(1.0, "m", 0.5, 1.5, 0.9), ComparedFigure(2.0, "m", 1.0, 3.0, 0.95), 0.95)
-    assert mixed.why == "the intervals of the results have different confidences, 0.9 and 0.95"
-    same = from_intervals(ComparedFigure(1.0, "m", 1.0, 1.0, 0.95), ComparedFigure(1.0, "m", 1.0, 1.0, 0.95), 0.95)
-    assert same.p_value == 1.0
-    assert (
-        from_intervals(ComparedFigure(1.0, "m", 1.0, 1.0, 0.95), ComparedFigure(2.0, "m", 2.0, 2.0, 0.95), 0.95).p_value
-        == 0.0
+    missing = from_intervals(Estimate(1.0, None), figure(2.0, 1.0, 3.0, 0.95), 0.95)
+    assert (missing.value, missing.p_value, missing.interval.why) == (
+        1.0,
+        None,
+        "the results have no interval for this figure",
     )
+    mixed = from_intervals(figure(1.0, 0.5, 1.5, 0.9), figure(2.0, 1.0, 3.0, 0.95), 0.95)
+    assert mixed.interval.why == "the intervals of the results have different confidences, 0.9 and 0.95"
+    same = from_intervals(figure(1.0, 1.0, 1.0, 0.95), figure(1.0, 1.0, 1.0, 0.95), 0.95)
+    assert same.p_value == 1.0
+    assert from_intervals(figure(1.0, 1.0, 1.0, 0.95), figure(2.0, 2.0, 2.0, 0.95), 0.95).p_value == 0.0
 
 
 def test_holm_by_the_papers_rule() -> None:
@@ -259,7 +265,6 @@ def test_the_same_poses_are_found() -> None:
 
 def test_pairs_belong_together_whatever_the_order() -> None:
     base, order = poses(30), RNG(1).permutation(30)
-    shuffled = base.subset(np.ones(30, dtype=bool))
     shuffled = ComparedPoses(30, np.asarray(base.q)[:, order], None, None, None)
     pairing = pair_poses(ErrorSet(errors(30), base), ErrorSet(errors(30)[:, order], shuffled))
     gained = difference("rms", pairing.first, pairing.second, paired=pairing.paired)
@@ -297,10 +302,10 @@ def made(
 ) -> ComparedResult:
     vectors = errors(n, seed, scale)
     figures = {
-        f"position.{statistic}": ComparedFigure(by_hand(statistic, vectors), "m")
+        f"position.{statistic}": Estimate(by_hand(statistic, vectors), None)
         for statistic in ("rms", "mean_error", "p95", "mean_x")
     }
-    figures["position.max"] = ComparedFigure(float(np.max(np.linalg.norm(vectors, axis=0))), "m")
+    figures["position.max"] = Estimate(float(np.max(np.linalg.norm(vectors, axis=0))), None)
     fields: dict[str, Any] = {
         "name": name,
         "command": command,
@@ -351,7 +356,7 @@ def test_equal_results_are_one_result_twice() -> None:
     for row in comparison.rows:
         delta = row.differences[1]
         assert delta is not None
-        assert (delta.value, delta.lower, delta.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
+        assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
     assert comparison.ranking.sentences() == ("a and b do not differ significantly",)
 
 
@@ -359,13 +364,13 @@ def test_largest_errors_and_predictions_are_not_tested() -> None:
     comparison = compare([made("a", 1), made("b", 2)])
     largest = next(row for row in comparison.rows if row.key == "position.max").differences[1]
     assert largest is not None
-    assert (largest.p_value, largest.why) == (None, "no test exists for the largest of all errors")
+    assert (largest.p_value, largest.interval.why) == (None, "no test exists for the largest of all errors")
     comparison = compare([made("a", 1), made("p", 2, command="predict")])
     delta = comparison.rows[0].differences[1]
     assert delta is not None
     assert delta.p_value is None
-    assert delta.why is not None
-    assert delta.why.startswith("a prediction describes robots yet to be built")
+    assert delta.interval.why is not None
+    assert delta.interval.why.startswith("a prediction describes robots yet to be built")
     assert comparison.ranking.groups == ()
     assert comparison.ranking.sentences() == ("ordered by the figure; no difference could be tested",)
     mixed = compare([made("a", 1), made("b", 2), made("p", 3, command="predict")])
@@ -387,11 +392,12 @@ def test_what_was_made_differently_is_warned_of() -> None:
         "made differently, poses: a and b have different poses, so their difference cannot be paired",
     )
     part = made("b", 2)
-    rows = np.arange(50) < 40
     all_errors = part.errors["position"]
-    part = dataclasses.replace(
-        part, errors={"position": ErrorSet(all_errors.vectors[:, rows], all_errors.poses.subset(rows))}
+    first_poses = poses(50)
+    first_poses = ComparedPoses(
+        40, np.asarray(first_poses.q)[:, :40], np.asarray(first_poses.commanded)[:, :40], None, None
     )
+    part = dataclasses.replace(part, errors={"position": ErrorSet(all_errors.vectors[:, :40], first_poses)})
     assert compare([made("a", 1), part]).warnings == (
         "made differently, poses: a and b share 40 of 50 poses; only these are compared",
     )
@@ -421,7 +427,7 @@ def test_there_must_be_something_to_compare() -> None:
     with pytest.raises(UsageError, match="needs at least two results"):
         compare([made("a", 1)])
     with pytest.raises(UsageError, match="results of estimate and iso9283 have no figure in common to compare"):
-        compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": ComparedFigure(1.0, "m")})])
+        compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": Estimate(1.0, None)})])
 
 
 def document(**changes: Any) -> dict[str, Any]:

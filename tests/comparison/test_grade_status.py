@@ -10,8 +10,9 @@ import pytest
 
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.comparison.comparing import GradeStatus, common_scale, grade_statuses
-from robacc.comparison.reading import ComparedFigure, ComparedPoses, ComparedResult, ErrorSet
+from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet
 from robacc.errors import UsageError
+from robacc.statistics.intervals import Estimate
 
 SCALE = Scale("two", "rms", 0.95, (GradeStep("fine", 1.0, 0.1), GradeStep("coarse", 4.0, 0.4)), "none")
 
@@ -26,9 +27,9 @@ def result(**changes: Any) -> ComparedResult:
 
 
 def predicted(position: float, orientation: float | None = None) -> ComparedResult:
-    figures = {"position.rms": ComparedFigure(position, "m")}
+    figures = {"position.rms": Estimate(position, None)}
     if orientation is not None:
-        figures["orientation.rms"] = ComparedFigure(orientation, "rad")
+        figures["orientation.rms"] = Estimate(orientation, None)
     return result(figures=figures)
 
 
@@ -74,8 +75,8 @@ def errors(rms: float, n: int) -> np.ndarray:
 def test_the_required_grade_itself_and_better_ones_are_confirmed(rms: float, grade: str, own: str) -> None:
     answer = status(measured(errors(rms, 400)), grade)
     assert (answer.verdict, answer.grade, answer.why) == ("demonstrated", own, None)
-    assert answer.position_bound is not None
-    assert answer.position < answer.position_bound
+    assert answer.position.interval is not None
+    assert answer.position.value < (answer.position.interval.upper_bound or 0.0)
 
 
 def test_a_grade_met_by_the_value_alone_is_not_confirmed() -> None:

@@ -25,6 +25,7 @@ from robacc.render.text.layout import (
     table_unit,
     three_digits,
 )
+from robacc.statistics.intervals import Estimate
 
 _STATISTICS = {
     "rms": "rms",
@@ -152,11 +153,9 @@ def _grade(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
             _VERDICTS[status.verdict],
             status.grade,
             probability,
-            _bounded(status.position, status.position_bound, "m"),
+            _bounded(status.position, "m"),
+            "–" if status.orientation is None else _bounded(status.orientation, "rad"),
         ]
-        cells.append(
-            "–" if status.orientation is None else _bounded(status.orientation, status.orientation_bound, "rad")
-        )
         rows.append((_short(status.name), *cells))
     header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
     yield from columns(header, rows)
@@ -170,8 +169,9 @@ def _grade(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
     yield from items(reasons, width)
 
 
-def _bounded(value: float, bound: float | None, unit: str) -> str:
-    return _amount(value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
+def _bounded(estimate: Estimate, unit: str) -> str:
+    bound = None if estimate.interval is None else estimate.interval.upper_bound
+    return _amount(estimate.value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
 
 
 def _block(comparison: ResultComparison, title: str, rows: list[ComparedRow], labels: list[str]) -> Iterator[TextLine]:
@@ -241,7 +241,7 @@ def _methods(comparison: ResultComparison) -> Iterator[str]:
             if difference is not None:
                 iso9283 = row.key.startswith(_ISO9283)
                 statistic = _characteristic(row.key) if iso9283 else _label(split_key(row.key)[1])
-                methods.setdefault(difference.why or difference.method, {})[statistic] = None
+                methods.setdefault(difference.interval.why or difference.interval.method, {})[statistic] = None
     for method, statistics in methods.items():
         yield f"{', '.join(statistics)}: {method}"
 
@@ -277,21 +277,19 @@ def _difference(difference: Difference, unit: str) -> str:
 
 
 def _interval(difference: Difference, unit: str) -> str:
-    if difference.lower is None or difference.upper is None:
+    lower, upper = difference.interval.lower, difference.interval.upper
+    if lower is None or upper is None:
         return "–"
-    if max(abs(difference.lower), abs(difference.upper)) < _ROUNDING:
+    if max(abs(lower), abs(upper)) < _ROUNDING:
         return "0 … 0"
     factor, places = table_unit(unit)[0], _places(difference, unit)
-    return f"{_signed(difference.lower * factor, places)} … {_signed(difference.upper * factor, places)}"
+    return f"{_signed(lower * factor, places)} … {_signed(upper * factor, places)}"
 
 
 def _places(difference: Difference, unit: str) -> int:
     factor = table_unit(unit)[0]
-    limits = (
-        (None, None)
-        if difference.lower is None or difference.upper is None
-        else (difference.lower * factor, difference.upper * factor)
-    )
+    ends = (difference.interval.lower, difference.interval.upper)
+    limits = (None, None) if None in ends else tuple(end if end is None else end * factor for end in ends)
     return decimals(difference.value * factor, *limits)
 
 

@@ -376,7 +376,15 @@ def compare(
         raise UsageError(f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}")
     reference = names.index(baseline) if baseline is not None else 0
     differences = _PairwiseDifferences(results, confidence, seed)
-    rows = tuple(_row(differences, key, reference) for key in keys)
+    rows = tuple(
+        ComparedRow(
+            key,
+            unit_of(key),
+            tuple(result.figures[key] for result in results),
+            tuple(None if i == reference else differences.difference(key, reference, i) for i in range(len(results))),
+        )
+        for key in keys
+    )
     pairing = tuple(differences.pose_match(reference, i) for i in range(len(results)) if i != reference)
     ranked_by = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
     grade_scale = None if required_grade is None else scale or common_scale(results)
@@ -465,14 +473,6 @@ class _PairwiseDifferences:
         pairing = self.pairing("position", first, second)
         shared = pairing.first.n_groups if pairing.paired else 0
         return PoseMatch(*names, pairing.paired, shared, pairing.n_first, pairing.n_second)
-
-
-def _row(differences: _PairwiseDifferences, key: str, reference: int) -> ComparedRow:
-    figures = tuple(result.figures[key] for result in differences.results)
-    to_reference = tuple(
-        None if i == reference else differences.difference(key, reference, i) for i in range(len(figures))
-    )
-    return ComparedRow(key, unit_of(key), figures, to_reference)
 
 
 def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:

@@ -238,8 +238,7 @@ def _studentised(parts: list[_Part], value: float, paired: bool, seed: int) -> A
     resamples = [part.influence(part_counts) for part, part_counts in zip(parts, counts, strict=True)]
     error = np.sqrt(sum(_variances([influence for _, influence in resamples], paired, counts), np.zeros(DRAWS)))
     usable = error > 0.0
-    result: Array = (resamples[1][0] - resamples[0][0] - value)[usable] / error[usable]
-    return result
+    return np.asarray((resamples[1][0] - resamples[0][0] - value)[usable] / error[usable])
 
 
 @lru_cache(maxsize=8)

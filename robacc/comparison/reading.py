@@ -221,7 +221,6 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     scale, scale_name = _scale(result)
     if not figures and not result.problems:
         result.report("position", "expected the figures of a result")
-    provenance = dict(_provenance(result, command, figures))
     compared = ComparedResult(
         name=name,
         command=command,
@@ -230,7 +229,7 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
         robot=result.text("robot.name"),
         figures=figures,
         errors=errors,
-        provenance=provenance,
+        provenance=_provenance(result, command, figures),
         grade=_grade(result),
         scale=scale,
         scale_name=scale_name,
@@ -342,33 +341,32 @@ def _scale(result: ResultDocument) -> tuple[Scale | None, str | None]:
     return Scale(name, statistic, confidence, tuple(steps), otherwise), name  # type: ignore[arg-type]
 
 
-def _provenance(result: ResultDocument, command: str, figures: Mapping[str, Estimate]) -> Iterator[tuple[str, str]]:
-    """Yield how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
-    yield "command", command
-    yield "robacc version", str(result.root["robacc"])
-    frame = result.text("frame")
-    if frame is not None:
-        yield "frame", frame
-    yield "alignment", _alignment(result, command)
-    scale = result.text("grade.scale")
-    if scale is not None:
-        yield "grade scale", scale
+def _provenance(result: ResultDocument, command: str, figures: Mapping[str, Estimate]) -> dict[str, str]:
+    """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
-    if confidences:
-        yield "confidence", ", ".join(f"{confidence:g}" for confidence in confidences)
+    held_out = fitted_to_these = None
     if command in FITS:
         has_holdout = result.at("poses_apart") is not None
-        source = "separate poses" if has_holdout else f"{result.at('n_folds')} groups of poses, each in turn"
-        has_held_out = result.at("after.held_out") is not None
-        yield "held out", source if has_held_out else "nothing (errors of calibration poses)"
-    fitted_to = result.at("robot.fitted_to")
+        held_out = "separate poses" if has_holdout else f"{result.at('n_folds')} groups of poses, each in turn"
+        if result.at("after.held_out") is None:
+            held_out = "nothing (errors of calibration poses)"
+    fitted_to, targets = result.at("robot.fitted_to"), result.at("poses.target")
     if isinstance(fitted_to, list):
         inputs = [entry for entry in result.at("inputs") or () if isinstance(entry, Mapping)]
         same_poses = any(entry.get("sha256") in fitted_to for entry in inputs if entry.get("kind") == "poses")
-        yield "robot file", "fitted to the same poses" if same_poses else "not fitted to these poses"
-    targets = result.at("poses.target")
-    if isinstance(targets, list):
-        yield "targets", ", ".join(sorted({str(target) for target in targets}))
+        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
+    aspects = {
+        "command": command,
+        "robacc version": str(result.root["robacc"]),
+        "frame": result.text("frame"),
+        "alignment": _alignment(result, command),
+        "grade scale": result.text("grade.scale"),
+        "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
+        "held out": held_out,
+        "robot file": fitted_to_these,
+        "targets": ", ".join(sorted(set(map(str, targets)))) if isinstance(targets, list) else None,
+    }
+    return {aspect: text for aspect, text in aspects.items() if text is not None}
 
 
 def _alignment(result: ResultDocument, command: str) -> str:

@@ -165,8 +165,7 @@ def _centres(arm: Arm, edge: float) -> Array:
         order = order[radius.ravel()[order] >= nearest]
     grid = min(_GRID, 0.1 * edge)
     places = np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order]))
-    result: Array = np.round(places / grid) * grid
-    return result
+    return np.asarray(np.round(places / grid) * grid)
 
 
 # Proposed cube and five poses for an arm: the largest preferred edge whose corners and poses the arm reaches.
@@ -397,5 +396,4 @@ def _margins(arm: Arm, q: Array) -> Array:
     low, high = (ends.reshape(-1, *(1,) * (q.ndim - 1)) for ends in joint_ranges(arm))
     bounded = np.isfinite(low)
     span = np.where(bounded, high - low, 1.0)
-    result: Array = np.where(bounded, np.minimum(q - low, high - q) / np.where(span > 0.0, span, 1.0), 0.5)
-    return result
+    return np.asarray(np.where(bounded, np.minimum(q - low, high - q) / np.where(span > 0.0, span, 1.0), 0.5))

@@ -329,8 +329,7 @@ def _simulated_ratios(variances: Array, n: int, seed: tuple[int, ...]) -> Array:
     repeatability = lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)
     mean_length = mean_gaussian_length(variances)
     true_repeatability = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
-    result: Array = repeatability / true_repeatability
-    return result
+    return np.asarray(repeatability / true_repeatability)
 
 
 def mean_gaussian_length(variances: Array) -> float:

@@ -362,33 +362,44 @@ def _notes(
     files: Sequence[Measurements],
     shift: Characteristic,
 ) -> tuple[str, ...]:
-    notes = [
-        "RP is how closely the visits of a pose agree with each other; their distance from the commanded pose is AP"
-    ]
-    if any(sum(pose.number == number for pose in poses) > 1 for number in range(len(files))):
-        notes.append(
+    effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
+    tails = _heavy_tails(poses)
+    notes: tuple[tuple[bool, str], ...] = (
+        (
+            True,
+            "RP is how closely the visits of a pose agree with each other; their distance from the commanded pose is "
+            "AP",
+        ),
+        (
+            any(sum(pose.number == number for pose in poses) > 1 for number in range(len(files))),
             "every criterion is the largest over all measured poses or pairs of poses; where the standard prescribes "
-            "fewer (for distances P2 to P4, for drift P1), the JSON result has the value of each pose"
-        )
-    if robot is not None and any(data.commanded_position is not None for data in files):
-        notes.append("commanded poses are from the robot; the files' cmd_ columns were not used")
-    if robot is not None and robot.effects:
-        names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
-        notes.append(f"the robot file's effects are applied to the command: {', '.join(names)}")
-    for alignment in alignments:
-        count = alignment.n_parameters
-        notes.append(f"AP and dAP are after registration with {count} parameters, fitted to the same poses")
-        notes.extend(alignment.notes)
-    if any(pose.at_pole for pose in poses):
-        notes.append(
+            "fewer (for distances P2 to P4, for drift P1), the JSON result has the value of each pose",
+        ),
+        (
+            robot is not None and any(data.commanded_position is not None for data in files),
+            "commanded poses are from the robot; the files' cmd_ columns were not used",
+        ),
+        (bool(effects), f"the robot file's effects are applied to the command: {', '.join(effects)}"),
+        *(
+            (True, note)
+            for alignment in alignments
+            for note in (
+                f"AP and dAP are after registration with {alignment.n_parameters} parameters, fitted to the same poses",
+                *alignment.notes,
+            )
+        ),
+        (
+            any(pose.at_pole for pose in poses),
             "a, b, c are rotations about x, y, z of the measuring frame where pitch is within 10° of 90°: roll and yaw "
-            "are not defined there"
-        )
-    if shift.position.interval.lower:
-        notes.append("the robot drifted during the run by more than the scatter explains: AP and RP include the drift")
-    if (tails := _heavy_tails(poses)) is not None:
-        notes.append(tails)
-    return tuple(dict.fromkeys(notes))
+            "are not defined there",
+        ),
+        (
+            bool(shift.position.interval.lower),
+            "the robot drifted during the run by more than the scatter explains: AP and RP include the drift",
+        ),
+        (tails is not None, tails or ""),
+    )
+    return tuple(dict.fromkeys(note for applies, note in notes if applies))
 
 
 def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:

@@ -68,8 +68,7 @@ class CommandedPose:
     @property
     def residuals(self) -> Array:
         """Attained positions minus their barycentre, ``(3, n)``, m."""
-        result: Array = self.attained - self.attained.mean(axis=1, keepdims=True)
-        return result
+        return np.asarray(self.attained - self.attained.mean(axis=1, keepdims=True))
 
 
 def visits_of(data: Measurements, commanded: Commanded | None, source: str, number: int) -> tuple[CommandedPose, ...]:
@@ -96,8 +95,7 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
 
 def wrapped(angle: Array) -> Array:
     """Return the same angle in (-pi, pi]."""
-    result: Array = np.pi - (np.pi - angle) % (2.0 * np.pi)
-    return result
+    return np.asarray(np.pi - (np.pi - angle) % (2.0 * np.pi))
 
 
 def _commanded_pose(

@@ -22,7 +22,7 @@ from robacc.comparison.differences import (
 )
 from robacc.comparison.reading import ComparedResult, split_key, unit_of
 from robacc.errors import UsageError
-from robacc.statistics.intervals import Estimate, Interval
+from robacc.statistics.intervals import EstimatedValue, Interval
 from robacc.statistics.records import ErrorStatistics, Unit
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
@@ -87,9 +87,9 @@ class GradeStatus:
     """The result's own grade on the scale."""
     probability: float | None
     """Probability that the limits of the required grade are truly met, given the data."""
-    position: Estimate
+    position: EstimatedValue
     """Statistic of the scale, m, with its interval at the scale's confidence."""
-    orientation: Estimate | None
+    orientation: EstimatedValue | None
     """rad"""
     poses_to_demonstrate: int | None
     """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
@@ -157,8 +157,8 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
         "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
         assessed.grade,
         probability,
-        Estimate(position_grade.value, position_grade.interval),
-        None if angle is None else Estimate(angle.value, angle.interval),
+        EstimatedValue(position_grade.value, position_grade.interval),
+        None if angle is None else EstimatedValue(angle.value, angle.interval),
         assessed.poses_needed(rank) if met and not confirmed else None,
         None if confirmed or not met else _why_not_confirmed(assessed),
     )
@@ -276,7 +276,7 @@ class ComparedRow:
 
     key: str
     unit: str
-    figures: tuple[Estimate, ...]
+    figures: tuple[EstimatedValue, ...]
     """One figure for each result, in the order of the results."""
     differences: tuple[Difference | None, ...]
     """Differences to the baseline; None for the baseline itself."""

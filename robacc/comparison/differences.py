@@ -28,7 +28,7 @@ from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, s
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
     MOST_FOR_BOOTSTRAP,
-    Estimate,
+    EstimatedValue,
     Interval,
     interpolated,
     resampled_counts,
@@ -168,20 +168,21 @@ def _statistic_of(statistic: str, sample: ErrorSample) -> float:
 def _smooth(
     statistic: str, first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int
 ) -> Difference:
-    parts = [_Part(SMOOTH[statistic], sample.sums()) for sample in (first, second)]
-    value = parts[1].value - parts[0].value
-    variances = _variances([part.influence(None)[1] for part in parts], paired)
+    sums = [first.sums(), second.sums()]
+    parts = [_influence(statistic, part, None) for part in sums]
+    value = float(parts[1][0]) - float(parts[0][0])
+    variances = _variances([influence for _, influence in parts], paired)
     error = math.sqrt(float(np.sum(variances)))
     n = first.n_groups if paired else None
-    if error <= _ROUNDING * max(abs(part.value) for part in parts):
+    if error <= _ROUNDING * max(abs(float(part)) for part, _ in parts):
         return Difference.same(value, confidence, "the same at every pose", paired, n)
-    sizes = [part.sums.shape[1] for part in parts]
+    sizes = [part.shape[1] for part in sums]
     dof = _degrees_of_freedom(variances, sizes)
     t = student_quantile(0.5 + 0.5 * confidence, dof)
     below = above = t
     method = "Student's t"
     if min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
-        resampled = _studentised(parts, value, paired, seed)
+        resampled = _studentised(statistic, sums, value, paired, seed)
         low, high = interpolated(
             resampled, [tail * (resampled.size - 1) for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)]
         )
@@ -195,24 +196,13 @@ def _smooth(
     return Difference(value, interval, p_value, paired, n)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Part:
-    """Smooth statistic of one sample."""
+def _influence(statistic: str, sums: Array, counts: Array | None) -> tuple[Array, Array]:
+    """Return a statistic of ``sums`` ``(9, G)`` and each pose's influence on it.
 
-    statistic: Callable[[Array], tuple[Array, Array]]
-    sums: Array
-    """``(9, G)``"""
-
-    @property
-    def value(self) -> float:
-        """Return the statistic of the sample itself."""
-        return float(self.statistic(self.sums.sum(axis=1))[0])
-
-    def influence(self, counts: Array | None) -> tuple[Array, Array]:
-        """Return the value and each pose's influence on it; ``counts`` ``(B, G)`` gives those of resamples."""
-        total = self.sums.sum(axis=1) if counts is None else self.sums @ counts.T
-        value, gradient = self.statistic(total)
-        return value, gradient.T @ self.sums
+    ``counts`` ``(B, G)`` gives those of resamples.
+    """
+    value, gradient = SMOOTH[statistic](sums.sum(axis=1) if counts is None else sums @ counts.T)
+    return value, gradient.T @ sums
 
 
 def _variances(influences: list[Array], paired: bool, counts: list[Array] | None = None) -> list[Array]:
@@ -232,10 +222,10 @@ def _degrees_of_freedom(variances: list[Array], sizes: list[int]) -> float:
     return total**2 / sum(terms)
 
 
-def _studentised(parts: list[_Part], value: float, paired: bool, seed: int) -> Array:
+def _studentised(statistic: str, sums: list[Array], value: float, paired: bool, seed: int) -> Array:
     """Return (resampled difference - difference) / standard error of the resample, ``(B,)``."""
-    counts = [_counts(part.sums.shape[1], seed, 0 if paired else i) for i, part in enumerate(parts)]
-    resamples = [part.influence(part_counts) for part, part_counts in zip(parts, counts, strict=True)]
+    counts = [_counts(part.shape[1], seed, 0 if paired else i) for i, part in enumerate(sums)]
+    resamples = [_influence(statistic, *part) for part in zip(sums, counts, strict=True)]
     error = np.sqrt(sum(_variances([influence for _, influence in resamples], paired, counts), np.zeros(DRAWS)))
     usable = error > 0.0
     return np.asarray((resamples[1][0] - resamples[0][0] - value)[usable] / error[usable])
@@ -293,7 +283,7 @@ def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
 METHOD = "from the intervals of the two results, assumed independent (Zou and Donner)"
 
 
-def from_intervals(first: Estimate, second: Estimate, confidence: float) -> Difference:
+def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: float) -> Difference:
     """Return ``second`` minus ``first``; ``confidence`` is recorded where there is no interval."""
     value, ends = second.value - first.value, []
     for interval in (first.interval, second.interval):

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.grade import STATISTICS, GradeStep, Scale
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
-from robacc.statistics.intervals import Estimate, Interval
+from robacc.statistics.intervals import EstimatedValue, Interval
 
 # Typed access to the JSON document of a stored result, by path; problems are collected.
 
@@ -145,7 +145,7 @@ class ComparedResult:
     """Version of robacc that made the result."""
     n_poses: int
     robot: str | None
-    figures: Mapping[str, Estimate]
+    figures: Mapping[str, EstimatedValue]
     """Figures by key: ``position.rms``, ``nominal.held_out.position.p95`` …"""
     errors: Mapping[str, ErrorSet]
     """Errors by group, the start of a key: ``position``, ``orientation``, ``nominal.held_out.position`` …"""
@@ -241,7 +241,7 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     return compared
 
 
-def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, Estimate]]:
+def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, EstimatedValue]]:
     places = [(f"{quantity}.", f"{quantity}.") for quantity in _QUANTITIES]
     names: tuple[str, ...] = ()  # all statistics
 
@@ -260,11 +260,14 @@ def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, Estima
         for name, path, interval_path in _STATISTICS:
             value = None if names and name not in names else result.number(place + path.replace("*", unit))
             if value is not None:
-                yield f"{start}{name}", Estimate(value, _interval(result, place + interval_path.replace("*", unit)))
+                yield (
+                    f"{start}{name}",
+                    EstimatedValue(value, _interval(result, place + interval_path.replace("*", unit))),
+                )
         for i, axis in enumerate("" if names else "xyz"):
             variance = result.number(f"{place}centred_covariance_{unit}2.{i}.{i}")
             if variance is not None:
-                yield f"{start}sd_{axis}", Estimate(max(variance, 0.0) ** 0.5, None)
+                yield f"{start}sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
 
 
 def _interval(result: ResultDocument, path: str) -> Interval | None:
@@ -341,7 +344,7 @@ def _scale(result: ResultDocument) -> tuple[Scale | None, str | None]:
     return Scale(name, statistic, confidence, tuple(steps), otherwise), name  # type: ignore[arg-type]
 
 
-def _provenance(result: ResultDocument, command: str, figures: Mapping[str, Estimate]) -> dict[str, str]:
+def _provenance(result: ResultDocument, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:
     """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     held_out = fitted_to_these = None

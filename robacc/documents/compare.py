@@ -9,7 +9,7 @@ from robacc.comparison.differences import Difference
 from robacc.comparison.paired_targets import PairedTargets
 from robacc.comparison.reading import ComparedResult
 from robacc.documents.parts import figures_document, rounded
-from robacc.statistics.intervals import Estimate
+from robacc.statistics.intervals import EstimatedValue
 
 Document = dict[str, Any]
 
@@ -144,7 +144,7 @@ def _grade_status(status: GradeStatus) -> Document:
     }
 
 
-def _upper_bound(estimate: Estimate | None) -> float | None:
+def _upper_bound(estimate: EstimatedValue | None) -> float | None:
     return None if estimate is None or estimate.interval is None else estimate.interval.upper_bound
 
 

@@ -290,16 +290,20 @@ def _single_target(robot: Robot, target: str | None) -> tuple[Robot, list[str]]:
 
 
 def _notes(robot: Robot, proposal: Proposal, requested: Orientation | None) -> list[str]:
-    notes = []
-    if robot.effects:
-        notes.append("joint angles are those of the nominal kinematics; the robot file's effects are not applied")
-    if proposal.edge not in PREFERRED_EDGES:
-        notes.append(f"the standard prefers edges of {PREFERRED_SIZES} mm")
-    if requested is None and proposal.orientation == "free":
-        notes.append("the arm reaches no single tool orientation at all five poses: each pose has a different one")
-    elif requested is None and proposal.orientation == "own":
-        notes.append("the arm cannot point the tool down or forward at all five poses of a preferred cube")
-    return notes
+    found = proposal.orientation if requested is None else None
+    notes = (
+        (
+            bool(robot.effects),
+            "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
+        ),
+        (proposal.edge not in PREFERRED_EDGES, f"the standard prefers edges of {PREFERRED_SIZES} mm"),
+        (
+            found == "free",
+            "the arm reaches no single tool orientation at all five poses: each pose has a different one",
+        ),
+        (found == "own", "the arm cannot point the tool down or forward at all five poses of a preferred cube"),
+    )
+    return [note for applies, note in notes if applies]
 
 
 def _nothing_fits(robot: Robot, edge: float | None, plane: Plane | None, orientation: Orientation | None) -> Problem:

@@ -90,7 +90,7 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class EstimatedValue:
     """A number with its interval, in one unit."""
 
     value: float

@@ -15,7 +15,7 @@ from robacc.comparison.comparing import compare, group_letters, holm, indistingu
 from robacc.comparison.differences import SMOOTH, ErrorSample, difference, from_intervals, pair_poses
 from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet, read_compared_result
 from robacc.errors import InputError, UsageError
-from robacc.statistics.intervals import Estimate, Interval
+from robacc.statistics.intervals import EstimatedValue, Interval
 
 RNG = np.random.default_rng
 
@@ -94,8 +94,8 @@ def test_pairs_cancel_what_they_share(statistic: str) -> None:
     assert width(paired_delta) < 0.4 * width(unpaired_delta)
 
 
-def figure(value: float, lower: float, upper: float, confidence: float) -> Estimate:
-    return Estimate(value, Interval(lower, upper, None, confidence, "stored"))
+def figure(value: float, lower: float, upper: float, confidence: float) -> EstimatedValue:
+    return EstimatedValue(value, Interval(lower, upper, None, confidence, "stored"))
 
 
 def width(delta: Any) -> float:
@@ -203,7 +203,7 @@ def test_differences_from_intervals() -> None:
     )
     assert (delta.value, delta.interval.lower, delta.interval.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
     assert delta.p_value == pytest.approx(2 * stats.norm.sf(2.0))
-    missing = from_intervals(Estimate(1.0, None), figure(2.0, 1.0, 3.0, 0.95), 0.95)
+    missing = from_intervals(EstimatedValue(1.0, None), figure(2.0, 1.0, 3.0, 0.95), 0.95)
     assert (missing.value, missing.p_value, missing.interval.why) == (
         1.0,
         None,
@@ -302,10 +302,10 @@ def made(
 ) -> ComparedResult:
     vectors = errors(n, seed, scale)
     figures = {
-        f"position.{statistic}": Estimate(by_hand(statistic, vectors), None)
+        f"position.{statistic}": EstimatedValue(by_hand(statistic, vectors), None)
         for statistic in ("rms", "mean_error", "p95", "mean_x")
     }
-    figures["position.max"] = Estimate(float(np.max(np.linalg.norm(vectors, axis=0))), None)
+    figures["position.max"] = EstimatedValue(float(np.max(np.linalg.norm(vectors, axis=0))), None)
     fields: dict[str, Any] = {
         "name": name,
         "command": command,
@@ -427,7 +427,7 @@ def test_there_must_be_something_to_compare() -> None:
     with pytest.raises(UsageError, match="needs at least two results"):
         compare([made("a", 1)])
     with pytest.raises(UsageError, match="results of estimate and iso9283 have no figure in common to compare"):
-        compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": Estimate(1.0, None)})])
+        compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": EstimatedValue(1.0, None)})])
 
 
 def document(**changes: Any) -> dict[str, Any]:

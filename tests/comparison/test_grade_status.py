@@ -12,7 +12,7 @@ from robacc.accuracy.grade import GradeStep, Scale
 from robacc.comparison.comparing import GradeStatus, common_scale, grade_statuses
 from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet
 from robacc.errors import UsageError
-from robacc.statistics.intervals import Estimate
+from robacc.statistics.intervals import EstimatedValue
 
 SCALE = Scale("two", "rms", 0.95, (GradeStep("fine", 1.0, 0.1), GradeStep("coarse", 4.0, 0.4)), "none")
 
@@ -27,9 +27,9 @@ def result(**changes: Any) -> ComparedResult:
 
 
 def predicted(position: float, orientation: float | None = None) -> ComparedResult:
-    figures = {"position.rms": Estimate(position, None)}
+    figures = {"position.rms": EstimatedValue(position, None)}
     if orientation is not None:
-        figures["orientation.rms"] = Estimate(orientation, None)
+        figures["orientation.rms"] = EstimatedValue(orientation, None)
     return result(figures=figures)
 
 

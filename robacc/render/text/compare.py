@@ -25,7 +25,7 @@ from robacc.render.text.layout import (
     table_unit,
     three_digits,
 )
-from robacc.statistics.intervals import Estimate
+from robacc.statistics.intervals import EstimatedValue
 
 _STATISTICS = {
     "rms": "rms",
@@ -169,7 +169,7 @@ def _grade(comparison: ResultComparison, width: int) -> Iterator[TextLine]:
     yield from items(reasons, width)
 
 
-def _bounded(estimate: Estimate, unit: str) -> str:
+def _bounded(estimate: EstimatedValue, unit: str) -> str:
     bound = None if estimate.interval is None else estimate.interval.upper_bound
     return _amount(estimate.value, unit) + ("" if bound is None else f" ({_amount(bound, unit)})")
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.parameters import CORRELATED, Correlation
+from robacc.fitting.priors import BADLY_MADE
 from robacc.geometry import Array
-from robacc.planning.design import DesignProblem, choose, region_variance
-from robacc.planning.linear_model import PlannedCoefficients, fit_covariance
+from robacc.planning.design import DesignProblem, exchanged, information_of, region_variance
+from robacc.planning.linear_model import PlannedCoefficients
 
 ENOUGH_GAIN = 0.1
 """Ten more poses are not worth their time if they reduce the predicted error by less than this share."""
@@ -21,6 +22,8 @@ _CURVE_POINTS = 8
 """Numbers of poses, besides the planned number, that the curve has at most."""
 _EXCHANGED = 200
 """Candidates that exchange looks at for a point of the curve."""
+_SINGULAR = 1e14
+"""Condition number above which an information matrix counts as singular."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +130,7 @@ class Expectation:
     """Computation of predicted errors for sets of candidates."""
 
     rows: Array
-    """``(M, N, P)`` whitened columns of the candidates, identifiable coefficients."""
+    """``(N, M, P)`` whitened columns of the candidates, identifiable coefficients."""
     region: Array
     """``(3, T, P)`` displacement of the target at the task's poses, m."""
     planned: PlannedCoefficients
@@ -137,11 +140,24 @@ class Expectation:
     """Error that no fit removes, m: repeatability and unexplained error, length of the vector, rms."""
 
     def covariance(self, rows: Array) -> Array | None:
-        """Return the covariance after a fit to poses ``(M, n, P)`` and those measured already."""
-        return fit_covariance(rows, self.planned, self.already)
+        """Return ``(P, P)`` covariance of the errors of a fit to poses ``(n, M, P)`` and those measured already.
+
+        It is the mean over arms whose constants deviate by their usual size. Constants have the fit's broad prior
+        (:mod:`robacc.fitting.priors`). None where the poses do not suffice.
+        """
+        normal = self.already + information_of(rows)
+        precision = np.diag(self.planned.broad_std**-2.0)
+        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+        scaled = (normal + precision) / scale[:, None] / scale
+        if np.linalg.cond(scaled) > _SINGULAR:
+            return None
+        gain = np.linalg.inv(scaled) / scale[:, None] / scale
+        # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
+        result: Array = gain @ (normal + precision / BADLY_MADE**2) @ gain
+        return result
 
     def point(self, rows: Array, n: int, random_rms: float | None = None) -> AccuracyPoint | None:
-        """Return the predicted accuracy of poses ``(M, n, P)``."""
+        """Return the predicted accuracy of poses ``(n, M, P)``."""
         covariance = self.covariance(rows)
         if covariance is None:
             return None
@@ -154,31 +170,35 @@ class Expectation:
         generator = np.random.default_rng([seed, n])
         values = []
         for _ in range(_RANDOM_DRAWS):
-            at = generator.choice(self.rows.shape[1], min(n, self.rows.shape[1]), replace=False)
-            point = self.point(self.rows[:, at], n)
+            at = generator.choice(self.rows.shape[0], min(n, self.rows.shape[0]), replace=False)
+            point = self.point(self.rows[at], n)
             if point is None:
                 return None
             values.append(point.rms)
         return float(np.mean(values))
 
 
+def curve_design(problem: DesignProblem, start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the design of a point of the curve: ``start``, improved by a short exchange."""
+    return exchanged(problem, start, _EXCHANGED)
+
+
 def expected_accuracy(
-    expectation: Expectation, problem: DesignProblem, chosen: NDArray[np.int64], seed: int
+    expectation: Expectation, problem: DesignProblem, order: NDArray[np.int64], chosen: NDArray[np.int64], seed: int
 ) -> ExpectedAccuracy:
-    """Return the predicted accuracy over the number of poses, planned and random, and of the chosen poses."""
-    count, n_rows, n_coefficients = chosen.size, problem.rows.shape[0], problem.rows.shape[2]
-    longest = min(2 * count + BATCH, problem.rows.shape[1])
+    """Return the predicted accuracy over the number of poses, planned and random, and of the chosen poses.
+
+    The curve ends at the number of poses in ``order``, a greedy design.
+    """
+    _, n_rows, n_coefficients = problem.rows.shape
     first = BATCH // 2 if expectation.already.any() else -(-n_coefficients // n_rows) + 2
-    numbers = np.unique(np.round(np.geomspace(min(first, longest), longest, _CURVE_POINTS)).astype(int))
-    planned = expectation.point(expectation.rows[:, chosen], count, expectation.random_rms(count, seed))
-    points = [] if planned is None else [planned]
-    for n in (number for number in numbers.tolist() if number != count):
-        at = choose(problem, n, exchanged=_EXCHANGED, passes=1)
-        point = expectation.point(expectation.rows[:, at], n, expectation.random_rms(n, seed))
-        if point is not None:
-            points.append(point)
-    points.sort(key=lambda point: point.n)
-    return ExpectedAccuracy(tuple(points), _knee(points), planned)
+    numbers = np.unique(np.round(np.geomspace(min(first, order.size), order.size, _CURVE_POINTS)).astype(int))
+    points = {}
+    for n in {*numbers.tolist(), chosen.size}:
+        design = chosen if n == chosen.size else curve_design(problem, order[:n])
+        points[n] = expectation.point(expectation.rows[design], n, expectation.random_rms(n, seed))
+    known = [point for _, point in sorted(points.items()) if point is not None]
+    return ExpectedAccuracy(tuple(known), _knee(known), points[chosen.size])
 
 
 def _knee(points: Sequence[AccuracyPoint]) -> int | None:
@@ -194,25 +214,14 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
     return None
 
 
-def worth_of(new: AccuracyPoint | None, repeated: AccuracyPoint | None, readings: AccuracyPoint | None) -> Worth:
-    """Return the comparison of new poses, repeats, and readings, and its verdict in words."""
-    values = {
-        "new poses": None if new is None else new.total,
-        "a second visit of half as many poses": None if repeated is None else repeated.total,
-        "a second reading at every pose": None if readings is None else readings.total,
-    }
-    known = {name: value for name, value in values.items() if value is not None}
-    if not known:
-        verdict = "the planned poses are too few for this model"
-    else:
-        best = min(known, key=lambda name: known[name])
-        verdict = f"{best} {'are' if best == 'new poses' else 'is'} worth most"
-    return Worth(
-        None if new is None else new.rms,
-        None if repeated is None else repeated.rms,
-        None if readings is None else readings.rms,
-        verdict,
-    )
+def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:
+    """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, and its verdict in words."""
+    points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
+    names = ("new poses are", "a second visit of half as many poses is", "a second reading at every pose is")
+    known = [(point.total, name) for name, point in zip(names, points, strict=True) if point is not None]
+    verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
+    new, repeated, readings = (None if point is None else point.rms for point in points)
+    return Worth(new, repeated, readings, verdict)
 
 
 def sufficiency_of(
@@ -227,8 +236,8 @@ def sufficiency_of(
         target: Predicted error that is good enough, m; None to ask what the next poses gain.
         of_model: The known poses are those that the model was fitted to.
     """
-    now = expectation.point(expectation.rows[:, :0], 0)
-    later = expectation.point(expectation.rows[:, chosen], chosen.size)
+    now = expectation.point(expectation.rows[:0], 0)
+    later = expectation.point(expectation.rows[chosen], chosen.size)
     totals = [None if point is None else point.total for point in (now, later)]
     if now is None or later is None:
         why = "the poses so far do not identify all coefficients"

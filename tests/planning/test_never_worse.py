@@ -48,7 +48,7 @@ def test_calibration(name: str, criterion: Criterion) -> None:
     region = region_rows(model, poses)[:, :, known.columns] * scale
 
     def value(at: np.ndarray) -> float:
-        flat = rows[:, at].reshape(-1, scale.size)
+        flat = rows[at].reshape(-1, scale.size)
         covariance = np.linalg.inv(np.eye(scale.size) + flat.T @ flat)
         if criterion == "D":
             return float(np.linalg.slogdet(covariance)[1])

@@ -1,34 +1,31 @@
-"""Choice for a trace: updates against least squares from the ground, and gain over random poses."""
+"""Choice for a trace: costs against least squares from the ground, and gain over random poses."""
 
 from __future__ import annotations
 
 import numpy as np
 from scipy import stats
 
-from robacc.planning.power import PowerProblem, choose_for_power, expected_power, random_power
+from robacc.planning.power import PowerCriterion, PowerProblem, choose_for_power, expected_power, random_power
 
 
 def problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -> PowerProblem:
     rng = np.random.default_rng(seed)
-    rows, columns = rng.normal(size=(3, n, free)), rng.normal(size=(3, n, effects))
+    rows, columns = rng.normal(size=(n, 3, free)), rng.normal(size=(n, 3, effects))
     # Poses differ in what they show, or every choice would be as good.
-    columns *= np.exp(rng.normal(size=(n, effects)))
+    columns *= np.exp(rng.normal(size=(n, 1, effects)))
     columns[:, :, 1] = columns[:, :, 0] + 0.3 * columns[:, :, 1]
     rival = np.arange(effects)
     rival[0], rival[1] = 1, 0
-    empty = np.zeros((effects, effects))
-    return PowerProblem(
-        rows, columns, 1e-6 * np.eye(free), np.zeros((free, effects)), empty, np.full(effects, 30.0), rival
-    )
+    information = np.diag(np.repeat([1e-6, 0.0], [free, effects]))
+    return PowerProblem(np.concatenate((rows, columns), 2), information, PowerCriterion(np.full(effects, 30.0), rival))
 
 
 def explained(case: PowerProblem, chosen: np.ndarray, k: int, beside: list[int]) -> float:
-    """Squared length of column k of the chosen poses, orthogonal to the free ones and those ``beside``."""
-    others = [case.rows[:, chosen].reshape(-1, case.rows.shape[2])]
-    others += [case.effects[:, chosen, i].reshape(-1, 1) for i in beside]
-    column = case.effects[:, chosen, k].ravel()
-    solution = np.linalg.lstsq(np.hstack(others), column, rcond=None)[0]
-    return float(np.sum(np.square(column - np.hstack(others) @ solution)))
+    """Squared length of column k of the chosen poses, orthogonal to the four free ones and those ``beside``."""
+    columns = case.rows[chosen].reshape(-1, case.rows.shape[2])
+    column, others = columns[:, 4 + k], columns[:, [*range(4), *(4 + i for i in beside)]]
+    solution = np.linalg.lstsq(others, column, rcond=None)[0]
+    return float(np.sum(np.square(column - others @ solution)))
 
 
 def test_the_value_is_that_of_least_squares() -> None:
@@ -41,20 +38,15 @@ def test_the_value_is_that_of_least_squares() -> None:
     np.testing.assert_allclose(
         [power.detected, power.separated], [np.mean(detected), np.mean(detected * separated)], rtol=1e-6
     )
+    assert case.cost(chosen) == -0.5 * (power.detected + power.separated)
 
 
-def test_updates_keep_the_value() -> None:
-    from robacc.planning.power import _PowerSearch
-
-    case = problem(3)
-    search = _PowerSearch(case, np.ones(60, dtype=bool))
-    added = [search.add_best() for _ in range(12)]
-    search.change(added[4], -1.0)
-    remaining = np.array(added[:4] + added[5:])
-    np.testing.assert_allclose(search.value, float(case.value(*case.of(remaining))), rtol=1e-6)
-    # The best addition is that of all additions.
-    values = {k: float(case.value(*case.of(np.append(remaining, k)))) for k in np.flatnonzero(search.free)}
-    assert search.add_best() == max(values, key=lambda k: values[k])
+def test_additions_agree_with_the_cost_of_all_poses() -> None:
+    case, chosen = problem(3), np.array([3, 7, 11, 20, 41, 52])
+    costs = case.costs_beside(chosen)
+    others = np.setdiff1d(np.arange(60), chosen)
+    np.testing.assert_allclose(costs[others], [case.cost(np.append(chosen, k)) for k in others], rtol=1e-6)
+    assert np.isinf(costs[chosen]).all()
 
 
 def test_choice_is_never_worse_than_random() -> None:
@@ -63,6 +55,5 @@ def test_choice_is_never_worse_than_random() -> None:
         chosen = choose_for_power(case, 12, seed)
         assert np.unique(chosen).size == 12
         rng = np.random.default_rng(seed)
-        random = [float(case.value(*case.of(rng.choice(60, 12, replace=False)))) for _ in range(30)]
-        assert float(case.value(*case.of(chosen))) > max(random)
+        assert case.cost(chosen) < min(case.cost(rng.choice(60, 12, replace=False)) for _ in range(30))
         assert expected_power(case, chosen).detected > random_power(case, 12, seed).detected

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, ClassVar, cast
@@ -25,7 +25,15 @@ from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
-from robacc.planning.campaign import PURPOSES, AcceptanceStatistic, CampaignPlan, CampaignSettings, Demand, Purpose
+from robacc.planning.campaign import (
+    DEFAULT_CANDIDATES,
+    PURPOSES,
+    AcceptanceStatistic,
+    CampaignPlan,
+    CampaignSettings,
+    Demand,
+    Purpose,
+)
 from robacc.planning.candidates import (
     Constraints,
     Sight,
@@ -35,7 +43,7 @@ from robacc.planning.candidates import (
     parse_half_space,
     parse_vector,
 )
-from robacc.planning.collisions import LinkCollisions, at_rest_warning, check_at_rest, link_collisions, read_link_shapes
+from robacc.planning.collisions import at_rest_warning, check_at_rest, link_collisions, read_link_shapes
 from robacc.planning.design import CRITERIA, Criterion
 from robacc.planning.planner import plan_campaign
 from robacc.quantities import optional_size, size
@@ -64,20 +72,6 @@ def robot_to_plan_for(
     return calibrated, (record, dataclasses.replace(model_record, kind="model"))
 
 
-def load_candidates(
-    source: PosesSource | int | None, arm: Robot
-) -> tuple[Measurements | None, int, tuple[InputFile, ...]]:
-    """Return given candidates, or the number of samples."""
-    default = CampaignSettings.__dataclass_fields__["n_candidates"].default
-    if source is None:
-        return None, cast(int, default), ()
-    if isinstance(source, int):
-        check_range("candidates", source, 10, 100_000)
-        return None, source, ()
-    data, records = load_planned_poses(source, arm, "candidates")
-    return data, cast(int, default), records
-
-
 def load_planned_poses(
     source: PosesSource | None, arm: Robot, kind: str
 ) -> tuple[Measurements | None, tuple[InputFile, ...]]:
@@ -93,29 +87,6 @@ def load_planned_poses(
     data = read_poses(path, robot=dataclasses.replace(joints_of(arm), limits=None), attained=False)
     check_at_rest(arm, data)
     return require_poses(data), (InputFile.at(path, data.sha256 or "", kind),)
-
-
-def load_already(
-    source: PosesSource | None, arm: Robot, ordered: bool
-) -> tuple[Measurements | None, tuple[InputFile, ...]]:
-    """Return poses measured already, and their record."""
-    if source is None:
-        return None, ()
-    data, record = load_poses(source, arm, ordered=ordered, kind="already", attained=False)
-    return data, (record,)
-
-
-def load_collisions(robot: StrPath | Robot, base_link: str | None, tip_link: str | None) -> LinkCollisions:
-    """Return the test for collisions of the links' shapes in a URDF.
-
-    Raises:
-        InputError: A mesh is missing or cannot be read.
-        UsageError: The robot is not a URDF, has no collision geometry, or the extra ``collision`` is not installed.
-    """
-    arm, _ = load_robot(robot, base_link, tip_link)
-    if isinstance(robot, Robot) or arm.convention != "urdf":
-        raise UsageError("`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`")
-    return link_collisions(arm, read_link_shapes(os.fspath(robot), arm))
 
 
 def sight_of(
@@ -154,9 +125,8 @@ def load_demands(
         for criterion in loaded.gate.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                confidence = criterion.confidence
                 name = cast(AcceptanceStatistic, statistic)
-                demands.append(Demand(criterion.name, name, criterion.limit, "m", confidence, criterion.share))
+                demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
         if not demands:
             raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
     if grade is not None:
@@ -167,7 +137,7 @@ def load_demands(
         limits = {step.grade: step.position for step in steps.steps}
         if grade not in limits:
             raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
-        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], "m", steps.confidence))
+        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], steps.confidence))
         records = (*records, *scale_records)
     return tuple(demands), records
 
@@ -186,27 +156,6 @@ def checked_payloads(payloads: Sequence[float]) -> tuple[float, ...]:
         listed = ", ".join(f"{mass:g}" for mass in masses)
         raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
     return tuple(masses)
-
-
-def check_plan_arguments(arguments: Mapping[str, Any]) -> None:
-    """Check the words and numbers of a call of :func:`~robacc.api.plan.plan`.
-
-    Raises:
-        UsageError: A word is unknown, or a number is outside its range.
-    """
-    check_choice("purpose", arguments["purpose"], PURPOSES)
-    check_choice("criterion", arguments["criterion"], CRITERIA)
-    for name, low, high in (
-        ("poses", 1, 2000),
-        ("margin", 0.0, 0.45),
-        ("check_every", 0, 10_000),
-        ("repeats", 0, 2000),
-        ("validation", 0, 2000),
-        ("seed", 0, math.inf),
-        ("max_condition", 1.0, math.inf),
-    ):
-        if arguments[name] is not None:
-            check_range(name, arguments[name], low, high)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -404,14 +353,40 @@ def plan(
         True
     """
     arguments = locals()
-    check_plan_arguments(arguments)
+    check_choice("purpose", purpose, PURPOSES)
+    check_choice("criterion", criterion, CRITERIA)
+    for name, low, high in (
+        ("poses", 1, 2000),
+        ("margin", 0.0, 0.45),
+        ("check_every", 0, 10_000),
+        ("repeats", 0, 2000),
+        ("validation", 0, 2000),
+        ("seed", 0, math.inf),
+        ("max_condition", 1.0, math.inf),
+    ):
+        if arguments[name] is not None:
+            check_range(name, arguments[name], low, high)
     arm, records = robot_to_plan_for(robot, model, base_link, tip_link)
     # A drift and other facts of the model's own campaign do not come again.
     use = use_model(arm, None, campaign="drop")
     arm = use.robot or arm
-    loaded_candidates, n_candidates, candidate_records = load_candidates(candidates, arm)
+    if isinstance(candidates, int):
+        check_range("candidates", candidates, 10, 100_000)
+    given = None if isinstance(candidates, int) else candidates
+    loaded_candidates, candidate_records = load_planned_poses(given, arm, "candidates")
     loaded_task, task_records = load_planned_poses(task, arm, "task")
-    measured, measured_records = load_already(already, arm, ordered)
+    measured, measured_records = None, tuple[InputFile, ...]()
+    if already is not None:
+        measured, record = load_poses(already, arm, ordered=ordered, kind="already", attained=False)
+        measured_records = (record,)
+    links = None
+    if collisions:
+        urdf, _ = load_robot(robot, base_link, tip_link)
+        if isinstance(robot, Robot) or urdf.convention != "urdf":
+            raise UsageError(
+                "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
+            )
+        links = link_collisions(urdf, read_link_shapes(os.fspath(robot), urdf))
     demands, demand_records = load_demands(gate, grade, scale)
     if demands and purpose != "acceptance":
         raise UsageError("`gate` and `grade` set the number of acceptance poses; give purpose acceptance")
@@ -428,7 +403,7 @@ def plan(
             min_height=None if min_height is None else length(min_height, "min_height"),
             sight=sight_of(instrument, reflector, cone, distance),
             max_condition=max_condition,
-            collisions=load_collisions(robot, base_link, tip_link) if collisions else None,
+            collisions=links,
         ),
         region=None if region is None else parse_box(region, "region"),
         noise=optional_size(noise, "length", "`noise`"),
@@ -441,7 +416,7 @@ def plan(
         target=optional_size(target_error, "length", "`target_error`"),
         demands=demands,
         expected=optional_size(expected, "length", "`expected`"),
-        n_candidates=n_candidates,
+        n_candidates=candidates if isinstance(candidates, int) else DEFAULT_CANDIDATES,
         payloads=checked_payloads(payload),
         seed=seed,
     )
@@ -459,14 +434,11 @@ def plan(
         ),
     )
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
-    return Planned.of(body, Provenance(_recorded(options_of(plan, arguments)), inputs, seed))
-
-
-def _recorded(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options for the record of the call: files by their names, and no objects."""
-    files = {"model", "candidates", "task", "already", "gate", "scale"}
-    return {
+    # Files are recorded by their names, objects not at all.
+    files = ("model", "candidates", "task", "already", "gate", "scale")
+    options = {
         name: os.path.basename(os.fspath(value)) if name in files and isinstance(value, str | os.PathLike) else value
-        for name, value in options.items()
+        for name, value in options_of(plan, arguments).items()
         if not isinstance(value, Measurements | Robot)
     }
+    return Planned.of(body, Provenance(options, inputs, seed))

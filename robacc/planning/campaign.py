@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
 from typing import Literal
@@ -76,8 +77,7 @@ class Demand:
     label: str
     statistic: AcceptanceStatistic
     limit: float
-    """m or rad"""
-    unit: str
+    """m"""
     confidence: float
     share: float = 0.95
     """Share of all poses that must lie within the limit of a largest error."""
@@ -142,7 +142,8 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
     sample = np.random.default_rng([seed, 3]).permutation(n)[:_REPRESENTED]
     spaces = []
     mean_distance = np.zeros(n)
-    for values in (_scaled(position), _scaled(q)):
+    for space in (position, q):
+        values = space / np.maximum(np.std(space, axis=1, keepdims=True), 1e-9)
         distance = np.mean([_distances(values, values[:, at]) for at in sample], axis=0)
         scale = float(distance.mean()) or 1.0
         spaces.append(values / scale)
@@ -157,15 +158,7 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
 
 
 def _distances(values: Array, point: Array) -> Array:
-    result: Array = np.sqrt(np.sum(np.square(values - point[:, None]), axis=0))
-    return result
-
-
-def _scaled(values: Array) -> Array:
-    result: Array = (values - values.mean(axis=1, keepdims=True)) / np.maximum(
-        np.std(values, axis=1, keepdims=True), 1e-9
-    )
-    return result
+    return np.linalg.norm(values - point[:, None], axis=0)
 
 
 Purpose = Literal["calibrate", "trace", "acceptance", "health"]
@@ -177,6 +170,7 @@ DEFAULT_FIT: dict[Purpose, str] = {
     "health": "base_frame,joint_offset",
 }
 DEFAULT_POSES: dict[Purpose, int] = {"calibrate": 30, "trace": 60, "acceptance": 60, "health": 8}
+DEFAULT_CANDIDATES = 5000
 TYPICAL_NOISE = 2e-5
 """m; a laser tracker at some metres."""
 TYPICAL_REPEATABILITY = 2e-5
@@ -213,7 +207,7 @@ class CampaignSettings:
     demands: tuple[Demand, ...] = ()
     expected: float | None = None
     """Expected true value of the statistic, m, for the number of acceptance poses."""
-    n_candidates: int = 5000
+    n_candidates: int = DEFAULT_CANDIDATES
     payloads: tuple[float, ...] = ()
     """kg; each pose has one of them."""
     seed: int = 0
@@ -294,23 +288,10 @@ class CampaignPlan:
 
     def visits(self) -> Measurements:
         """Return the visits as poses to measure, with direction and speed of approach."""
-        q = self.q
-        direction, speed = motion_between_rows(q)
         numbers = self.route.visits
-        branches, branch_names = branches_at_rest(self.robot, q.shape[1])
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        return Measurements(
-            position=np.zeros((3, q.shape[1])),
-            q=q,
-            pose=np.array([self.ids[number] for number in numbers]),
-            cycle=np.array(cycle),
-            payload=self.payload_kg,
-            branches=branches,
-            branch_names=branch_names,
-            direction=direction,
-            speed=speed,
-            ordered=True,
-        )
+        poses = self._to_measure(self.q, np.array([self.ids[number] for number in numbers]), self.payload_kg)
+        return dataclasses.replace(poses, cycle=np.array(cycle))
 
     def validation_poses(self) -> Measurements:
         """Return the validation poses in the order of their visits.
@@ -322,13 +303,17 @@ class CampaignPlan:
             raise UsageError("the plan has no validation poses; give their number as `validation`")
         n = self.validation.shape[1]
         ids = np.array([f"V{i + 1:0{len(str(n))}d}" for i in range(n)])
-        direction, speed = motion_between_rows(self.validation)
-        branches, branch_names = branches_at_rest(self.robot, n)
+        return self._to_measure(self.validation, ids, self.validation_payload)
+
+    def _to_measure(self, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
+        """Return unmeasured poses at ``q`` ``(J, n)`` in their order."""
+        direction, speed = motion_between_rows(q)
+        branches, branch_names = branches_at_rest(self.robot, q.shape[1])
         return Measurements(
-            position=np.zeros((3, n)),
-            q=self.validation,
+            position=np.zeros((3, q.shape[1])),
+            q=q,
             pose=ids,
-            payload=self.validation_payload,
+            payload=payload,
             branches=branches,
             branch_names=branch_names,
             direction=direction,

@@ -202,74 +202,52 @@ class Filtered:
 
     feasible: NDArray[np.bool_]
     """``(N,)``"""
-    place: NDArray[np.bool_]
-    """``(N,)`` poses that the robot may take, whether the instrument sees them or not."""
     position: Array
     """``(3, N)`` target in the base frame, m; the mean of several targets."""
     excluded: dict[str, NDArray[np.bool_]]
     """``(N,)`` excluded poses, by reason."""
 
-
-def exclusions(parts: Sequence[Filtered]) -> tuple[Exclusion, ...]:
-    """Return the count of each reason over several blocks of poses, the largest first."""
-    reasons = dict.fromkeys(reason for part in parts for reason in part.excluded)
-    counts = []
-    for reason in reasons:
-        count = alone = 0
-        for part in parts:
-            if reason not in part.excluded:
-                continue
-            others = [mask for other, mask in part.excluded.items() if other != reason]
-            mask = part.excluded[reason]
-            count += int(np.count_nonzero(mask))
-            alone += int(np.count_nonzero(mask & ~np.any(others, axis=0))) if others else int(np.count_nonzero(mask))
-        counts.append(Exclusion(reason, count, alone))
-    return tuple(sorted(counts, key=lambda entry: -entry.count))
+    def exclusions(self) -> tuple[Exclusion, ...]:
+        """Return the count of each reason, the largest first."""
+        number = np.sum(list(self.excluded.values()), axis=0)
+        counts = [
+            Exclusion(reason, int(np.count_nonzero(mask)), int(np.count_nonzero(mask & (number == 1))))
+            for reason, mask in self.excluded.items()
+        ]
+        return tuple(sorted(counts, key=lambda entry: -entry.count))
 
 
 def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
     """Return which joint variables ``(J, N)`` are feasible, and why the others are not."""
-    arm = model.arm
+    arm, links = model.arm, constraints.collisions
     excluded = {MARGIN: ~within_margin(arm, q, constraints.margin)}
     targets = _targets(model, q)
     position = np.mean([target.translation for target in targets], axis=0)
     if constraints.inside is not None:
         inside = [constraints.inside.contains(target.translation) for target in targets]
         excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
-    _exclude_places(excluded, arm, q, targets, constraints)
-    if constraints.collisions is not None:
-        excluded[SELF_COLLISION] = constraints.collisions.self_collision(q)
-    if constraints.max_condition is not None:
-        condition = joint_condition(arm, q)
-        excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = (
-            condition > constraints.max_condition
-        )
-    place = ~np.any(list(excluded.values()), axis=0)
-    if constraints.sight is not None:
-        excluded |= _out_of_sight(targets, constraints.sight)
-    return Filtered(~np.any(list(excluded.values()), axis=0), place, position, excluded)
-
-
-def _exclude_places(
-    excluded: dict[str, NDArray[np.bool_]], arm: Arm, q: Array, targets: Sequence[Poses], constraints: Constraints
-) -> None:
-    """Add the poses that take a point of the arm where it must not be."""
-    if not (constraints.outside or constraints.half_spaces or constraints.min_height is not None):
-        return
-    points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
-    links = constraints.collisions
-    for box in constraints.outside:
-        inside = np.any(box.contains(points), axis=0)
-        excluded[f"a point of the arm inside the box {box.text}"] = (
-            inside if links is None else inside | links.in_box(q, box.low, box.high)
-        )
     sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
         floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
         sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
+    if constraints.outside or sides:
+        points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
+    for box in constraints.outside:
+        reached = np.any(box.contains(points), axis=0)
+        excluded[f"a point of the arm inside the box {box.text}"] = (
+            reached if links is None else reached | links.in_box(q, box.low, box.high)
+        )
     for half_space, reason in sides:
         beyond = ~np.all(half_space.contains(points), axis=0)
         excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
+    if links is not None:
+        excluded[SELF_COLLISION] = links.self_collision(q)
+    if constraints.max_condition is not None:
+        near = joint_condition(arm, q) > constraints.max_condition
+        excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
+    if constraints.sight is not None:
+        excluded |= _out_of_sight(targets, constraints.sight)
+    return Filtered(~np.any(list(excluded.values()), axis=0), position, excluded)
 
 
 def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
@@ -374,6 +352,7 @@ _DECIMALS = 6
 """Decimals of commanded joint variables, as in a simulation."""
 _MOST_DRAWS = 40
 """Most samples drawn, as a multiple of the candidates sought."""
+_NO_CANDIDATE = "no pose is feasible"
 _TASK_SKIP = 7_919
 """Place in the sequence where poses that are not candidates begin, so that none of them is a candidate too."""
 
@@ -435,23 +414,38 @@ def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int
     return np.clip(result, low + keep, high - keep)
 
 
+def _sampled(
+    model: Model, constraints: Constraints, count: int, step: int, most: int, skip: int, seed: int, none: str
+) -> tuple[Array, Filtered]:
+    """Return samples, ``step`` at a time, until ``count`` are feasible or ``most`` are drawn, and their filters.
+
+    Raises:
+        UsageError: No sample is feasible; the message begins with ``none`` and names the reason that excludes most.
+    """
+    parts: list[tuple[Array, Filtered]] = []
+    n_feasible = 0
+    while n_feasible < count and len(parts) * step < most:
+        q = sampled_joints(model.arm.robot, constraints.margin, step, skip + len(parts) * step, seed)
+        parts.append((q, filtered(model, q, constraints)))
+        n_feasible += int(np.count_nonzero(parts[-1][1].feasible))
+    outcomes = [outcome for _, outcome in parts]
+    whole = Filtered(
+        np.concatenate([outcome.feasible for outcome in outcomes]),
+        np.concatenate([outcome.position for outcome in outcomes], axis=1),
+        {name: np.concatenate([outcome.excluded[name] for outcome in outcomes]) for name in outcomes[0].excluded},
+    )
+    _refuse_none(whole, none)
+    return np.concatenate([q for q, _ in parts], axis=1), whole
+
+
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:
     """Return ``count`` feasible poses, or as many as are among :data:`_MOST_DRAWS` times that many samples.
 
     Raises:
         UsageError: No sample is feasible; the message names the reason that excludes most.
     """
-    robot = model.arm.robot
-    parts: list[tuple[Array, Filtered]] = []
-    n_feasible = n_drawn = 0
-    while n_feasible < count and n_drawn < _MOST_DRAWS * count:
-        q = sampled_joints(robot, constraints.margin, count, n_drawn, seed)
-        outcome = filtered(model, q, constraints)
-        n_drawn += count
-        n_feasible += int(np.count_nonzero(outcome.feasible))
-        parts.append((q, outcome))
-    source = f"{n_drawn} samples within the joint limits"
-    return _collected(parts, None, n_drawn, source, count)
+    q, outcome = _sampled(model, constraints, count, count, _MOST_DRAWS * count, 0, seed, _NO_CANDIDATE)
+    return _collected(q, outcome, None, f"{q.shape[1]} samples within the joint limits", count)
 
 
 def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:
@@ -462,47 +456,38 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
     """
     if data.q is None:
         raise UsageError("the candidates have no joint columns")
-    _, first = np.unique(data.groups(), return_index=True)
-    first = np.sort(first)
+    first = np.sort(np.unique(data.groups(), return_index=True)[1])
     q = data.q[:, first]
     ids = None if data.pose is None else np.array([str(name) for name in data.pose[first]])
     outcome = filtered(model, q, constraints)
-    return _collected([(q, outcome)], ids, first.size, f"{first.size} given poses", first.size)
+    _refuse_none(outcome, _NO_CANDIDATE)
+    return _collected(q, outcome, ids, f"{first.size} given poses", first.size)
 
 
-def _collected(
-    parts: list[tuple[Array, Filtered]], ids: NDArray[np.str_] | None, n_drawn: int, source: str, count: int
-) -> CandidatePoses:
-    reasons = exclusions([outcome for _, outcome in parts])
-    mask = np.concatenate([outcome.feasible for _, outcome in parts])
-    if not mask.any():
-        raise UsageError(infeasible("no pose is feasible", n_drawn, reasons))
-    at = np.flatnonzero(mask)[:count]
+def _collected(q: Array, outcome: Filtered, ids: NDArray[np.str_] | None, source: str, count: int) -> CandidatePoses:
+    """Return the first ``count`` feasible poses of ``q``."""
+    at = np.flatnonzero(outcome.feasible)[:count]
     return CandidatePoses(
-        np.concatenate([q for q, _ in parts], axis=1)[:, at],
-        np.concatenate([outcome.position for _, outcome in parts], axis=1)[:, at],
+        q[:, at],
+        outcome.position[:, at],
         None if ids is None else ids[at],
-        n_drawn,
-        tuple(entry for entry in reasons if entry.count),
+        q.shape[1],
+        tuple(entry for entry in outcome.exclusions() if entry.count),
         source,
     )
 
 
-def infeasible(message: str, n_drawn: int, reasons: tuple[Exclusion, ...]) -> str:
-    """Return the message of demands that cannot be met, with the reason that excludes most."""
-    if not reasons or reasons[0].count == 0:
-        return message
-    largest = reasons[0]
-    text = f"{message}: of {n_drawn} poses, {largest.count} are excluded by: {largest.reason}"
-    others = [f"{entry.count} by: {entry.reason}" for entry in reasons[1:] if entry.count]
-    if others:
-        text += f"; {'; '.join(others)}"
-    return f"{text}. Relax {'the first of these' if others else 'this demand'}"
+def _refuse_none(outcome: Filtered, message: str) -> None:
+    """Raise UsageError if no pose is feasible, with the reason that excludes most."""
+    if outcome.feasible.any():
+        return
+    largest, *others = (entry for entry in outcome.exclusions() if entry.count)
+    text = f"{message}: of {outcome.feasible.size} poses, {largest.count} are excluded by: {largest.reason}"
+    text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
+    raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
 
 
-def task_joints(
-    model: Model, constraints: Constraints, region: SafetyBox | None, seed: int, count: int = TASK_POSES
-) -> Array:
+def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None, seed: int) -> Array:
     """Return joint variables ``(J, T)`` of the task: poses that the robot may take, with the target in ``region``.
 
     The instrument need not see them.
@@ -511,21 +496,10 @@ def task_joints(
         UsageError: None of the samples lies in the region.
     """
     without_sight = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
-    parts: list[tuple[Array, Filtered]] = []
-    n_places = n_drawn = 0
-    while n_places < count and n_drawn < 10 * _MOST_DRAWS * count:
-        step = 5 * count
-        q = sampled_joints(model.arm.robot, constraints.margin, step, _TASK_SKIP + n_drawn, seed + 1)
-        outcome = filtered(model, q, without_sight)
-        parts.append((q, outcome))
-        n_places += int(np.count_nonzero(outcome.place))
-        n_drawn += step
-    if n_places == 0:
-        raise UsageError(
-            infeasible("no pose of the task is feasible", n_drawn, exclusions([outcome for _, outcome in parts]))
-        )
-    q = np.concatenate([part[:, outcome.place] for part, outcome in parts], axis=1)
-    return q[:, :count]
+    most = 10 * _MOST_DRAWS * TASK_POSES
+    none = "no pose of the task is feasible"
+    q, outcome = _sampled(model, without_sight, TASK_POSES, 5 * TASK_POSES, most, _TASK_SKIP, seed + 1, none)
+    return q[:, outcome.feasible][:, :TASK_POSES]
 
 
 # Circumstances of planned poses before their order is known: payload, approach, temperature.

@@ -57,23 +57,24 @@ def route(q: Array, repeats: int, check: int | None, every: int, seed: int) -> R
         every: Visits from one check to the next.
         seed: Seed of the local search.
     """
-    span = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    scaled = q / span
-    visited_once = np.array([i for i in range(q.shape[1]) if i != check or check is None], dtype=np.int64)
+    scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
+    visited_once = np.array([i for i in range(q.shape[1]) if i != check], dtype=np.int64)
     if check is not None and visited_once.size == 0:
         visited_once = np.array([check], dtype=np.int64)
     repeated = visited_once[_spread(scaled[:, visited_once], repeats)]
-    best: tuple[float, NDArray[np.int64], int] | None = None
+    tried = []
     for passes in range(1, min(_MOST_PASSES, max(visited_once.size // 5, 1)) + 1):
-        order = _in_passes(scaled, visited_once, repeated, passes)
-        order = _balanced(scaled, order, check, every, seed)
-        sequence = scaled[:, _with_checks(order, check, every)]
-        cost = _cost(sequence) + 0.5 * order.size * max(_drift_share(sequence) - 0.3, 0.0)
-        if best is None or cost < best[0]:
-            best = cost, order, passes
-    assert best is not None
-    visits = _with_checks(best[1], check, every)
-    return _described(q, visits, _roles(visits, check), best[2], seed)
+        order = _balanced(scaled, _in_passes(scaled, visited_once, repeated, passes), check, every, seed)
+        visits = _with_checks(order, check, every)
+        sequence = scaled[:, visits]
+        tried.append((_cost(sequence) + 0.5 * order.size * max(_drift_share(sequence) - 0.3, 0.0), passes, visits))
+    _, passes, visits = min(tried, key=lambda entry: entry[0])
+    visited: set[int] = set()
+    roles: list[Role] = []
+    for node in visits.tolist():
+        roles.append("check" if node == check else "repeat" if node in visited else "pose")
+        visited.add(node)
+    return _described(q, visits, tuple(roles), passes, seed)
 
 
 def route_by_payload(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
@@ -86,13 +87,13 @@ def route_by_payload(q: Array, payload: Array | None, repeats: int, every: int, 
         every: Visits from one check to the next; 0 for no check. Each payload has its own check pose.
         seed: Seed of the local search.
     """
-    levels = [None] if payload is None else np.unique(payload).tolist()
+    levels, group = np.unique(np.zeros(q.shape[1]) if payload is None else payload, return_inverse=True)
     visits: list[NDArray[np.int64]] = []
     roles: list[Role] = []
     passes = 0
-    for number, level in enumerate(levels):
-        at = np.arange(q.shape[1]) if payload is None else np.flatnonzero(payload == level)
-        share = repeats // len(levels) + (number < repeats % len(levels))
+    for number in range(levels.size):
+        at = np.flatnonzero(group == number)
+        share = repeats // levels.size + (number < repeats % levels.size)
         check = middle_pose(q[:, at]) if every and at.size > 2 else None
         part = route(q[:, at], share, check, max(every, 1), seed)
         visits.append(at[part.visits])
@@ -252,15 +253,6 @@ def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDA
     for start in range(0, order.size, every):
         visits += [check, *order[start : start + every].tolist()]
     return np.array([*visits, check], dtype=np.int64)
-
-
-def _roles(visits: NDArray[np.int64], check: int | None) -> tuple[Role, ...]:
-    visited: set[int] = set()
-    roles: list[Role] = []
-    for node in visits.tolist():
-        roles.append("check" if node == check else "repeat" if node in visited else "pose")
-        visited.add(node)
-    return tuple(roles)
 
 
 def _drift_share(scaled: Array) -> float:

@@ -12,7 +12,7 @@ from robacc.planning.campaign import Demand, needed, poses_for, spread_poses
 
 
 def demand(statistic: str = "rms", confidence: float = 0.95) -> Demand:
-    return Demand("limit", statistic, 1e-3, "m", confidence)  # type: ignore[arg-type]
+    return Demand("limit", statistic, 1e-3, confidence)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])

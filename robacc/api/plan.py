@@ -375,7 +375,8 @@ def plan(
     given = None if isinstance(candidates, int) else candidates
     loaded_candidates, candidate_records = load_planned_poses(given, arm, "candidates")
     loaded_task, task_records = load_planned_poses(task, arm, "task")
-    measured, measured_records = None, tuple[InputFile, ...]()
+    measured: Measurements | None = None
+    measured_records: tuple[InputFile, ...] = ()
     if already is not None:
         measured, record = load_poses(already, arm, ordered=ordered, kind="already", attained=False)
         measured_records = (record,)

@@ -158,7 +158,8 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
 
 
 def _distances(values: Array, point: Array) -> Array:
-    return np.linalg.norm(values - point[:, None], axis=0)
+    result: Array = np.linalg.norm(values - point[:, None], axis=0)
+    return result
 
 
 Purpose = Literal["calibrate", "trace", "acceptance", "health"]

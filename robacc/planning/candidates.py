@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Effect
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
@@ -571,38 +570,27 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
         UsageError: A free effect needs payloads that differ, or a circumstance that a plan does not have; or there are
             several payloads to choose from, and no free effect depends on them.
     """
-    bare = _sample(model)
-    loaded, warm = (
-        dataclasses.replace(bare, payload=np.array([0.0, 1.0])),
-        dataclasses.replace(bare, temperature=np.array([0.0, 1.0])),
-    )
+    # Two poses that differ in all joints, with directions and speeds.
+    arm, q = model.arm, np.tile([0.0, 1.0], (len(model.arm.names), 1))
+    bare = Measurements(position=np.zeros((3, 2)), q=q, direction=2 * q - 1, speed=q)
+    loaded = dataclasses.replace(bare, payload=np.array([0.0, 1.0]))
+    warm = dataclasses.replace(bare, temperature=np.array([0.0, 1.0]))
     fixed = [entry.effect for entry in model.known]
-    if not payloads and any(_lacks(effect, model, bare) and not _lacks(effect, model, loaded) for effect in fixed):
+    if not payloads and any(effect.missing(arm, bare) and not effect.missing(arm, loaded) for effect in fixed):
         payloads = (0.0,)
-    is_warm = any(_lacks(effect, model, bare) and not _lacks(effect, model, warm) for effect in fixed)
+    is_warm = any(effect.missing(arm, bare) and not effect.missing(arm, warm) for effect in fixed)
     result = Conditions(payloads, _ROOM_TEMPERATURE if is_warm else None, seed)
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
-        reason = _lacks(effect, model, planned)
+        reason = effect.missing(arm, planned)
         if reason is None:
             continue
-        if not _lacks(effect, model, loaded):
+        if not effect.missing(arm, loaded):
             raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
         raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
-    if is_for_fit and len(payloads) > 1 and not any(_lacks(effect, model, bare) for effect in model.free):
+    if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
         raise UsageError(
             "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
             "add payload_compliance to `fit`, or give the payload of this campaign alone"
         )
     return result
-
-
-def _lacks(effect: Effect, model: Model, data: Measurements) -> str | None:
-    """Return the reason why ``data`` cannot show an effect; None if it can."""
-    return effect.missing(model.arm, data)
-
-
-def _sample(model: Model) -> Measurements:
-    """Return two poses that differ in all joints, with directions and speeds."""
-    q = np.tile([0.0, 1.0], (len(model.arm.names), 1))
-    return Measurements(position=np.zeros((3, 2)), q=q, direction=2 * q - 1, speed=q)

@@ -121,7 +121,11 @@ def _loaded(path: str) -> Any:
         if not missing:
             fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
             raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
-    _refuse_missing(missing, path)
+    if missing:
+        names = list(dict.fromkeys(missing))
+        more = f", and {len(names) - 1} more" if len(names) > 1 else ""
+        fix = "put the meshes beside the URDF, or leave out `collisions`"
+        raise InputError(Problem(f"the collision mesh {names[0]}{more}", path, fix=fix))
     return model
 
 
@@ -135,20 +139,6 @@ def _silent(name: str) -> Iterator[None]:
         yield
     finally:
         logger.setLevel(level)
-
-
-def _refuse_missing(missing: Sequence[str], path: str) -> None:
-    """Raise InputError if a mesh of the URDF is missing, or lies elsewhere."""
-    if missing:
-        names = list(dict.fromkeys(missing))
-        more = f", and {len(names) - 1} more" if len(names) > 1 else ""
-        raise InputError(
-            Problem(
-                f"the collision mesh {names[0]}{more}",
-                path,
-                fix="put the meshes beside the URDF, or leave out `collisions`",
-            )
-        )
 
 
 def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:
@@ -387,7 +377,13 @@ def link_collisions(robot: Robot, shapes: Sequence[LinkShape]) -> LinkCollisions
     ]
     first = 2 if robot.variables[0].type == "revolute" else 1
     every_pair = LinkCollisions(Arm.of(robot).chain, shapes, tuple(pairs), first)
-    is_always = every_pair.touching_shares(_spread_joints(robot)) > _ALWAYS
+    # Spread over the limits; over one turn, or one metre, of a joint without limits.
+    low, high = np.array(
+        [joint.limits or ((-np.pi, np.pi) if joint.type == "revolute" else (0.0, 1.0)) for joint in robot.variables]
+    ).T[..., None]
+    shift = np.random.default_rng([0, 7]).uniform(size=(len(low), 1))
+    spread: Array = low + (high - low) * ((low_discrepancy(len(low), _SAMPLED) + shift) % 1.0)
+    is_always = every_pair.touching_shares(spread) > _ALWAYS
     return LinkCollisions(
         every_pair.chain,
         shapes,
@@ -395,13 +391,3 @@ def link_collisions(robot: Robot, shapes: Sequence[LinkShape]) -> LinkCollisions
         first,
         tuple((shapes[i].link, shapes[j].link) for (i, j), always in zip(pairs, is_always, strict=True) if always),
     )
-
-
-def _spread_joints(robot: Robot) -> Array:
-    """Return joint variables ``(J, n)`` spread over the limits; one turn, or one metre, for a joint without limits."""
-    low, high = np.array(
-        [joint.limits or ((-np.pi, np.pi) if joint.type == "revolute" else (0.0, 1.0)) for joint in robot.variables]
-    ).T[..., None]
-    shift = np.random.default_rng([0, 7]).uniform(size=(len(low), 1))
-    result: Array = low + (high - low) * ((low_discrepancy(len(low), _SAMPLED) + shift) % 1.0)
-    return result

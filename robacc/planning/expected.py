@@ -167,15 +167,11 @@ class Expectation:
 
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
-        generator = np.random.default_rng([seed, n])
-        values = []
-        for _ in range(_RANDOM_DRAWS):
-            at = generator.choice(self.rows.shape[0], min(n, self.rows.shape[0]), replace=False)
-            point = self.point(self.rows[at], n)
-            if point is None:
-                return None
-            values.append(point.rms)
-        return float(np.mean(values))
+        generator, count = np.random.default_rng([seed, n]), self.rows.shape[0]
+        draws = [generator.choice(count, min(n, count), replace=False) for _ in range(_RANDOM_DRAWS)]
+        points = [self.point(self.rows[at], n) for at in draws]
+        values = [point.rms for point in points if point is not None]
+        return float(np.mean(values)) if len(values) == _RANDOM_DRAWS else None
 
 
 def curve_design(problem: DesignProblem, start: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -238,14 +234,13 @@ def sufficiency_of(
     """
     now = expectation.point(expectation.rows[:0], 0)
     later = expectation.point(expectation.rows[chosen], chosen.size)
-    totals = [None if point is None else point.total for point in (now, later)]
     if now is None or later is None:
-        why = "the poses so far do not identify all coefficients"
-        return Sufficiency(n, False, why, totals[0], totals[1], of_model)
-    if target is not None:
+        enough, why = False, "the poses so far do not identify all coefficients"
+    elif target is not None:
         enough = now.rms <= target
         why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
-        return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
-    gain = 1.0 - later.total / now.total
-    why = f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-    return Sufficiency(n, gain < ENOUGH_GAIN, why, totals[0], totals[1], of_model)
+    else:
+        gain = 1.0 - later.total / now.total
+        enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
+    totals = [None if point is None else point.total for point in (now, later)]
+    return Sufficiency(n, enough, why, totals[0], totals[1], of_model)

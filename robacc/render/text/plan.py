@@ -63,7 +63,9 @@ def draw_plan(plan: CampaignPlan, stream: TextIO) -> None:
 
 def plan_lines(plan: CampaignPlan, width: int) -> Iterator[TextLine]:
     """Yield the lines of the report."""
-    yield heading(_title(plan))
+    count, visits = plan.chosen.size, len(plan.route.roles)
+    title = f"Plan for the {PURPOSES[plan.settings.purpose]} of {plan.robot.name}: {count} poses, {visits} visits"
+    yield heading(title)
     yield from items(_facts(plan), width)
     if plan.sufficiency is not None:
         verdict = "Enough" if plan.sufficiency.enough else f"Not enough: measure the next {plan.chosen.size}"
@@ -96,11 +98,6 @@ def _sufficiency(sufficiency: Sufficiency) -> list[str]:
     else:
         texts.append(f"this counts the {sufficiency.n} rows measured already: fit them together with the new rows")
     return texts
-
-
-def _title(plan: CampaignPlan) -> str:
-    count, visits = plan.chosen.size, len(plan.route.roles)
-    return f"Plan for the {PURPOSES[plan.settings.purpose]} of {plan.robot.name}: {count} poses, {visits} visits"
 
 
 def _facts(plan: CampaignPlan) -> list[str]:
@@ -174,11 +171,13 @@ def _needed(plan: CampaignPlan) -> Iterator[TextLine]:
 def _accuracy(accuracy: ExpectedAccuracy, is_addition: bool, width: int) -> Iterator[TextLine]:
     """Yield the error over the number of poses, which are added to earlier ones if ``is_addition``."""
     yield heading("Predicted error after the fit over the task's region, mm")
+    knee = accuracy.knee
+    beyond = [] if knee is None else [point.n for point in accuracy.points if point.n >= knee]
     rows = []
     for point in accuracy.points:
         marks = [
             "planned" if accuracy.planned is not None and point.n == accuracy.planned.n else "",
-            "past the knee" if _is_first_beyond(accuracy, point.n) else "",
+            "past the knee" if point.n in beyond[:1] else "",
         ]
         values = (point.rms, point.random_rms, point.worst, point.total)
         cells = ["–" if value is None else three_digits(value * IN_MM) for value in values]
@@ -188,16 +187,11 @@ def _accuracy(accuracy: ExpectedAccuracy, is_addition: bool, width: int) -> Iter
     )
     if accuracy.planned is None:
         yield from items(("the planned poses do not identify all coefficients; plan more poses or fit less",), width)
-    if accuracy.knee is not None:
+    if knee is not None:
         more = " more" if is_addition else ""
-        yield from items((f"knee at {accuracy.knee}{more} poses: ten more reduce the error by less than 10 %",), width)
+        yield from items((f"knee at {knee}{more} poses: ten more reduce the error by less than 10 %",), width)
     elif accuracy.points:
         yield from items(("no knee: ten more poses still reduce the error by more than 10 %",), width)
-
-
-def _is_first_beyond(accuracy: ExpectedAccuracy, n: int) -> bool:
-    beyond = [] if accuracy.knee is None else [point.n for point in accuracy.points if point.n >= accuracy.knee]
-    return bool(beyond) and n == beyond[0]
 
 
 def _coefficients(entries: Sequence[ExpectedCoefficient], width: int) -> Iterator[TextLine]:
@@ -242,7 +236,8 @@ def _detectability(
         )
     hidden = list(dict.fromkeys(hidden))
     if hidden:
-        notes.append(f"never found on these poses: {', '.join(hidden[:_LISTED_PAIRS])}{_more(len(hidden))}")
+        more = f" and {len(hidden) - _LISTED_PAIRS} more" if len(hidden) > _LISTED_PAIRS else ""
+        notes.append(f"never found on these poses: {', '.join(hidden[:_LISTED_PAIRS])}{more}")
     if detectability.missing:
         by_reason: dict[str, list[str]] = {}
         for name, reason in detectability.missing.items():
@@ -267,7 +262,3 @@ def pair_texts(pairs: Sequence[InseparablePair]) -> list[str]:
         elif pair.first < pair.second:
             texts.append(f"{pair.first} and {pair.second} explain each other (similarity {pair.similarity:.2f})")
     return texts
-
-
-def _more(count: int) -> str:
-    return f" and {count - _LISTED_PAIRS} more" if count > _LISTED_PAIRS else ""

@@ -24,7 +24,7 @@ CRITERIA: tuple[Criterion, ...] = ("I", "G", "D", "A")
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
-_RANDOM_STARTS = 1
+_RANDOM_STARTS = 2
 """Random designs that exchange starts from, beside the greedy one, as it ends in a local optimum."""
 _LEAST_GAIN = 1e-3
 """Share of the cost that a pass of exchange must gain for another pass."""

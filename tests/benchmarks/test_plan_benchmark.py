@@ -20,7 +20,7 @@ def test_ten_thousand_candidates_take_seconds_and_grow_linearly() -> None:
         start = time.process_time()
         choose(case, greedy(case, 60), 0)
         costs[n] = time.process_time() - start
-    # The demand is 3 s of a quiet core, and 1 s is usual; processor time on a busy machine may double. Four times the
+    # The demand is 3 s of a quiet core, and 2 s are usual; processor time on a busy machine may double. Four times the
     # candidates cost at most five times as much.
     assert costs[10_000] < 6.0
     assert costs[10_000] < 5.0 * costs[2_500] + 0.2

@@ -1,111 +1,66 @@
 """Mistakes in the data or the robot file, detected before any effect is fitted.
 
 Mistakes are tried alone and in sets: every set of joint signs, signs with an interaction of two joints, and then the
-best sets with further changes. Each hypothesis is judged by all rows of a sample, with base and target registered.
+best sets with further changes. Each hypothesis is judged by a sample of rows, with base and target registered.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.diagnostics.changes import (
-    JointChange,
-    MeasuredPoses,
+    MIRRORED,
+    READINGS,
+    Change,
+    Recorded,
     axis_change,
-    inner_zeros,
+    convention_changes,
     interactions,
     joint_changes,
     measured_changes,
-    orientation_changes,
     permutations,
     sign_sets,
+    units,
+    zeros,
 )
-from robacc.diagnostics.mistakes import (
-    Hypothesis,
-    Mistake,
-    Sample,
+from robacc.diagnostics.mistakes import CLEAR, GROSS, PLAUSIBLE, Mistake, even_rows, registered_poses, spread
+from robacc.diagnostics.registrations import (
     arm_poses,
-    hypothesis,
-    most_likely,
     orientation_errors,
-    screen,
-    simplest,
+    register_orientations,
+    register_positions,
+    rows_by_target,
 )
-from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistakes
+from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistake
 from robacc.errors import InputError, RobaccError
-from robacc.fitting.closed_form import register_frames
 from robacc.geometry import Array, Poses, log_between
 from robacc.measurements import Measurements
-from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 
-GROSS = 0.01
-"""Registered error, as a share of the standard deviation of the positions (or in rad), above which it may come from a
-mistake."""
-_IMPROVEMENT = 8.0
-"""Factor by which a correction has to reduce the error for its mistake to be reported."""
-_ENOUGH = 0.02
-"""Registered error of an arm without a mistake, at which the search ends."""
-_WRONG_ORIENTATION = 0.05
-"""rad; orientation error from which other readings of the orientations are tried."""
-_MOST_ORIENTATION = 0.5
-"""rad; orientation error up to which the orientations show the axes of the positions."""
 _LEAST_POSES = 8
 """Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
-_REGISTERED = 400
-"""Rows on which base and target are registered at most."""
-_PLAUSIBLE = 0.1
-"""Share of the standard deviation of the positions up to which the orientations and axes are examined."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
+_ROWS = 60
+"""Rows that hypotheses are judged by, which bounds the time, as do the next four."""
+_BATCH = 400
+"""Hypotheses in memory at once."""
 _LISTED = 40
-"""Hypotheses of each group that are judged by all rows of the sample."""
-_COMPLETED = 6
-"""Hypotheses of each group whose orientations and axes are examined."""
-_BEAM = 10
-"""Sets of mistakes that are extended."""
+"""Hypotheses of each group that are judged, by a rough fit of half of the rows."""
+_BEST = 8
+"""Best hypotheses that are tried with other orientations and axes, or with further changes."""
 _EXTENSIONS = 2
 """Changes that a set is extended by at most."""
-
-
-def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
-    """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
-    if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, _registered_poses(robot, data)):
-        return None
-    search = _MistakeSearch(robot, Sample.of(robot, data))
-    return None if search.null.total <= GROSS else search.run()
-
-
-def other_arm(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """Return a warning that names the arm of the package that fits the poses, where the robot does not."""
-    from robacc.modelling.robot_file import read_robot
-    from robacc.robots.library import library
-
-    def error(arm: Robot) -> float:
-        try:
-            return float(np.median(np.linalg.norm(data.position - _registered_poses(arm, data).translation, axis=0)))
-        except RobaccError:
-            return np.inf
-
-    data = data.subset(np.unique(np.linspace(0, data.n - 1, min(data.n, _REGISTERED)).astype(int)))
-    if data.n < _LEAST_POSES or data.q is None or (own := error(robot)) <= _USUAL_ERROR:
-        return ()
-    fits = {
-        arm.key: error(dataclasses.replace(read_robot(arm.path), targets=robot.targets))
-        for arm in library()
-        if arm.axes == len(robot.variables)
-    }
-    best = min(fits, key=fits.__getitem__, default="")
-    if fits.get(best, np.inf) * _IMPROVEMENT > own:
-        return ()
-    return (
-        f"{robot.name} leaves a median error of {1e3 * own:.3g} mm with base and tool registered, the package's {best} "
-        f"{1e3 * fits[best]:.2g} mm: check that `robot` is the arm that was measured",
-    )
+_SAME = 1.5
+"""Ratio of errors up to which two hypotheses are not distinguishable."""
+_MOST_ALTERNATIVES = 3
+_MORE_MISTAKES = 2
+"""Mistakes that an alternative has at most beyond those of the simplest hypothesis."""
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -116,155 +71,225 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """
     if data.n < _LEAST_POSES or data.q is None:
         return ()
-    file = f"{data.source}: " if data.source else ""
-    poses = _registered_poses(robot, data)
-    rows = find_row_mistakes(robot, data, poses.translation)
-    if rows is not None and rows.refused:
-        raise InputError(f"{file}{rows.text}")
-    if _is_gross(data, poses):
-        mistake = find_mistake(robot, data)
-        if mistake is not None:
-            raise InputError(f"{file}{mistake.text}")
-        part = find_part_mistake(robot, data, find_mistake)
-        if part is not None and part.mistake is not None:
-            raise InputError(f"{file}{part.text}")
-        if part is not None:
-            return (f"{file}{part.text}",)
-    return (*other_arm(robot, data), *(() if rows is None else (f"{file}{rows.text}",)))
+    poses = registered_poses(robot, data)
+    found = find_row_mistake(robot, data, poses.translation)
+    if _is_gross(data, poses) and not (found and found.refused):
+        found = find_mistake(robot, data) or find_part_mistake(robot, data, find_mistake) or found
+    if found is None:
+        return other_arm(robot, data)
+    text = f"{data.source}: {found.text}" if data.source else found.text
+    if found.refused:
+        raise InputError(text)
+    return (*other_arm(robot, data), text)
 
 
-def _registered_poses(robot: Robot, data: Measurements) -> Poses:
-    """Return the poses of the nominal model with base and targets registered."""
-    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _REGISTERED)).astype(int))
-    return predict(register_frames(robot, data.subset(rows), True, True), data)
+def other_arm(robot: Robot, data: Measurements) -> tuple[str, ...]:
+    """Return a warning that names the arm of the package that fits the poses, where the robot does not."""
+    from robacc.modelling.robot_file import read_robot
+    from robacc.robots.library import library
+
+    def error(arm: Robot) -> float:
+        try:
+            return float(np.median(np.linalg.norm(data.position - registered_poses(arm, data).translation, axis=0)))
+        except RobaccError:
+            return np.inf
+
+    data = data.subset(even_rows(data.n))
+    if data.n < _LEAST_POSES or data.q is None or (own := error(robot)) <= _USUAL_ERROR:
+        return ()
+    fits = {
+        arm.key: error(dataclasses.replace(read_robot(arm.path), targets=robot.targets))
+        for arm in library()
+        if arm.axes == len(robot.variables)
+    }
+    best = min(fits, key=fits.__getitem__, default="")
+    if fits.get(best, np.inf) * CLEAR > own:
+        return ()
+    return (
+        f"{robot.name} leaves a median error of {1e3 * own:.3g} mm with base and tool registered, the package's {best} "
+        f"{1e3 * fits[best]:.2g} mm: check that `robot` is the arm that was measured",
+    )
 
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    spread = float(np.sqrt(np.var(data.position, axis=1).sum()))
     error = float(np.median(np.linalg.norm(data.position - poses.translation, axis=0)))
-    if error > GROSS * spread:
-        return True
-    if data.rotation is None:
-        return False
-    turn = np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0)
-    return float(np.median(turn)) > GROSS
+    if data.rotation is None or error > GROSS * spread(data.position):
+        return error > GROSS * spread(data.position)
+    return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
 
 
-class _MistakeSearch:
-    """Search for the simplest set of mistakes whose correction leaves the error of an arm."""
+def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
+    """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
+    if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, registered_poses(robot, data)):
+        return None
+    data = data.subset(even_rows(data.n, _ROWS))
+    pool = _judged(robot, data, [()])
+    if not pool or (null := pool[0]).total <= GROSS:
+        return None
+    for groups in _stages(robot, data, pool):
+        for sets in filter(None, groups):
+            pool.extend(_judged(robot, data, sets))
+        if min(item.total for item in pool) < min(2 * GROSS, null.total / CLEAR):
+            break
+    return _simplest(pool, null)
 
-    def __init__(self, robot: Robot, sample: Sample) -> None:
-        """Judge the data as they are."""
-        self._robot = robot
-        self._sample = sample
-        data = sample.data
-        self._as_measured = MeasuredPoses(data.position, data.rotation)
-        self._pool: list[Hypothesis] = []
-        (self.null,) = self._judged(robot, self._as_measured, [()])[:1]
-        self._pool.append(self.null)
 
-    def run(self) -> Mistake | None:
-        """Return the mistake, or None if no set of mistakes explains the error."""
-        robot, data = self._robot, self._sample.data
-        assert data.q is not None
-        _, arm_position = arm_poses(robot, data, data.q[None])
-        spread = max(float(np.sqrt(np.var(arm_position[0], axis=0).sum())), 1e-12)
-        as_measured, *variants = measured_changes(data.position, data.rotation, spread)
-        for variant in (as_measured, *variants):
-            self._try(robot, variant, [()])
-        for other in self._other_conventions():
-            self._try(other, as_measured, [()])
-        self._try(robot, as_measured, [(change,) for change in joint_changes(robot)])
-        signs = [(change,) for change in sign_sets(robot)]
-        self._try(robot, as_measured, signs)
-        if not self._explained():
-            self._try_sets(variants, [(), *signs])
-        return simplest(self._pool, self.null, _IMPROVEMENT)
+@dataclass(frozen=True, slots=True)
+class _Hypothesis:
+    """Mistakes that are undone together, and the registered error that remains."""
 
-    def _try_sets(self, variants: Iterable[MeasuredPoses], signs: Sequence[tuple[JointChange, ...]]) -> None:
-        """Try sets of different mistakes until one explains the error."""
-        for variant in variants:
-            self._try(self._robot, variant, signs)
-        common = [change for change in interactions(self._robot) if change.of_neighbours]
-        common.extend(change for change in joint_changes(self._robot) if change.of_all)
-        self._try(self._robot, self._as_measured, [(*some, change) for some in signs for change in common])
-        if self._explained():
-            return
-        zeros = inner_zeros(self._robot)
-        self._try(self._robot, self._as_measured, list(itertools.combinations(zeros, 2)))
-        self._try(self._robot, self._as_measured, [(*some, change) for some in signs for change in zeros])
-        for other in self._other_conventions():
-            self._try(other, self._as_measured, signs)
-        self._try(self._robot, self._as_measured, [(change,) for change in permutations(self._robot)])
-        for _ in range(_EXTENSIONS):
-            if self._explained():
-                return
-            self._extend()
+    changes: tuple[Change, ...]
+    total: float
+    """Position error over the spread of the positions, plus orientation error in rad."""
+    rank: float
+    """The same, tolerant of orientations that are wrong in themselves."""
+    position: float
+    """Median position error, m."""
+    orientation: float | None
+    """Median orientation error, rad."""
+    axes: Change | None
+    """Change of the axes of the positions that the orientations ask for."""
 
-    def _other_conventions(self) -> list[Robot]:
-        if self._robot.convention not in ("standard", "modified"):
-            return []
-        other = "modified" if self._robot.convention == "standard" else "standard"
-        return [dataclasses.replace(self._robot, convention=other)]  # type: ignore[arg-type]
+    @property
+    def complexity(self) -> int:
+        """Return the number of mistakes."""
+        return sum(change.complexity for change in self.changes)
 
-    def _explained(self) -> bool:
-        best = min(item.total for item in self._pool)
-        return best < _ENOUGH and best * _IMPROVEMENT < self.null.total
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """Return what is wrong, by mistake."""
+        return tuple(change.text for change in self.changes)
 
-    def _extend(self) -> None:
-        """Add each elementary change to the best sets so far."""
-        best = sorted(self._pool, key=lambda item: (item.rank, item.complexity))[:_BEAM]
-        for item in best:
-            self._try(item.robot, item.measured, [(*item.changes, change) for change in joint_changes(self._robot)])
+    @property
+    def signs(self) -> frozenset[str] | None:
+        """Return the joints whose sign is reversed, if nothing else is wrong; else None."""
+        return self.changes[0].signs if len(self.changes) == 1 and self.changes[0].signs else None
 
-    def _try(self, robot: Robot, measured: MeasuredPoses, sets: Sequence[tuple[JointChange, ...]]) -> None:
-        if sets:
-            self._pool.extend(self._judged(robot, measured, sets))
 
-    def _judged(
-        self, robot: Robot, measured: MeasuredPoses, sets: Sequence[tuple[JointChange, ...]]
-    ) -> list[Hypothesis]:
-        """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
-        q = [self._corrected(changes) for changes in sets]
-        try:
-            if len(sets) > _LISTED:
-                likely = most_likely(robot, self._sample, q, measured.position, _LISTED)
-                sets, q = [sets[i] for i in likely], [q[i] for i in likely]
-            result = screen(robot, self._sample, q, measured.position, measured.rotation)
-        except (RobaccError, np.linalg.LinAlgError):
-            return []
-        order = np.argsort(result.rank, kind="stable")
-        judged = [hypothesis(robot, measured, sets[i], result, int(i), robot is not self._robot) for i in order]
-        for item, i in list(zip(judged, order, strict=True))[:_COMPLETED]:
-            if item.orientation is None or result.position[i] > _PLAUSIBLE * result.spread:
-                continue
-            rotations = result.rotations(int(i))
-            for changed in self._completions(robot, measured, q[i], item.orientation, rotations):
-                again = screen(robot, self._sample, [q[i]], changed.position, changed.rotation)
-                judged.append(hypothesis(robot, changed, sets[i], again, 0, robot is not self._robot))
-        return judged
+_Sets = Sequence[tuple[Change, ...]]
 
-    def _corrected(self, changes: Sequence[JointChange]) -> Array:
-        q = self._sample.data.q
-        assert q is not None
+
+def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> Iterator[list[_Sets]]:
+    """Yield groups of sets of changes, the likely ones first; ``pool`` has what was judged before."""
+    assert data.q is not None
+    of_arm = spread(arm_poses(robot, data, data.q[None])[1][0].T)
+    variants = [*measured_changes(data, max(of_arm, 1e-12)), *convention_changes(robot)]
+    elementary = joint_changes(robot)
+    signs = [(change,) for change in sign_sets(robot)]
+    yield [*([variant] for variant in variants), [(change,) for change in elementary], signs]
+    neighbours = [(i + 1, i) for i in range(len(robot.variables) - 1)]
+    common = [*interactions(robot, neighbours), *units(robot)]
+    yield [
+        *([(*variant, *some) for some in signs] for variant in variants),
+        [(*some, change) for some in signs for change in common],
+    ]
+    # Base and target take up the zeros of the first and the last joint.
+    inner = zeros(robot, robot.variables[1:-1])
+    yield [
+        list(itertools.combinations(inner, 2)),
+        [(*some, change) for some in signs for change in inner],
+        [(change,) for change in permutations(robot)],
+    ]
+    for _ in range(_EXTENSIONS):
+        best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:_BEST]
+        yield [
+            [
+                (*item.changes, change)
+                for change in elementary
+                if not (change.signs and any(c.signs for c in item.changes))
+            ]
+            for item in best
+        ]
+
+
+def _judged(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
+    """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
+    try:
+        if len(sets) > _LISTED:
+            half = data.subset(slice(None, None, 2))
+            batches = (_undone(robot, half, sets[i : i + _BATCH]) for i in range(0, len(sets), _BATCH))
+            rough = np.concatenate([register_positions(*batch[:4], passes=1).median for batch in batches])
+            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:_LISTED]]
+        judged = _screened(robot, data, sets)
+    except (RobaccError, np.linalg.LinAlgError):
+        return []
+    for item in judged[:_BEST]:
+        if item.orientation is not None and item.total > 2 * GROSS and item.rank < 2 * PLAUSIBLE:
+            judged.extend(_screened(robot, data, [(*item.changes, reading) for reading in READINGS]))
+            if item.axes is not None:
+                kept = (change for change in item.changes if change is not MIRRORED)
+                judged.extend(_screened(robot, data, [(*kept, item.axes)]))
+    return judged
+
+
+def _undone(robot: Robot, data: Measurements, sets: _Sets) -> tuple[Array, Array, Array, Array, Array | None]:
+    """Return the poses with each of H sets undone; the robot file has to be the same with all of them undone.
+
+    Returns:
+        The last link's orientations ``(H, N, 3, 3)`` and positions ``(H, N, 3)``, the measured positions ``(H, N, 3)``,
+        the rows by target ``(T, N)``, and the measured orientations ``(H, N, 3, 3)`` or None.
+    """
+    assert data.q is not None
+    undone = []
+    for changes in sets:
+        recorded = Recorded(robot, data.q, data.position, data.rotation)
         for change in changes:
-            q = change.apply(q)
-        return q
+            recorded = change.apply(recorded)
+        undone.append(recorded)
+    links = arm_poses(recorded.robot, data, np.array([each.q for each in undone]))
+    position = np.array([each.position.T for each in undone])
+    rotation = np.array([np.moveaxis(each.rotation, 2, 0) for each in undone if each.rotation is not None])
+    return *links, position, rows_by_target(robot, data), rotation if len(rotation) else None
 
-    def _completions(
-        self, robot: Robot, measured: MeasuredPoses, q: Array, error: float, rotations: tuple[Array, Array] | None
-    ) -> list[MeasuredPoses]:
-        """Return the measured poses with another reading of the orientations, or other axes of the positions."""
-        if measured.rotation is None or rotations is None:
-            return []
-        changed = []
-        if error > _WRONG_ORIENTATION:
-            readings = list(orientation_changes(measured.rotation))
-            turned = np.stack([np.moveaxis(rotation, 2, 0) for _, _, rotation in readings])
-            arm_rotation = np.broadcast_to(arm_poses(robot, self._sample.data, q[None])[0], turned.shape)
-            base = np.broadcast_to(rotations[0], (len(readings), 3, 3))
-            best = int(np.argmin(orientation_errors(arm_rotation, turned, base)))
-            changed = [measured.with_rotation(*readings[best])]
-        axes = axis_change(*rotations, measured.mirrored) if error < _MOST_ORIENTATION else None
-        return changed if axes is None else [*changed, measured.with_axes(*axes)]
+
+def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
+    """Return the sets with the errors that remain, the best first."""
+    rotation, translation, position, by_target, measured = _undone(robot, data, sets)
+    free = register_positions(rotation, translation, position, by_target)
+    size = np.array([spread(points.T) for points in position])
+    share, nothing = free.median / size, [None] * len(sets)
+    if measured is None:
+        found = map(_Hypothesis, sets, share, share, free.median, nothing, nothing)
+        return sorted(found, key=lambda item: item.rank)
+    turn, turned = register_orientations(rotation, measured)
+    common = register_positions(rotation, translation, position, by_target, turn=turn).median
+    # Orientations that hardly vary do not show the base, which the positions then show.
+    other = orientation_errors(rotation, measured, free.rotation)
+    by_positions = share + other < common / size + turned
+    median = np.where(by_positions, free.median, common)
+    orientation = np.where(by_positions, other, turned)
+    rank = share + np.minimum(orientation, PLAUSIBLE)
+    mirrored = np.diag([-1.0, 1.0, 1.0])
+    axes = [
+        axis_change(base @ mirrored if MIRRORED in changes else base, true)
+        for changes, base, true in zip(sets, free.rotation, turn, strict=True)
+    ]
+    found = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
+    return sorted(found, key=lambda item: item.rank)
+
+
+def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
+    """Return the simplest of the hypotheses that explain the error; None if none does."""
+    least = min(item.total for item in pool)
+    if least * CLEAR >= null.total:
+        return None
+    limit = min(_SAME * least, null.total / CLEAR)
+    equal = (item for item in pool if item.total <= limit and item.changes)
+    best, *others = sorted(equal, key=lambda item: (item.complexity, item.total))
+    alternatives, unseen = [], set[str]()
+    for item in others:
+        if item.signs and best.signs and item.signs > best.signs:
+            unseen |= item.signs - best.signs
+        elif item.complexity <= best.complexity + _MORE_MISTAKES and not set(best.texts) <= set(item.texts):
+            alternatives.append(" and ".join(item.texts))
+    return Mistake(
+        "; ".join(best.texts),
+        "; ".join(dict.fromkeys(change.fix for change in best.changes)),
+        null.position,
+        best.position,
+        null.orientation,
+        best.orientation,
+        tuple(dict.fromkeys(alternatives))[:_MOST_ALTERNATIVES],
+        tuple(sorted(unseen)),
+    )

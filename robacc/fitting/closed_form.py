@@ -155,7 +155,7 @@ def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None
     tool, base = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
     if np.linalg.det(tool) < 0:
         tool, base = -tool, -base
-    return _nearest_rotation(base), _nearest_rotation(tool)
+    return nearest_rotation(base), nearest_rotation(tool)
 
 
 def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> Poses:
@@ -167,7 +167,7 @@ def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> P
         # Weighted as points at the scatter of the positions, so that neither kind dominates.
         position_var = max(float(np.sum(np.square(predicted - predicted_mean[:, None]))) / data.n, _LEAST_POSITION_VAR)
         matrix = matrix + position_var * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
-    rotation = _nearest_rotation(matrix)
+    rotation = nearest_rotation(matrix)
     return Poses(rotation, measured_mean - rotation @ predicted_mean)
 
 
@@ -183,16 +183,16 @@ def _tools_from(arm: Poses, data: Measurements, index: NDArray[np.int64], tools:
         rotation = tool.rotation
         if data.rotation is not None:
             turned = compose(transpose(arm.rotation[..., rows]), data.rotation[..., rows])
-            rotation = _nearest_rotation(turned.sum(axis=2))
+            rotation = nearest_rotation(turned.sum(axis=2))
         mean_tools.append(Poses(rotation, local[:, rows].mean(axis=1)))
     return mean_tools
 
 
-def _nearest_rotation(matrix: Array) -> Array:
-    """Return the rotation nearest to a 3 x 3 matrix (polar factor by SVD; Kabsch 1976)."""
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotations nearest to ``(..., 3, 3)`` matrices (polar factor by SVD; Kabsch 1976)."""
     u, _, vt = np.linalg.svd(matrix)
-    sign = np.sign(np.linalg.det(u @ vt))
-    result: Array = u @ np.diag([1.0, 1.0, sign]) @ vt
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    result: Array = u @ vt
     return result
 
 

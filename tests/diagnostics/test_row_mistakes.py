@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from test_mistake_sets import made
 
-from robacc.diagnostics.data_mistakes import _registered_poses, check_data
+from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.mistakes import registered_poses
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -83,7 +84,7 @@ def test_scattered_outliers_are_no_exchange() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_permuted_rows_are_named_with_an_unknown_tool(seed: int) -> None:
     order = np.random.default_rng(seed).permutation(N)
-    turned = _registered_poses(arm.robot(), data()).rotation
+    turned = registered_poses(arm.robot(), data()).rotation
     shifted = dataclasses.replace(
         data(), position=data().position + np.einsum("ijn,j->in", turned, (0.05, -0.02, 0.04))
     )

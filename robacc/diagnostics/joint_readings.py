@@ -26,8 +26,6 @@ from robacc.statistics.distributions import normal_cdf
 
 READ_BACK = "read_back"
 """Effect whose coefficient is the share."""
-_SURE, _IMPLAUSIBLE = 3.0, 0.1
-"""Standard errors, and share, by which a share must lie outside 0 to 1 to be impossible."""
 _UNDECIDED = 0.25
 """Standard error of the share above which the poses do not decide."""
 
@@ -51,11 +49,12 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
     if not np.isfinite(std) or std > _UNDECIDED:
         yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
         return
-    margin = _SURE * std + _IMPLAUSIBLE
-    if not -margin <= share <= 1.0 + margin:
+    follow = f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference"
+    # Beyond three standard errors, and a tenth for what the model lacks, a share is impossible.
+    if abs(share - 0.5) > 0.6 + 3.0 * std:
         yield (
-            f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference, but only "
-            "0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints are used"
+            f"{follow}, but only 0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints "
+            "are used"
         )
         return
     cause = "the joints were read before the arm had settled"
@@ -65,8 +64,8 @@ def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
             "joints read back as q1 … qN"
         )
     yield (
-        f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference (0: the arm "
-        f"stood at the commanded joints, 1: at those read back); the commanded joints are used; {cause}"
+        f"{follow} (0: the arm stood at the commanded joints, 1: at those read back); the commanded joints are used; "
+        f"{cause}"
     )
 
 
@@ -86,10 +85,9 @@ _FEWEST_VALUES = 12
 """Different values of a joint from which whole steps are no accident."""
 _EVIDENT = 5.0
 """Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
-_LEAST_RESIDUAL = 1e-3
-"""Least residual, over the size of the rounding, that can show it; exact data make the covariances singular."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
-"""Noise that is tried, over the root mean square of the residual."""
+"""Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
+size of the rounding cannot show it; exact data make the covariances singular."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,23 +146,17 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
-    arm = model.arm
-    steps = [
-        joint_step(row, "revolute" if arm.is_revolute(name) else "prismatic")
-        for name, row in zip(arm.names, data.q, strict=True)
-    ]
-    present = [step for step in steps if step is not None]
-    if not present:
-        return None
-    std = np.array([0.0 if step is None else step[0] for step in steps]) / math.sqrt(12.0)
+    kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
+    steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
+    std = np.array([step for step, _ in steps]) / math.sqrt(12.0)
     columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
-    if rms_length(residual) <= _LEAST_RESIDUAL * position:
+    if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
         return None
     if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
         return None
-    return Rounding(max(present)[1], std, position)
+    return Rounding(max(steps)[1], std, position)
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:
@@ -193,10 +185,6 @@ def _likelihood(residual: Array, covariance: Array) -> float:
 
 _FEWEST_VISITS = 30
 """Visits from which the sum is close to Gaussian."""
-_DEGREE = 4
-"""Degree of the polynomials of ranks."""
-_LARGEST = 7.0
-"""Limit of an error's size, over the median of all sizes: an accident of the instrument counts as the limit."""
 
 
 def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[str, float]:
@@ -207,7 +195,8 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     """
     if not joints or data.q is None or not fit.model.arm.chain.bodies:
         return {}
-    order = _in_sequence(data)
+    # In order of time; in order of the file without times.
+    order = np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
     before = previous_visit(data.q[:, order])
     follows = before >= 0
     if np.count_nonzero(follows) < _FEWEST_VISITS:
@@ -221,13 +210,17 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
         column = columns[:, number]
         error = np.einsum("mn,mn->n", column, fit.residual[:3, present])
         error = error / np.maximum(np.linalg.norm(column, axis=0), 1e-12)
-        limit = _LARGEST * float(np.median(np.abs(error)))
-        error = np.clip(error, -limit, limit)
+        # An accident of the instrument counts as seven times the median.
+        limit = 7.0 * float(np.median(np.abs(error)))
         change = np.sign(torque[number, present] - torque[number, previous])
-        regressors = [_polynomials(torque[number, present]), _polynomials(data.q[number, present])[1:]]
+        regressors = [_polynomials(torque[number, present]), _polynomials(data.q[number, present])]
         if data.direction is not None:
-            regressors.append(data.direction[number, present][None])
-        result[joint] = _p_value(_without(change, np.concatenate(regressors)), error)
+            regressors.append(data.direction[number, present, None])
+        matrix = np.concatenate(regressors, axis=1)
+        change -= matrix @ np.linalg.lstsq(matrix, change, rcond=None)[0]
+        products = change * np.clip(error, -limit, limit)
+        size = float(np.linalg.norm(products))
+        result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size) if size > 0.0 else 1.0
     return result
 
 
@@ -242,28 +235,8 @@ def previous_visit(q: Array) -> NDArray[np.int64]:
     return np.asarray(start - 1, dtype=np.int64)
 
 
-def _in_sequence(data: Measurements) -> NDArray[np.int64]:
-    """Return the numbers ``(N,)`` of the rows in order of time; in order of the file without times."""
-    return np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
-
-
 def _polynomials(values: Array) -> Array:
-    """Return ``(5, N)`` Chebyshev polynomials of the ranks of ``(N,)``."""
+    """Return ``(N, 5)`` Chebyshev polynomials up to degree 4 of the ranks of ``(N,)``."""
     ranks = np.argsort(np.argsort(values, kind="stable"), kind="stable")
     scaled = 2.0 * ranks / max(values.size - 1, 1) - 1.0
-    return np.asarray(np.polynomial.chebyshev.chebvander(scaled, _DEGREE).T, dtype=np.float64)
-
-
-def _without(values: Array, regressors: Array) -> Array:
-    """Return ``(N,)`` values without their least-squares fit by the rows of ``(K, N)``."""
-    coefficients = np.linalg.lstsq(regressors.T, values, rcond=None)[0]
-    return np.asarray(values - coefficients @ regressors, dtype=np.float64)
-
-
-def _p_value(regressor: Array, error: Array) -> float:
-    """Return the two-sided p-value of the self-normalised sum of products of two series ``(N,)``."""
-    products = regressor * error
-    root_sum_square = float(np.sqrt(np.sum(np.square(products))))
-    if root_sum_square == 0.0:
-        return 1.0
-    return 2.0 * normal_cdf(-abs(float(np.sum(products))) / root_sum_square)
+    return np.asarray(np.polynomial.chebyshev.chebvander(scaled, 4), dtype=np.float64)

@@ -59,10 +59,8 @@ class Mistake:
             if self.turned_before is not None and self.turned_after is not None and self.after > self.before / 2:
                 kind, unit = "orientation error", "degrees"
                 before, after = f"{math.degrees(self.turned_before):.3g}", f"{math.degrees(self.turned_after):.2g}"
-            text += (
-                f": with base and tool registered, {whose} median {kind} is {before} {unit}, and {after} {unit} after"
-            )
-            text += " this correction"
+            errors = f"{whose} median {kind} is {before} {unit}, and {after} {unit} after this correction"
+            text += f": with base and tool registered, {errors}"
         text += f"; {self.fix}"
         if self.alternatives:
             text += f". Not distinguishable on these poses: {'; or '.join(self.alternatives)}"

@@ -8,6 +8,7 @@ import os
 import numpy as np
 
 from robacc.accuracy.pose_errors import commanded_poses
+from robacc.diagnostics.mistakes import even_rows
 from robacc.errors import InputError, Problem
 from robacc.measurements import Measurements
 from robacc.poses.columns import BranchColumn
@@ -20,8 +21,6 @@ from robacc.robots.description import Joint, Mimic, Robot
 _MOST_RATIO = 3.0
 _LEAST_EXCESS = 0.1
 """Larger spreads of positions than this ratio, and this many metres, beyond those of the commands are doubtful."""
-_SCALE_SAMPLE = 2000
-"""Poses that the check of scale uses at most."""
 
 
 def read_robot_poses(
@@ -103,8 +102,7 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     """
     if data.q is None or data.n < 2:
         return ()
-    # Rows at an uneven step, so that repeated visits of one pose are not sampled alone.
-    sample = data.subset(np.linspace(0, data.n - 1, min(data.n, _SCALE_SAMPLE)).astype(int))
+    sample = data.subset(even_rows(data.n))
     nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)

@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.effects.base import Driver, Effect, Term
+from robacc.diagnostics.mistakes import even_rows
+from robacc.effects.base import Driver, Effect
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.orders import supported_orders
 from robacc.effects.search_forms import orders_of
@@ -86,69 +86,53 @@ def partial_residuals(effect: Effect, fit: Fit, data: Measurements) -> tuple[Par
     """
     number = fit.model.free.index(effect)
     indices = [i for i, owner in enumerate(fit.owners) if owner == number]
-    joints = [
-        (joint, of_joint)
-        for joint in effect.joints
-        if (of_joint := [i for i in indices if _moves_joint(fit.terms[i], fit.model.arm.axis_motion(joint))])
-    ]
+    by_joint: list[tuple[str | None, list[int]]] = []
+    for joint in effect.joints:
+        motion = fit.model.arm.axis_motion(joint)
+        of_joint = [i for i in indices if all(part.motion == motion for part in fit.terms[i].parts)]
+        by_joint.extend([(joint, of_joint)] if of_joint else [])
+    if not by_joint or sum(len(of_joint) for _, of_joint in by_joint) < len(indices):
+        by_joint = [(None, indices)]
     try:
-        if joints and sum(len(of_joint) for _, of_joint in joints) == len(indices):
-            return tuple(_joint_curve(effect, joint, of_joint, fit, data) for joint, of_joint in joints)
-        return (_target_curve(effect, indices, fit, data),)
+        return tuple(_curve(effect, joint, some, fit, data) for joint, some in by_joint)
     except RobaccError:
         return ()
 
 
-def _moves_joint(term: Term, motion: int) -> bool:
-    return all(part.motion == motion for part in term.parts)
-
-
-def _joint_curve(effect: Effect, joint: str, indices: Sequence[int], fit: Fit, data: Measurements) -> PartialResidual:
-    without = _residual_without(indices, fit, data)
-    column = _joint_column(joint, fit, data)
-    before, after, sd = _projected(column, without, fit)
-    driver = effect.driver(fit.model.arm, data, joint)
-    grid, value = None, None
-    if driver is None:
-        driver = _prediction_driver(before - after)
-    if driver.is_only:
-        grid, value = _curve(effect, indices, fit, driver, before - after)
-    unit = fit.model.arm.unit(joint)
-    spectrum = None
-    if orders_of(effect) and driver.unit == "rad":
-        spectrum = _spectrum(driver.values[fit.inliers], before[fit.inliers], after[fit.inliers], sd[fit.inliers])
-    return PartialResidual(
-        joint, driver.name, driver.unit, unit, driver.values, before - after, before, after, sd, grid, value, spectrum
-    )
-
-
-def _target_curve(effect: Effect, indices: Sequence[int], fit: Fit, data: Measurements) -> PartialResidual:
-    without = _residual_without(indices, fit, data)
-    moved = without[:3] - fit.residual[:3]
-    length = np.sqrt(np.sum(np.square(moved), axis=0))
-    direction = np.zeros_like(without)
-    direction[:3] = (
-        moved
-        / np.where(length > 0, length, 1.0)
-        * _sign(_terms_at(effect, [fit.names[i] for i in indices], fit, data), fit.theta[indices[0]])
-    )
-    before, after, sd = _projected(direction, without, fit)
-    driver = effect.driver(fit.model.arm, data, None)
-    grid, value = None, None
-    if driver is None:
-        driver = _prediction_driver(before - after)
-    if driver.is_only:
-        grid, value = _sorted(driver.values, before - after)
-    return PartialResidual(
-        None, driver.name, driver.unit, "m", driver.values, before - after, before, after, sd, grid, value
-    )
-
-
-def _residual_without(indices: Sequence[int], fit: Fit, data: Measurements) -> Array:
-    """Return ``(M, N)`` residuals with some coefficients at zero and all others as fitted."""
+def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, data: Measurements) -> PartialResidual:
+    """Return the curve of the coefficients ``indices``, which turn one joint; of the target if the joint is None."""
+    arm = fit.model.arm
     theta = fit.theta.copy()
     theta[list(indices)] = 0.0
-    return residuals(data, fit.model.bind(data).poses(theta))
+    without = residuals(data, fit.model.bind(data).poses(theta))
+    if joint is None:
+        direction = np.zeros_like(without)
+        moved = without[:3] - fit.residual[:3]
+        direction[:3] = moved / np.maximum(np.linalg.norm(moved, axis=0), 1e-300)
+        direction *= _sign(effect, [fit.names[i] for i in indices], fit, data)
+    else:
+        direction = _joint_column(joint, fit, data)
+    before, after, sd = _projected(direction, without, fit)
+    explained = before - after
+    # Without a simpler driver the effect is drawn over its own prediction: poses lie along the diagonal.
+    driver = effect.driver(arm, data, joint) or Driver("predicted", "", explained, True)
+    grid, value = None, None
+    if driver.is_only and joint is not None and driver.swept is not None:
+        grid = np.linspace(driver.values.min(), driver.values.max(), _GRID)
+        coefficients = {fit.names[i]: float(fit.theta[i]) for i in indices}
+        value = np.zeros(_GRID)
+        for term in effect.terms(arm, driver.swept(grid)):
+            for part in term.parts:
+                value += coefficients.get(term.name, 0.0) * part.factor
+    elif driver.is_only and np.isfinite(explained).any():
+        grid, value = _sorted(driver.values, explained)
+    spectrum = None
+    if joint is not None and orders_of(effect) and driver.unit == "rad":
+        spectrum = _spectrum(*(values[fit.inliers] for values in (driver.values, before, after, sd)))
+    unit = "m" if joint is None else arm.unit(joint)
+    return PartialResidual(
+        joint, driver.name, driver.unit, unit, driver.values, explained, before, after, sd, grid, value, spectrum
+    )
 
 
 def _joint_column(joint: str, fit: Fit, data: Measurements) -> Array:
@@ -172,51 +156,22 @@ def _projected(direction: Array, without: Array, fit: Fit) -> tuple[Array, Array
     return np.sum(share * without, axis=0), np.sum(share * fit.residual, axis=0), sd
 
 
-def _terms_at(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) -> list[Term]:
-    """Return the effect's terms with regressors of all poses; those of the fit are of its first block of poses."""
-    return [term for term in effect.terms(fit.model.arm, data) if term.name in names]
-
-
-def _sign(terms: Sequence[Term], first: float) -> Array | float:
+def _sign(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) -> Array | float:
     """Return the sign of the regressor if all terms share it, so that the chart of a drift passes through zero."""
-    parts = [term.parts[0] for term in terms]
+    # The terms of the fit are of its first block of poses.
+    parts = [term.parts[0] for term in effect.terms(fit.model.arm, data) if term.name in names]
     signs = [np.where(np.asarray(part.factor) < 0, -1.0, 1.0) for part in parts]
     if any(part.loads is not None for part in parts) or not all(np.array_equal(signs[0], other) for other in signs):
         return 1.0
-    return signs[0] * (-1.0 if first < 0 else 1.0)
+    return signs[0] * (-1.0 if fit.theta[fit.names.index(names[0])] < 0 else 1.0)
 
 
-def _prediction_driver(explained: Array) -> Driver:
-    """Return the effect's own prediction as its driver, if it has no simpler one: poses lie along the diagonal."""
-    return Driver("predicted", "", explained, True)
-
-
-def _curve(
-    effect: Effect, indices: Sequence[int], fit: Fit, driver: Driver, explained: Array
-) -> tuple[Array | None, Array | None]:
-    """Return the effect over its driver: on a grid if it can be evaluated there, else at the poses."""
-    if driver.swept is None:
-        return _sorted(driver.values, explained)
-    low, high = float(driver.values.min()), float(driver.values.max())
-    grid = np.linspace(low, high, _GRID)
-    names = {fit.names[i]: float(fit.theta[i]) for i in indices}
-    value = np.zeros(_GRID)
-    for term in effect.terms(fit.model.arm, driver.swept(grid)):
-        for part in term.parts:
-            value += names.get(term.name, 0.0) * part.factor
-    return grid, value
-
-
-def _sorted(x: Array, y: Array) -> tuple[Array | None, Array | None]:
-    """Return at most :data:`_GRID` of the poses, sorted by ``x``, each value of it once."""
+def _sorted(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return at most :data:`_GRID` of the finite poses, sorted by ``x``, each value of it once."""
     is_finite = np.isfinite(y)
-    if not is_finite.any():
-        return None, None
     values, first = np.unique(x[is_finite], return_index=True)
-    selected: NDArray[np.int64] = np.unique(
-        np.linspace(0, values.size - 1, min(values.size, _GRID)).round().astype(int)
-    )
-    return values[selected], y[is_finite][first[selected]]
+    rows = even_rows(values.size, _GRID)
+    return values[rows], y[is_finite][first[rows]]
 
 
 def _spectrum(angle: Array, before: Array, after: Array, sd: Array) -> Spectrum | None:

@@ -58,9 +58,9 @@ def listing(names: Sequence[str]) -> str:
 
 # Changes of the joint columns: all are a matrix and an offset.
 
-_MOST_SETS = 1000
-"""Sets of signs, the small ones first, and orders of the columns that are tried: it bounds the time, and has all sets
-of nine joints and all orders of six."""
+MOST_SETS = 1000
+"""Sets of signs, the small ones first, or orders of the columns that are tried, and hypotheses in memory at once: it
+bounds the time, and has all sets of nine joints and all orders of six."""
 
 
 def _of_joints(
@@ -74,7 +74,7 @@ def sign_sets(robot: Robot) -> list[Change]:
     """Return the reversals of sets of joint signs, small sets first."""
     names = robot.variable_names
     sets = (chosen for size in range(1, len(names) + 1) for chosen in itertools.combinations(names, size))
-    return [_signs(names, chosen) for chosen in itertools.islice(sets, _MOST_SETS)]
+    return [_signs(names, chosen) for chosen in itertools.islice(sets, MOST_SETS)]
 
 
 def _signs(names: Sequence[str], chosen: Sequence[str]) -> Change:
@@ -150,7 +150,7 @@ def _ordered(names: Sequence[str], order: Sequence[int], complexity: int) -> Cha
 def permutations(robot: Robot) -> Iterator[Change]:
     """Yield the orders of the joint columns that move more than two, unless there are too many."""
     names = robot.variable_names
-    if math.factorial(len(names)) <= _MOST_SETS:
+    if math.factorial(len(names)) <= MOST_SETS:
         for order in itertools.permutations(range(len(names))):
             moved = sum(place != number for place, number in enumerate(order))
             if moved > 2:

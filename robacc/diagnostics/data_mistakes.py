@@ -15,6 +15,7 @@ import numpy as np
 
 from robacc.diagnostics.changes import (
     MIRRORED,
+    MOST_SETS,
     READINGS,
     Change,
     Recorded,
@@ -46,21 +47,15 @@ _LEAST_POSES = 8
 """Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
-_ROWS = 60
-"""Rows that hypotheses are judged by, which bounds the time, as do the next four."""
-_BATCH = 400
-"""Hypotheses in memory at once."""
-_LISTED = 40
-"""Hypotheses of each group that are judged, by a rough fit of half of the rows."""
+_SAMPLE = 60
+"""Rows that hypotheses are judged by, and hypotheses of each group that are, by a rough fit: it bounds the time."""
 _BEST = 8
-"""Best hypotheses that are tried with other orientations and axes, or with further changes."""
-_EXTENSIONS = 2
-"""Changes that a set is extended by at most."""
+"""Best hypotheses that are tried with other orientations and axes, or with further changes, which bounds it too."""
+_MORE = 2
+"""Mistakes that a set is extended by, and that an alternative has beyond those of the simplest, at most."""
 _SAME = 1.5
 """Ratio of errors up to which two hypotheses are not distinguishable."""
 _MOST_ALTERNATIVES = 3
-_MORE_MISTAKES = 2
-"""Mistakes that an alternative has at most beyond those of the simplest hypothesis."""
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -123,7 +118,7 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
     if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, registered_poses(robot, data)):
         return None
-    data = data.subset(even_rows(data.n, _ROWS))
+    data = data.subset(even_rows(data.n, _SAMPLE))
     pool = _judged(robot, data, [()])
     if not pool or (null := pool[0]).total <= GROSS:
         return None
@@ -191,7 +186,7 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
         [(*some, change) for some in signs for change in inner],
         [(change,) for change in permutations(robot)],
     ]
-    for _ in range(_EXTENSIONS):
+    for _ in range(_MORE):
         best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:_BEST]
         yield [
             [
@@ -206,11 +201,11 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
 def _judged(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
     """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
     try:
-        if len(sets) > _LISTED:
+        if len(sets) > _SAMPLE:
             half = data.subset(slice(None, None, 2))
-            batches = (_undone(robot, half, sets[i : i + _BATCH]) for i in range(0, len(sets), _BATCH))
+            batches = (_undone(robot, half, sets[i : i + MOST_SETS]) for i in range(0, len(sets), MOST_SETS))
             rough = np.concatenate([register_positions(*batch[:4], passes=1).median for batch in batches])
-            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:_LISTED]]
+            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:_SAMPLE]]
         judged = _screened(robot, data, sets)
     except (RobaccError, np.linalg.LinAlgError):
         return []
@@ -281,7 +276,7 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
     for item in others:
         if item.signs and best.signs and item.signs > best.signs:
             unseen |= item.signs - best.signs
-        elif item.complexity <= best.complexity + _MORE_MISTAKES and not set(best.texts) <= set(item.texts):
+        elif item.complexity <= best.complexity + _MORE and not set(best.texts) <= set(item.texts):
             alternatives.append(" and ".join(item.texts))
     return Mistake(
         "; ".join(best.texts),

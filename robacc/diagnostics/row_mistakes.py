@@ -22,15 +22,12 @@ from robacc.robots.description import Robot
 
 _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
-_WINDOWS = 6
-_FEWEST_ROWS, _MOST_IN_WINDOW = 12, 40
-"""Rows that the search, and a window, need at least, and rows of a window."""
-_BEST = 3
-"""Best windows that are judged by all rows."""
+_FEWEST_ROWS, _MOST_ROWS = 10, 20_000
+"""Rows that the search needs, and a stretch that is examined by itself; and beyond which the search takes too long."""
+_WINDOWS, _IN_WINDOW = 6, 20
+"""Windows, and best of them that are judged by all rows, and rows of each."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
-_FEWEST_IN_PART = 10
-"""Rows of a stretch that is examined by itself."""
 _MIXED = 0.1
 """Share of rows within such a stretch that may agree, and of rows outside that may not."""
 _FEW = 0.05
@@ -52,7 +49,7 @@ def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mist
     """
     errors, gross = _lengths(data.position - predicted), 2 * GROSS * spread(data.position)
     middle = float(np.median(errors))
-    if data.n < _FEWEST_ROWS or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
+    if not _FEWEST_ROWS <= data.n <= _MOST_ROWS or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
         return None
     predicted = _best_predicted(robot, data, predicted)
     by_shift = _errors_by_shift(predicted, data.position)
@@ -73,7 +70,7 @@ def find_part_mistake(
     errors = _lengths(data.position - _best_predicted(robot, data, registered_poses(robot, data).translation))
     gross, typical = 2 * GROSS * spread(data.position), float(np.quantile(errors, 0.25))
     wrong = errors > max(gross, CLEAR * typical)
-    rows = next(_runs(np.where(wrong, 1.0, -1.0), _FEWEST_IN_PART), np.arange(0))
+    rows = next(_runs(np.where(wrong, 1.0, -1.0), _FEWEST_ROWS), np.arange(0))
     outside = np.delete(wrong, rows)
     if typical > gross or not rows.size or not outside.size or max(1 - wrong[rows].mean(), outside.mean()) > _MIXED:
         return None
@@ -99,20 +96,18 @@ def find_part_mistake(
 def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array:
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
     margin = int(_SHIFTS.max())
-    length = min(max(data.n // _WINDOWS, _FEWEST_ROWS), _MOST_IN_WINDOW, data.n - 2 * margin)
+    length = min(_IN_WINDOW, data.n - 2 * margin)
     by_target = rows_by_target(robot, data)
-    tried: list[tuple[float, int, int, int]] = []
+    tried: list[tuple[float, int, int]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
         rows = np.arange(start, start + length)
         window = data.subset(rows)
         links = arm_poses(robot, window, np.repeat(np.array([window.q]), _SHIFTS.size, axis=0))
         measured = data.position.T[rows + _SHIFTS[:, None]]
         medians = register_positions(*links, measured, by_target[:, rows]).median
-        tried.extend(
-            zip(medians.tolist(), abs(_SHIFTS).tolist(), [start] * _SHIFTS.size, _SHIFTS.tolist(), strict=True)
-        )
+        tried.extend((median, start, shift) for median, shift in zip(medians.tolist(), _SHIFTS.tolist(), strict=True))
     candidates = [predicted]
-    for _, _, start, shift in sorted(tried)[:_BEST]:
+    for _, start, shift in sorted(tried)[:_WINDOWS]:
         rows = np.arange(start, start + length)
         measured_rows = data.subset(rows + shift)
         window = dataclasses.replace(

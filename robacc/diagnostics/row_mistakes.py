@@ -24,8 +24,8 @@ _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
 _FEWEST_ROWS, _MOST_ROWS = 10, 20_000
 """Rows that the search needs, and a stretch that is examined by itself; and beyond which the search takes too long."""
-_WINDOWS, _IN_WINDOW = 6, 20
-"""Windows, and best of them that are judged by all rows, and rows of each."""
+_WINDOWS, _MOST_IN_WINDOW = 6, 40
+"""Windows, and best of them that are judged by all rows; and most rows of a window: one has to have good rows only."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
 _MIXED = 0.1
@@ -96,7 +96,7 @@ def find_part_mistake(
 def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array:
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
     margin = int(_SHIFTS.max())
-    length = min(_IN_WINDOW, data.n - 2 * margin)
+    length = min(max(data.n // _WINDOWS, _FEWEST_ROWS), _MOST_IN_WINDOW, data.n - 2 * margin)
     by_target = rows_by_target(robot, data)
     tried: list[tuple[float, int, int]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():

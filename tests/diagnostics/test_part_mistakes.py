@@ -56,6 +56,12 @@ def test_a_mistake_in_a_part_is_named_with_its_lines(change: Change, text: str, 
     assert "correct these rows only" in str(error.value)
 
 
+def test_a_mistake_in_most_rows_of_a_short_file_is_named() -> None:
+    """Twenty rows agree: a window that the frames are registered on has to lie within them."""
+    with pytest.raises(InputError, match="unlike the other rows: the sign of joint"):
+        check_data(arm.robot(), data(reversed_sign, slice(20, 50)).subset(slice(0, 50)))
+
+
 def test_a_part_that_nothing_explains_is_told() -> None:
     def random(q: np.ndarray, position: np.ndarray, part: slice) -> None:
         q[:, part] = np.random.default_rng(1).uniform(-1.0, 1.0, q[:, part].shape)

@@ -35,6 +35,7 @@ LAYERS = (
     ("robacc.documents",),
     ("robacc.render.text",),
     ("robacc.render.plots",),
+    ("robacc.render.views",),
     ("robacc.render.html",),
     ("robacc.render",),
     ("robacc.api",),

@@ -67,9 +67,11 @@ class Estimate(Result, EstimateResult):
 
     def draw(self, stream: TextIO) -> None:
         """Write the short report."""
-        from robacc.render.text.estimate import draw_short_estimate
+        from robacc.documents.estimate import payload
+        from robacc.render.views.elements import draw
+        from robacc.render.views.estimate import short_estimate_view
 
-        draw_short_estimate(self, self.named("poses"), self.named("robot"), stream)
+        draw(short_estimate_view(payload(self), self.named("poses"), self.named("robot")), stream)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""

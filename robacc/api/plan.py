@@ -173,7 +173,7 @@ class Planned(Result, CampaignPlan):
     def csv(self) -> str:
         """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         from robacc.poses.csv_file import format_poses
-        from robacc.render.text.plan import plan_comments
+        from robacc.render.views.plan import plan_comments
 
         head = "".join(f"# {line}\n" for line in plan_comments(self))
         return head + format_poses(self.visits(), attained=False)
@@ -185,7 +185,7 @@ class Planned(Result, CampaignPlan):
             UsageError: The plan has none.
         """
         from robacc.poses.csv_file import format_poses
-        from robacc.render.text.plan import validation_comments
+        from robacc.render.views.plan import validation_comments
 
         poses = self.validation_poses()
         return "".join(f"# {line}\n" for line in validation_comments(self)) + format_poses(poses, attained=False)

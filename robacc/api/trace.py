@@ -42,9 +42,10 @@ class Traced(FitResult, Trace):
 
     def draw(self, stream: TextIO) -> None:
         """Write how good, why, and what now."""
-        from robacc.render.text.fit import draw_trace
+        from robacc.render.views.elements import draw
+        from robacc.render.views.fit import short_trace_view
 
-        draw_trace(self, self.named("poses"), self.named("robot"), self.baseline, stream)
+        draw(short_trace_view(self.payload(), self.named("poses"), self.named("robot")), stream)
 
 
 @single_threaded

@@ -130,11 +130,12 @@ def _write_result(
     from robacc.cli.output import with_gate, write_result
 
     def table(stream: TextIO) -> None:
-        if task.full:
-            from robacc.render.text.estimate import draw_estimate as draw
-        else:
-            from robacc.render.text.estimate import draw_short_estimate as draw
-        draw(result, task.path, task.options.robot, stream)
+        from robacc.documents.estimate import payload
+        from robacc.render.views.elements import draw
+        from robacc.render.views.estimate import estimate_view, short_estimate_view
+
+        view = estimate_view if task.full else short_estimate_view
+        draw(view(payload(result), task.path, task.options.robot), stream)
 
     write_result(
         Outlets(task.form, path),
@@ -352,14 +353,15 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     """Write the table of all files and the requested files."""
     from robacc.cli.output import page_text, write
     from robacc.io.files import write_text
-    from robacc.render.text.estimate import draw_many, many_annotations
     from robacc.render.text.gate import markdown
     from robacc.render.text.parameter_names import as_options
+    from robacc.render.views.elements import draw
+    from robacc.render.views.estimate import many_annotations, many_view
 
     options = tasks[0].options
 
     def table(stream: TextIO) -> None:
-        draw_many(outcomes, options.robot, options.align, stream)
+        draw(many_view(outcomes, options.robot, options.align), stream)
 
     if outlets.junit is not None:
         from robacc.render.text.gate import junit_of_files

@@ -503,7 +503,7 @@ def remaining_error(
 # Verdict of a trace, the assumption that it rests on, and the share of the error that the findings explain.
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
-_HIDDEN = 0.1
+HIDDEN_NOISE = 0.1
 """Ratio of noise to repeatability, of one residual, below which the noise is not resolved."""
 
 
@@ -520,7 +520,7 @@ def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bo
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
     if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
         return False
-    return math.sqrt(3) * noise.noise.position < _HIDDEN * repeatability.position
+    return math.sqrt(3) * noise.noise.position < HIDDEN_NOISE * repeatability.position
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:

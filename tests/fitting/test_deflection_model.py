@@ -18,13 +18,14 @@ import robacc.fitting.masses
 from robacc.calibration.calibrating import Calibration, calibrate
 from robacc.documents.fit import calibration_payload, trace_payload
 from robacc.effects.base import REGISTRY
-from robacc.effects.request import Baseline, build, parse_requests
+from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.masses import BETTER, DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.render.text.fit import draw_calibration, draw_trace
+from robacc.render.views.elements import draw
+from robacc.render.views.fit import calibration_view, trace_sections
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -187,10 +188,11 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors()
 )
 def test_table_and_document_say_which_form_and_why(form: str, compliance: float, said: str) -> None:
     found, data = calibrated(form, compliance), measured(form, compliance)
+    payload = calibration_payload(found, data, arm("puma560").robot)
     stream = StringIO()
-    draw_calibration(found, data, "poses.csv", "robot.yaml", ASKED, stream)
+    draw(calibration_view(payload, "poses.csv", "robot.yaml", ASKED), stream)
     assert said in " ".join(stream.getvalue().split())
-    document = calibration_payload(found, data, arm("puma560").robot)["deflection"]
+    document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document
     assert found.deflection is not None
     assert document == {
@@ -233,9 +235,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
-    draw_trace(
-        found, "poses.csv", "robot.yaml", Baseline(("base_frame", "tool_frame"), by_default=False), stream, full=True
-    )
+    draw(trace_sections(payload), stream)
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 

@@ -82,7 +82,7 @@ def test_a_trace_shows_statements_of_findings_and_the_undeclared_load() -> None:
     document["undeclared_load"] = {"statement": "the torques of j2 point to 12 kg more on the link of j3"}
     text = parsed(render([document], ["trace"])).text
     assert "from line 74 on, the target is displaced by 0.21 mm" in text
-    assert "Undeclared load: the torques of j2 point to 12 kg more on the link of j3." in text
+    assert "undeclared load: the torques of j2 point to 12 kg more on the link of j3" in text
 
 
 def test_the_first_screen_of_a_trace_has_the_summary() -> None:

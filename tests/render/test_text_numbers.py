@@ -9,7 +9,6 @@ import pytest
 from robacc.render.text.layout import (
     decimals,
     effect_label,
-    exponent_of_thousand,
     fixed,
     measured,
     odds,
@@ -46,13 +45,6 @@ def test_three_digits() -> None:
     assert [three_digits(v) for v in (0.0, 1e-25, 1e-5, 0.00123, 1.2345, 123.4, 98765.4, 1e7)] == [
         "0", "0", "1.00e-05", "0.00123", "1.23", "123", "98765", "1.00e+07",
     ]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("size", "power"), [(0.185, 0), (0.05, 0), (9e4, 0), (1.9e-4, -3), (0.049, -3), (9e-8, -9), (2e5, 6), (0.0, 0)]
-)
-def test_exponent_keeps_matrices_readable(size: float, power: int) -> None:
-    assert exponent_of_thousand(size) == power
 
 
 def test_p_values() -> None:

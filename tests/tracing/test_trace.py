@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.fit import trace_payload
+from robacc.documents.fit import _finding, trace_payload
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
@@ -20,7 +20,7 @@ from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.render.text.fit import at_tool
+from robacc.render.views.fit import _at_tool
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -431,4 +431,4 @@ def test_a_finding_states_the_held_out_orientation_where_it_is_measured() -> Non
     assert size == pytest.approx(before, rel=0.3)
     assert largest is not None
     assert 1.5e-3 < largest < 2.5e-3
-    assert " and turns it by up to 0.1" in at_tool(finding, None)
+    assert " and turns it by up to 0.1" in _at_tool(_finding(finding), None)

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from robacc.documents.fit import _noise_document, _repeatability_document
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.warnings import LackOfFit
 from robacc.modelling.observation import Noise
-from robacc.render.text.fit import _remaining_error, _residual
-from robacc.tracing.findings import Unexplained, assumption_of, is_hidden_noise
+from robacc.render.views.fit import _remaining_error, _residual
+from robacc.tracing.findings import assumption_of, is_hidden_noise
 
 ESTIMATED = LackOfFit(Noise(2e-5, None, "residual"), None, 1.0)
 TINY = LackOfFit(Noise(4e-8, None, "residual"), None, 1.0)
@@ -53,23 +53,29 @@ def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
 
 
 def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float, noise_rms: float | None) -> Any:
-    fitted = SimpleNamespace(position=SimpleNamespace(rms=1.2e-4))
-    return SimpleNamespace(
-        noise=noise,
-        repeatability=repeatability,
-        before=SimpleNamespace(fitted=fitted),
-        unexplained=Unexplained(rms, noise_rms, False, 0.4, (), {"noise": rms}),
-        explained_share=0.77,
-        findings=("one",),
-        fit=SimpleNamespace(model=SimpleNamespace(arm=SimpleNamespace(is_revolute=lambda name: True))),
-    )
+    return {
+        "noise": _noise_document(noise),
+        "repeatability": _repeatability_document(repeatability),
+        "before": {"fitted": {"position": {"rms_m": 1.2e-4}}},
+        "unexplained": {
+            "rms_m": rms,
+            "noise_rms_m": noise_rms,
+            "structured": False,
+            "p_value": 0.4,
+            "hints": [],
+            "parts": {"noise_m": rms},
+        },
+        "explained_share": 0.77,
+        "findings": ["one"],
+        "robot": {"joints": [{"name": "j1", "type": "revolute"}]},
+    }
 
 
 def test_the_table_names_hidden_noise() -> None:
     hidden = _residual(result_of(TINY, SCATTER, 7.7e-5, None))
     assert hidden == (
-        "baseline: 0.120 mm rms; measurement noise: not distinguishable from the arm's repeatability (section 5) "
-        "because the file has neither sigma columns nor repeated poses"
+        "baseline: 0.120 mm rms; measurement noise: not distinguishable from the arm's repeatability (see the "
+        "remaining error) because the file has neither sigma columns nor repeated poses"
     )
     assert "measurement noise: 0.0346 mm rms, estimated" in _residual(result_of(ESTIMATED, SCATTER, 7.7e-5, None))
     shares = [line for line in _remaining_error(result_of(TINY, SCATTER, 7.7e-5, None)) if "explainable" in line]

@@ -79,7 +79,8 @@ def calibrate(
     """
     from robacc.api.calibrate import calibrate as run_calibrate
     from robacc.cli.output import Outlets, deliver_fit, progress_bar
-    from robacc.render.text.fit import draw_calibration
+    from robacc.render.views.elements import draw
+    from robacc.render.views.fit import calibration_view
 
     with progress_bar() as progress:
         result = run_calibrate(
@@ -104,5 +105,5 @@ def calibrate(
         write_model,
         Outlets(form, output, gate, junit, report),
         result,
-        lambda stream: draw_calibration(result, result.fit_inputs.data, poses, robot, fit, stream),
+        lambda stream: draw(calibration_view(result.payload(), poses, robot, fit), stream),
     )

@@ -85,9 +85,10 @@ def compare(
     result = run_compare(*results, baseline=baseline, by=by, grade=grade, scale=scale, confidence=confidence, seed=seed)
 
     def table(stream: TextIO) -> None:
-        from robacc.render.text.compare import draw_comparison
+        from robacc.render.views.compare import comparison_view
+        from robacc.render.views.elements import draw
 
-        draw_comparison(result, stream)
+        draw(comparison_view(result.payload()), stream)
 
     deliver(Outlets(form, output, gate, junit, report), result, table)
 
@@ -121,8 +122,9 @@ def _compare_paired(
     """Compare two CSVs of the same targets."""
     from robacc.api.compare import compare_paired
     from robacc.cli.output import Outlets, deliver
-    from robacc.render.text.compare import draw_paired_targets
+    from robacc.render.views.compare import paired_view
+    from robacc.render.views.elements import draw
 
     before, after = results
     result = compare_paired(before, after, model=model, nominal=nominal, noise=noise)
-    deliver(Outlets(form, output), result, lambda stream: draw_paired_targets(result, (before, after), stream))
+    deliver(Outlets(form, output), result, lambda stream: draw(paired_view(result.payload(), (before, after)), stream))

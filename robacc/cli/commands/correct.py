@@ -176,7 +176,8 @@ def _deliver(result: Corrected, names: tuple[str, str], output: str, outlets: Ou
 
     from robacc.cli.output import deliver
     from robacc.render.text.console import warnings_below
-    from robacc.render.text.correct import draw_correction
+    from robacc.render.views.correct import correction_view
+    from robacc.render.views.elements import draw
 
     if output == "-":
         with warnings_below(result.warnings):
@@ -184,7 +185,7 @@ def _deliver(result: Corrected, names: tuple[str, str], output: str, outlets: Ou
             sys.stdout.flush()
         return
     result.write(output)
-    deliver(outlets, result, lambda stream: draw_correction(result, names, stream))
+    deliver(outlets, result, lambda stream: draw(correction_view(result.payload(), names), stream))
 
 
 def _correct_program(

@@ -116,11 +116,12 @@ def estimate(
     result = run_estimate(poses[0], **options._asdict())
 
     def table(stream: TextIO) -> None:
-        if full:
-            from robacc.render.text.estimate import draw_estimate as draw
-        else:
-            from robacc.render.text.estimate import draw_short_estimate as draw
-        draw(result, poses[0], robot, stream)
+        from robacc.documents.estimate import payload
+        from robacc.render.views.elements import draw
+        from robacc.render.views.estimate import estimate_view, short_estimate_view
+
+        view = estimate_view if full else short_estimate_view
+        draw(view(payload(result), poses[0], robot), stream)
 
     if per_pose is not None:
         from robacc.io.files import write_text

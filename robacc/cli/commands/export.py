@@ -89,7 +89,7 @@ def _write_format(
 
     from robacc.api.export import export as run_export
     from robacc.io.files import write_text
-    from robacc.render.text.correct import write_export
+    from robacc.render.views.correct import write_export
 
     nominal, arm, template, document = options
     result = run_export(

@@ -92,8 +92,9 @@ def iso9283(
     )
 
     def table(stream: TextIO) -> None:
-        from robacc.render.text.iso9283 import draw_iso9283
+        from robacc.render.views.elements import draw
+        from robacc.render.views.iso9283 import iso9283_view
 
-        draw_iso9283(result, robot, stream)
+        draw(iso9283_view(result.payload(), robot), stream)
 
     deliver(Outlets(form, output, gate, junit, report), result, table)

@@ -83,7 +83,7 @@ def iso9283_poses(
     from robacc.modelling.robot_file import read_robot
     from robacc.poses.csv_file import format_poses
     from robacc.quantities import size
-    from robacc.render.text.iso9283 import proposal_comments
+    from robacc.render.views.iso9283 import proposal_comments
 
     refuse_json_beside_csv(form, output)
     arm = read_robot(robot, base_link=base_link, tip_link=tip_link)
@@ -114,13 +114,14 @@ def _write_summary(
     from robacc.documents.iso9283 import proposal_payload
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
-    from robacc.render.text.iso9283 import draw_proposal
+    from robacc.render.views.elements import draw
+    from robacc.render.views.iso9283 import proposal_view
 
     inputs = (results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"),)
     payload = {**proposal_payload(proposal), "file_sha256": sha256_of(output)}
     emit(
         form,
         "-",
-        table=lambda stream: draw_proposal(proposal, arm, stream),
+        table=lambda stream: draw(proposal_view(proposal, arm), stream),
         document=lambda: results.envelope("iso9283-poses", payload, options=options, inputs=inputs, seed=None),
     )

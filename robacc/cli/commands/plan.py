@@ -249,7 +249,8 @@ def _write(
     from robacc.cli.output import emit
     from robacc.io.files import write_text
     from robacc.render.text.console import warnings_below
-    from robacc.render.text.plan import draw_plan
+    from robacc.render.views.elements import draw
+    from robacc.render.views.plan import plan_view
 
     with warnings_below(result.warnings):
         programs = {} if program is None else result.programs(program)
@@ -266,4 +267,4 @@ def _write(
             sys.stdout.flush()
             return
         result.write(output)
-        emit(form, "-", table=lambda stream: draw_plan(result, stream), document=result.document)
+        emit(form, "-", table=lambda stream: draw(plan_view(result.document()), stream), document=result.document)

@@ -133,9 +133,10 @@ def predict(
     )
 
     def table(stream: TextIO) -> None:
-        from robacc.render.text.predict import draw_prediction
+        from robacc.render.views.elements import draw
+        from robacc.render.views.predict import prediction_view
 
-        draw_prediction(result.robot, result, result.allocation, result.comparison, result.coverage, stream)
+        draw(prediction_view(result.payload()), stream)
 
     if warranty_map is not None:
         from robacc.io.files import write_text

@@ -74,7 +74,8 @@ def trace(
     """
     from robacc.api.trace import trace as run_trace
     from robacc.cli.output import Outlets, deliver_fit, progress_bar
-    from robacc.render.text.fit import draw_trace
+    from robacc.render.views.elements import draw
+    from robacc.render.views.fit import short_trace_view, trace_view
 
     with progress_bar() as progress:
         result = run_trace(
@@ -93,9 +94,10 @@ def trace(
             seed=seed,
             progress=progress,
         )
+    view = trace_view if full else short_trace_view
     deliver_fit(
         write_model,
         Outlets(form, output, gate, junit, report),
         result,
-        lambda stream: draw_trace(result, poses, robot, result.baseline, stream, full=full),
+        lambda stream: draw(view(result.payload(), poses, robot), stream),
     )

@@ -5,11 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from robacc.render.html.blocks import Badge, ReportHeadline, Tile, angle, interval, length, of_robot, robot_name
-from robacc.render.html.plan_sections import plan_headline
-from robacc.render.plots.canvas import DEGREE, Document, length_unit
+from robacc.render.plots.canvas import Document
 from robacc.render.plots.errors import STAGE_LABELS
 from robacc.render.text.layout import confirmation
+from robacc.render.views.elements import (
+    Badge,
+    Number,
+    ReportHeadline,
+    Tile,
+    angle,
+    length,
+    of_robot,
+    robot_name,
+    tile,
+)
+from robacc.render.views.plan import PURPOSES
 
 # Headlines of the results of ``estimate``, ``predict`` and ``iso9283``.
 
@@ -43,22 +53,15 @@ def estimate_headline(document: Document) -> ReportHeadline:
 
 
 def _estimate_tiles(document: Document) -> list[Tile]:
-    position, orientation = document["position"], document["orientation"]
-    tiles = [
-        _statistic("position, rms", position, "rms_m", "m"),
-        _statistic("position, 95th percentile", position, "p95_m", "m"),
-    ]
-    if orientation is not None:
-        tiles.append(_statistic("orientation, 95th percentile", orientation, "p95_rad", "rad"))
+    shown = [("position", "rms", "rms", "m"), ("position", "95th percentile", "p95", "m")]
+    if document["orientation"] is not None:
+        shown.append(("orientation", "95th percentile", "p95", "rad"))
+    tiles = []
+    for name, label, key, unit in shown:
+        value, bounds = (part[f"{key}_{unit}"] for part in (document[name], document[name]["intervals"]))
+        why = "" if bounds["upper"] is not None else bounds["why"] or "no interval"
+        tiles.append(tile(f"{name}, {label}", value, unit, bounds, why))
     return tiles
-
-
-def _statistic(label: str, statistics: Mapping[str, Any], key: str, unit: str) -> Tile:
-    value, bounds = statistics[key], statistics["intervals"][key]
-    low, high = bounds["lower"], bounds["upper"]
-    number = length(value, low, high) if unit == "m" else angle(value, low, high)
-    interval_text = interval(value, low, high, bounds["confidence"], length_unit(value) if unit == "m" else DEGREE)
-    return Tile(label, number, interval_text or bounds.get("why") or "no interval")
 
 
 def predict_headline(document: Document) -> ReportHeadline:
@@ -104,18 +107,9 @@ def iso9283_headline(document: Document) -> ReportHeadline:
     tiles = []
     for key, label in names:
         criterion = criteria[key]
-        bounds = criterion["intervals"]["max_m"]
-        value, low, high = criterion["max_m"], bounds["lower"], bounds["upper"]
-        if value is None:
-            continue
-        interval_text = interval(value, low, high, bounds["confidence"], length_unit(value))
-        tiles.append(
-            Tile(
-                label,
-                length(value, low, high),
-                f"at {criterion['max_at']}{f'; {interval_text}' if interval_text else ''}",
-            )
-        )
+        if criterion["max_m"] is not None:
+            bounds, place = criterion["intervals"]["max_m"], f"at {criterion['max_at']}"
+            tiles.append(tile(label, criterion["max_m"], "m", bounds, place))
     met = sum(condition["status"] == "met" for condition in document["protocol"])
     summary = (
         f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
@@ -206,23 +200,14 @@ def _sides(document: Document) -> tuple[Mapping[str, Any], Mapping[str, Any], st
 def _tiles(document: Document) -> list[Tile]:
     before, after, pose_set = _sides(document)
     labels = STAGE_LABELS[document["command"]]
-    sides = ((labels["before"], before), (labels["after"], after))
-    tiles = [_side(f"{label}, rms", metrics, pose_set) for label, metrics in sides]
-    gain = document["gain_m"]
-    if gain is not None:
-        low, high = gain["low"], gain["high"]
-        unit = length_unit(gain["value"])
-        interval_text = interval(gain["value"], low, high, gain["confidence"], unit)
-        tiles.append(Tile("rms reduction", length(gain["value"], low, high), interval_text))
+    tiles = []
+    for label, metrics in ((labels["before"], before), (labels["after"], after)):
+        bounds = (metrics.get("intervals") or {}).get("rms_m") or {}
+        tiles.append(tile(f"{label}, rms", metrics["rms_m"], "m", bounds, pose_set))
+    if (gain := document["gain_m"]) is not None:
+        bounds = {"lower": gain["low"], "upper": gain["high"], "confidence": gain["confidence"]}
+        tiles.append(tile("rms reduction", gain["value"], "m", bounds))
     return tiles
-
-
-def _side(name: str, metrics: Mapping[str, Any], pose_set: str) -> Tile:
-    """Return the tile of one stage's rms error with its interval."""
-    value, bounds = metrics["rms_m"], (metrics.get("intervals") or {}).get("rms_m") or {}
-    low, high = bounds.get("lower"), bounds.get("upper")
-    interval_text = interval(value, low, high, bounds.get("confidence", 0.95), length_unit(value))
-    return Tile(name, length(value, low, high), f"{interval_text}; {pose_set}" if interval_text else pose_set)
 
 
 def _noise(document: Document) -> str:
@@ -322,6 +307,46 @@ def _correct(document: Document) -> ReportHeadline:
     return ReportHeadline(f"Correction by {document['model']}", summary, tiles, (Badge(f"{count} corrected", tone),))
 
 
+def _plan(document: Document) -> ReportHeadline:
+    """Return the number of poses and visits, the predicted error, and whether earlier poses are enough."""
+    accuracy, sufficiency = document["accuracy"], document["sufficiency"]
+    planned = None if accuracy is None else accuracy["planned"]
+    n, visits = document["n_poses"], document["n_visits"]
+    summary = f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses."
+    tiles = [Tile("different poses", Number(str(n), float(n))), Tile("visits", Number(str(visits), float(visits)))]
+    if planned is not None:
+        tiles.append(Tile("predicted error after the fit, rms", length(planned["rms_m"])))
+        tiles.append(Tile("the same of random poses", length(planned["random_rms_m"])))
+    power = document["power"]
+    if power is not None:
+        for label, key in (("effects found at their usual size", "found"), ("found and separated", "separated")):
+            chance = f"random poses {100 * power[f'random_{key}']:.0f} %"
+            tiles.append(Tile(label, Number(f"{100 * power[key]:.0f} %", power[key]), chance))
+    badges = []
+    if sufficiency is not None:
+        summary += f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
+        badges.append(Badge("enough poses", "good") if sufficiency["enough"] else Badge("more poses needed", "open"))
+    return ReportHeadline(
+        f"Plan for the {PURPOSES[document['purpose']]}{of_robot(document)}",
+        summary,
+        tiles,
+        badges,
+        _plan_facts(document),
+    )
+
+
+def _plan_facts(document: Document) -> list[tuple[str, str]]:
+    noise = document["noise"]
+    facts = [
+        ("Instrument", f"{length(noise['position_m'])} along each axis"),
+        ("Repeatability", f"{length(noise['repeatability_m'])} along each axis at the target"),
+        ("Source of the noise", str(noise["source"])),
+    ]
+    if document["fit"]:
+        facts.append(("Free effects", ", ".join(document["fit"].split(","))))
+    return facts
+
+
 _HEADLINES: dict[str, Callable[[Document], ReportHeadline]] = {
     "trace": trace_headline,
     "calibrate": calibrate_headline,
@@ -331,5 +356,5 @@ _HEADLINES: dict[str, Callable[[Document], ReportHeadline]] = {
     "check": _check,
     "compare": _compare,
     "correct": _correct,
-    "plan": plan_headline,
+    "plan": _plan,
 }

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from html import escape
 
-from robacc.render.html.blocks import ReportHeadline
 from robacc.render.html.headline import headline_of
 from robacc.render.plots.canvas import Document
+from robacc.render.views.elements import ReportHeadline
 
 
 def notebook_html(document: Document) -> str:

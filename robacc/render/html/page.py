@@ -12,21 +12,19 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-from robacc.render.html.accuracy_sections import (
-    compare_sections,
-    correct_sections,
-    estimate_sections,
-    gate_section,
-    iso9283_sections,
-    predict_sections,
-)
-from robacc.render.html.blocks import Block, Cell, Command, Grid, Listing, ReportHeadline, ReportSection, Text
-from robacc.render.html.fit_sections import fit_sections, outliers
 from robacc.render.html.headline import headline_of
-from robacc.render.html.plan_sections import plan_sections
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, ChartTable, Document, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
 from robacc.render.text.parameter_names import as_options
+from robacc.render.views.compare import comparison_page
+from robacc.render.views.correct import correction_page
+from robacc.render.views.elements import Block, Cell, Command, Grid, Listing, ReportHeadline, Section, Text
+from robacc.render.views.estimate import estimate_sections
+from robacc.render.views.fit import calibration_page, trace_page
+from robacc.render.views.gate import gate_section
+from robacc.render.views.iso9283 import iso9283_sections
+from robacc.render.views.plan import plan_page
+from robacc.render.views.predict import prediction_sections
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
 
@@ -81,7 +79,7 @@ _FIRST = {"predict": "robot", "plan": "robot"}
 """Kind of the input that follows the command's name; poses for the others."""
 
 
-def reproduce(document: Document) -> ReportSection:
+def reproduce(document: Document) -> Section:
     """Return the last section of a result."""
     blocks: list[Block] = [
         Text(
@@ -93,7 +91,7 @@ def reproduce(document: Document) -> ReportSection:
     if document["inputs"]:
         rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
         blocks.append(Grid(("input", "file", "SHA-256"), rows, is_text=True))
-    return ReportSection("How to reproduce this result", blocks)
+    return Section("How to reproduce this result", blocks)
 
 
 def command_line(document: Document) -> str:
@@ -146,9 +144,7 @@ def _options(document: Document, files: set[str]) -> Iterator[str]:
 _SAME = ("poses", "robot", "holdout")
 
 
-def side_by_side(
-    documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]
-) -> ReportSection:
+def side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
     """Return outcome, key figures and facts of each result, with warnings about different inputs."""
     rows: list[Sequence[Cell]] = [
         ["command", *(str(document["command"]) for document in documents)],
@@ -166,7 +162,7 @@ def side_by_side(
     rows.append(["made by", *(f"robacc {document['robacc']}" for document in documents)])
     rows.append(["call", *(command_line(document) for document in documents)])
     blocks = [Grid(("", *names), rows, is_text=True)]
-    return ReportSection("Side by side", [*blocks, *_differences(documents)])
+    return Section("Side by side", [*blocks, *_differences(documents)])
 
 
 def _differences(documents: Sequence[Document]) -> list[Listing]:
@@ -183,15 +179,15 @@ def _differences(documents: Sequence[Document]) -> list[Listing]:
     return [Listing(warnings, "warning")] if warnings else []
 
 
-_SECTIONS: dict[str, Callable[[Document], Iterator[ReportSection]]] = {
-    "trace": fit_sections,
-    "calibrate": fit_sections,
+_SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
+    "trace": trace_page,
+    "calibrate": calibration_page,
     "estimate": estimate_sections,
-    "predict": predict_sections,
+    "predict": prediction_sections,
     "iso9283": iso9283_sections,
-    "compare": compare_sections,
-    "correct": correct_sections,
-    "plan": plan_sections,
+    "compare": comparison_page,
+    "correct": correction_page,
+    "plan": plan_page,
 }
 
 
@@ -221,11 +217,11 @@ class ResultSection:
     first: PageChart | None
     """Next to the headline."""
     drawings: Sequence[PageChart]
-    sections: Sequence[ReportSection]
+    sections: Sequence[Section]
     """The command's tables and texts."""
-    leading: Sequence[ReportSection]
+    leading: Sequence[Section]
     """Sections that come first: the gate, warnings and notes."""
-    reproduce: ReportSection
+    reproduce: Section
 
 
 def render(
@@ -289,7 +285,7 @@ def result_of(document: Document, place: int) -> ResultSection:
     drawings = [_drawing(chart, f"{number}p{i}") for i, chart in enumerate(charts_of(document), 1)]
     gate = gate_section(document)
     sections = _SECTIONS.get(document["command"], _nothing)(document)
-    warnings = [*dict.fromkeys([*document.get("warnings", ()), *outliers(document)])]
+    warnings = [*dict.fromkeys([*document.get("warnings", ()), *_outliers(document)])]
     notes = list(document.get("notes", ()))
     blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
     return ResultSection(
@@ -298,12 +294,19 @@ def result_of(document: Document, place: int) -> ResultSection:
         drawings[0] if drawings else None,
         drawings[1:],
         [*sections],
-        [*([gate] if gate is not None else []), *([ReportSection("Warnings and notes", blocks)] if blocks else [])],
+        [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
         reproduce(document),
     )
 
 
-def _nothing(document: Document) -> Iterator[ReportSection]:
+def _outliers(document: Document) -> Iterator[str]:
+    lines = [str(outlier["line"]) for outlier in document.get("outliers", ())]
+    if lines:
+        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
+        yield f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}"
+
+
+def _nothing(document: Document) -> Iterator[Section]:
     return iter(())
 
 

@@ -6,13 +6,10 @@ rich only styles the lines on a terminal: laying out its tables takes longer tha
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, Literal, NamedTuple
-
-from robacc.fitting.parameters import FittedParameter
 
 Style = Literal["", "bold", "dim", "green", "bold red", "bold yellow"]
 
@@ -45,13 +42,6 @@ def columns(header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2) 
         cells = (first, *(f"{cell:>{width}}" for cell, width in others))
         lines.append(TextLine((" " * gap).join(cells).rstrip(), "dim" if number == 0 else ""))
     return lines if any(header) else lines[1:]
-
-
-def beside(left: Sequence[TextLine], right: Sequence[TextLine], gap: int = 6) -> list[TextLine]:
-    """Return two tables side by side, styled as the left table."""
-    width = max(len(line.text) for line in left) + gap
-    pairs = zip_longest(left, right, fillvalue=BLANK)
-    return [TextLine(f"{first.text:<{width}}{second.text}".rstrip(), first.style) for first, second in pairs]
 
 
 def items(texts: Iterable[str], width: int) -> list[TextLine]:
@@ -120,13 +110,6 @@ def measured(value: float, error: float) -> tuple[str, str]:
     return f"{value:.{min(digits, 14)}e}", error_text
 
 
-def exponent_of_thousand(size: float) -> int:
-    """Return the power of ten, a multiple of three, that scales ``size`` to 0.1 … 100, or 0 for readable sizes."""
-    if size <= 0.0 or not math.isfinite(size) or 0.05 <= size < 1e5:
-        return 0
-    return 3 * math.floor((math.log10(size) + 1.0) / 3.0)
-
-
 def p_value(probability: float | None) -> str:
     """Return ``p = 0.032``, or ``p < 1e-6`` for smaller probabilities."""
     if probability is None or math.isnan(probability):
@@ -185,33 +168,6 @@ def table_unit(unit: str) -> tuple[float, str]:
 def with_table_unit(number: str, name: str) -> str:
     """Return a number with its unit; degrees follow without a space."""
     return f"{number}{'' if name.startswith('°') else ' '}{name}".rstrip()
-
-
-# Many names in few words: coefficients of uncertain masses, and names with a common beginning.
-
-_OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
-"""Coefficient of an elastic effect times a mass, or times a first moment of mass, of one link."""
-
-
-def without_mass_coefficients(parameters: Iterable[FittedParameter]) -> tuple[list[FittedParameter], dict[str, int]]:
-    """Return the parameters that are not of uncertain masses, and how many are, by effect and joint."""
-    others: list[FittedParameter] = []
-    counts: dict[str, int] = {}
-    for parameter in parameters:
-        match = _OF_MASS.fullmatch(parameter.name)
-        if match and " kg" in parameter.unit:
-            counts[match["effect"]] = counts.get(match["effect"], 0) + 1
-        else:
-            others.append(parameter)
-    return others, counts
-
-
-def mass_coefficients(effect: str, count: int) -> str:
-    """Return a sentence about the coefficients of uncertain masses of one effect."""
-    return (
-        f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
-        "(the JSON result has each)"
-    )
 
 
 def grouped(names: Sequence[str]) -> str:

@@ -1,0 +1,622 @@
+"""A calibration and a trace: causes, before and after, coefficients, findings, remaining error, detection limits."""
+
+from __future__ import annotations
+
+import math
+import re
+import statistics
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from robacc.effects import REGISTRY
+from robacc.render.plots.canvas import Document
+from robacc.render.text.layout import (
+    IN_DEGREES,
+    IN_MM,
+    effect_label,
+    grouped,
+    measured,
+    odds,
+    p_value,
+    table_unit,
+    three_digits,
+    with_table_unit,
+)
+from robacc.render.views.elements import Block, Cell, Grid, Listing, Number, Section, Text, number, with_unit
+from robacc.tracing.findings import HIDDEN_NOISE
+
+Part = Mapping[str, Any]
+
+_NOISE_SOURCES = {
+    "file": "from the file's sigma columns",
+    "file and misfit": "from the file's sigma columns and what the remaining error adds to them",
+    "repeats": "from repeated poses",
+}
+"""Where a known measurement noise comes from; any other source is the remaining error alone."""
+_STAGES = {
+    "trace": {
+        "nominal": "nominal, base and tool registered",
+        "before": "baseline (declared effects)",
+        "after": "extended model (findings)",
+    },
+    "calibrate": {"nominal": "nominal, base and tool registered", "before": "baseline", "after": "calibrated"},
+}
+_POSE_SETS = (
+    ("held_out", "held-out poses"),
+    ("held_out_inliers", "held-out poses without outliers"),
+    ("fitted", "calibration poses"),
+    ("fitted_inliers", "calibration poses without outliers"),
+)
+_VERDICTS = {
+    "clean": "clean: no effect beyond the declared effects",
+    "explained": "explained",
+    "partly_explained": "partly explained",
+    "unexplained": "unexplained: the residual is structured and no candidate explains it",
+}
+_PARTS = {
+    "noise": "noise",
+    "scatter": "scatter of the joints",
+    "pose": "error that depends on the pose",
+    "wander": "wander over time",
+}
+_IN_HEADLINE = 3
+_NOTABLE = 0.01
+"""Least share of the error of a cause that is listed."""
+_CONVINCING = 0.01
+_MAX_CAUSES = 8
+_MAX_HINTS = 3
+_WORTH_CORRECTING = 0.9
+"""Ratio of the errors after and before from which a model is not worth its use."""
+_MORE = "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits"
+_MAX_CANDIDATES = 5
+_MAX_PARAMETERS = 8
+_INDISTINGUISHABLE = 0.9999
+"""Similarity from which two effects predict the same on the poses."""
+_MAX_COEFFICIENTS = 60
+_MAX_NAMES = 6
+_MAX_DROPPED = 3
+_MAX_PAIRS = 8
+
+
+def trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
+    """Return the text of a trace with all that was tested; ``poses`` and ``robot`` are file names."""
+    yield _opening(document, poses, robot)
+    causes, *sections = trace_sections(document)
+    yield causes
+    for place, section in enumerate(sections, 1):
+        yield Section(f"{place}. {section.title}", section.blocks)
+
+
+def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
+    """Return how good, why, and what now: causes, what is not distinguishable, what remains, and what to do."""
+    yield _opening(document, poses, robot)
+    yield Section("", causes_blocks(document, 6))
+    unexplained = document["unexplained"]
+    notes = [
+        f"{_label(finding)}: {_alternative(rival)}"
+        for finding in document["findings"]
+        for rival in finding["alternatives"]
+    ]
+    hints = unexplained["hints"]
+    notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
+    if len(hints) > _MAX_HINTS:
+        notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
+    next_step = "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
+    before, after = (document[stage]["fitted"]["position"]["rms_m"] for stage in ("nominal", "after"))
+    if document["next_poses"]:
+        next_step = "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
+    elif after > _WORTH_CORRECTING * before:
+        next_step = "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
+    yield Section("", [Listing(notes), Text(f"next: {next_step}"), Text(_MORE, is_note=True)])
+
+
+def trace_sections(document: Document) -> Iterator[Section]:
+    """Return causes, residual, candidates, findings, stages, remaining error, and what to measure next."""
+    yield Section("Causes", causes_blocks(document))
+    assumption = [Text(document["assumption"])] if document["assumption"] is not None else []
+    yield Section("Residual", [Text(_residual(document)), *assumption])
+    yield Section("Candidates", _candidates(document))
+    yield Section("Findings", _findings(document))
+    yield Section("Before and after", stage_blocks(document, "trace"))
+    yield Section("Remaining error", [Listing([*_remaining_error(document)])])
+    if not document["findings"]:
+        yield Section("Detection limits of these poses", _detection(document))
+    if document["next_poses"]:
+        yield Section("Poses to measure next", _next_poses(document))
+
+
+def calibration_view(document: Document, poses: str, robot: str, fitted: str) -> Iterator[Section]:
+    """Return the text of a calibration; ``poses`` and ``robot`` are file names, ``fitted`` the effects asked for."""
+    count = document["identifiability"]["n_identifiable"]
+    effects = ", ".join(effect_label(effect["effect"], effect["joints"], effect) for effect in document["effects"])
+    facts = (f"{poses} against the model {robot}", f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
+    title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
+    yield Section(title, [*map(Text, facts)])
+    causes, stages, quality = calibration_sections(document)
+    yield from (causes, stages)
+    estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
+    blocks: list[Block] = [coefficients(estimated[:_MAX_COEFFICIENTS])]
+    if len(estimated) > _MAX_COEFFICIENTS:
+        blocks.append(Text(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
+    yield Section("Coefficients", [*blocks, *(Text(_mass_coefficients(*each)) for each in masses.items())])
+    yield quality
+
+
+def calibration_sections(document: Document) -> Iterator[Section]:
+    """Return causes, stages, and the quality of the fit."""
+    yield Section("Causes", causes_blocks(document))
+    yield Section("Before and after", stage_blocks(document, "calibrate"))
+    yield Section("Quality of the fit", [Listing([*_quality(document)])])
+
+
+def trace_page(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, with every coefficient."""
+    yield from trace_sections(document)
+    yield _all_coefficients(document)
+
+
+def calibration_page(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, with every coefficient."""
+    yield from calibration_sections(document)
+    yield _all_coefficients(document)
+
+
+def _all_coefficients(document: Document) -> Section:
+    note = (
+        "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
+        "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
+    )
+    blocks = parameter_tables(document["parameters"])
+    return Section("Coefficients", [Text(note), *blocks] if blocks else [Text("No coefficient was fitted.")])
+
+
+def parameter_tables(parameters: Sequence[Part]) -> list[Block]:
+    """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
+    reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
+    tables: list[Block] = []
+    if len(reasons) < len(parameters):
+        tables.append(coefficients([p for p in parameters if p["std"] is not None]))
+    if reasons:
+        tables.append(Grid(("not identifiable", "reason"), reasons, is_text=True))
+    return tables
+
+
+def coefficients(parameters: Iterable[Part]) -> Grid:
+    """Return name, value, standard error and unit of identifiable coefficients."""
+    rows: list[Sequence[Cell]] = []
+    for parameter in parameters:
+        factor, unit = table_unit(str(parameter["unit"]))
+        rows.append((parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit))
+    return Grid(("name", "value", "standard error", "unit"), rows)
+
+
+def _with_error(value: float, error: float | None, factor: float, sign: str = "") -> tuple[Number, Number]:
+    """Return a value and its standard error, with the digits that the error supports."""
+    if error is None:
+        return Number(f"{three_digits(value * factor)}{sign}", value), Number("–", None)
+    texts = measured(value * factor, error * factor)
+    return Number(f"{texts[0]}{sign}", value), Number(f"{texts[1]}{sign}", error)
+
+
+def _mm(value: float) -> str:
+    return str(with_unit(value, "m"))
+
+
+def _label(effect: Part) -> str:
+    return effect_label(effect["effect"], effect["joints"], effect["settings"])
+
+
+# Coefficients of uncertain masses: many, and only their sum is determined.
+
+_OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
+"""Coefficient of an elastic effect times a mass, or times a first moment of mass, of one link."""
+
+
+def without_mass_coefficients(parameters: Iterable[Part]) -> tuple[list[Part], dict[str, int]]:
+    """Return the parameters that are not of uncertain masses, and how many are, by effect and joint."""
+    others: list[Part] = []
+    counts: dict[str, int] = {}
+    for parameter in parameters:
+        match = _OF_MASS.fullmatch(parameter["name"])
+        if match and " kg" in parameter["unit"]:
+            counts[match["effect"]] = counts.get(match["effect"], 0) + 1
+        else:
+            others.append(parameter)
+    return others, counts
+
+
+def _mass_coefficients(effect: str, count: int) -> str:
+    return (
+        f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
+        "(the JSON result has each)"
+    )
+
+
+# Parts of calibration and trace: causes, stages, repeatability, deflection.
+
+
+def causes_blocks(document: Document, most: int = _MAX_CAUSES) -> Iterator[Block]:
+    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes."""
+    causes = document.get("causes", ())
+    apart = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
+    was, now = (
+        _mm(document[stage]["held_out" if apart else "fitted"]["position"]["rms_m"]) for stage in ("nominal", "after")
+    )
+    notable = [
+        cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
+    ]
+    named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
+    others = " and others" if len(notable) > _IN_HEADLINE else ""
+    yield Text(f"{was} rms to {now} rms{' on held-out poses' if apart else ''}: {named}{others}")
+    if not causes:
+        return
+    is_mixed = len({cause["declared"] for cause in causes}) > 1
+    rows = [
+        (
+            f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
+            number(cause["size_at_tool_m"], IN_MM),
+            " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
+            number(cause["error_without_m"], IN_MM),
+            "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
+        )
+        for cause in notable[:most]
+    ]
+    yield Grid(("effect", "moves, mm", "95 % interval", "without it, mm", "share"), rows)
+    if hidden := len(causes) - len(rows):
+        yield Text(f"and {hidden} smaller; the JSON result has all of them", is_note=True)
+    yield Text(
+        "moves: rms distance by which the effect alone moves the tool; without it: rms error that no other effect can "
+        "describe; share: of the nominal model's mean square error",
+        is_note=True,
+    )
+
+
+def stage_blocks(document: Document, command: str) -> Iterator[Block]:
+    """Yield the errors of each stage, held-out poses first, and the gain with its interval."""
+    stages = {key: label for key, label in _STAGES[command].items() if key != "after" or document.get("findings") != []}
+    for pose_set, title in _POSE_SETS:
+        figures = {label: document[key].get(pose_set) for key, label in stages.items()}
+        if None in figures.values():
+            continue
+        for quantity, sign, unit, factor in (("position", "mm", "m", IN_MM), ("orientation", "°", "rad", IN_DEGREES)):
+            rows: list[Sequence[Cell]] = [
+                (
+                    label,
+                    *(number(part[quantity][f"{key}_{unit}"], factor) for key in ("rms", "mean_error", "p95", "max")),
+                )
+                for label, part in figures.items()
+                if part[quantity] is not None
+            ]
+            if rows:
+                yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
+    gain = document["gain_m"]
+    if gain is not None and gain["low"] is not None:
+        value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
+        share = f"{100 * gain['confidence']:.0f} %"
+        yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)")
+    if command == "trace":
+        yield Text(
+            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
+            is_note=True,
+        )
+
+
+def _repeatability(document: Document) -> Iterator[str]:
+    """Yield the intrinsic repeatability joint by joint, and its limitation; nothing if it is not significant."""
+    repeatability = document["repeatability"]
+    if repeatability is None:
+        return
+    units = {joint["name"]: "m" if joint["type"] == "prismatic" else "rad" for joint in document["robot"]["joints"]}
+    joints = ", ".join(
+        f"{name} {with_unit(std, units[name])}" for name, std in repeatability["joints"].items() if std is not None
+    )
+    size = _mm(repeatability["position_m"])
+    yield f"intrinsic repeatability: {size} rms at the target ({joints or 'not identifiable joint by joint'})"
+    if repeatability["source"] == "residual":
+        yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
+
+
+def _deflection(choice: Part | None) -> Iterator[str]:
+    """Yield the deflection model used by elastic effects and the reason for it."""
+    if choice is None:
+        return
+    size = f"{_mm(choice['difference_rms_m'])} rms"
+    if choice["rigid_better_by"] is None:
+        yield (
+            f"deflection model: equilibrium; torques at the undeflected pose change the prediction by {size}, too "
+            "little to distinguish the two models"
+        )
+        return
+    yield (
+        f"deflection model: {'equilibrium' if choice['form'] == 'equilibrium' else 'undeflected pose'}; torques at the "
+        f"undeflected pose change the prediction by {size} and twice the log-likelihood by "
+        f"{choice['rigid_better_by']:+.3g}; threshold +{choice['needed']:g}"
+    )
+
+
+# The quality of a calibration.
+
+
+def _quality(document: Document) -> Iterator[str]:
+    noise, identifiability = document["noise"], document["identifiability"]
+    axes = noise["along_axes_m"]
+    sizes = [noise["position_m"]] if axes is None else axes
+    size = (
+        f"{', '.join(three_digits(std * IN_MM) for std in sizes)} mm along {'each axis' if axes is None else 'x, y, z'}"
+    )
+    source = _NOISE_SOURCES.get(noise["source"], "estimated from the residual")
+    yield f"measurement noise {size} (standard deviation), {source}"
+    if noise["lack_of_fit_p_value"] is not None:
+        # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
+        yield (
+            f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test "
+            f"{p_value(noise['lack_of_fit_p_value'])}"
+        )
+        freedom = f"{document['degrees_of_freedom']:.1f} degrees of freedom"
+        yield f"weighted chi-square {document['chi_square']:.4g} on {freedom}"
+    indices = ", ".join(f"{name} {value:.3g}" for name, value in identifiability["observability"].items())
+    yield f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}"
+    yield from _repeatability(document)
+    yield from map(_shrinkage, document["shrinkage"])
+    if document["shrinkage"]:
+        yield "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
+    yield from _deflection(document["deflection"])
+    yield from _not_identifiable(identifiability["not_identifiable"])
+    pairs = document["correlations"]
+    for pair in pairs[:_MAX_PAIRS]:
+        yield f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
+    if len(pairs) > _MAX_PAIRS:
+        yield f"and {len(pairs) - _MAX_PAIRS} more pairs with a correlation above 0.9"
+    for row in document["leverage"][:5]:
+        yield f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+
+
+def _not_identifiable(dropped: Sequence[Part]) -> Iterator[str]:
+    """Yield what the poses do not determine: a few coefficients each with its reason, many by reason."""
+    if len(dropped) <= _MAX_DROPPED:
+        yield from (f"not identifiable: {each['why']}" for each in dropped)
+        return
+    if without_effect := [each["name"] for each in dropped if not each["partners"]]:
+        yield f"not identifiable: without effect on these poses: {grouped(without_effect)}"
+    if confounded := [each["name"] for each in dropped if each["partners"]]:
+        yield (
+            f"not identifiable: not distinguishable from fitted coefficients on these poses: {grouped(confounded)} "
+            "(the JSON result names the partners of each)"
+        )
+
+
+def _shrinkage(kind: Part) -> str:
+    constants, quantity = kind["constants"], {"m": "lengths", "rad": "angles"}[kind["unit"]]
+    differing = [constant["name"] for constant in constants if constant["probability"] > 0.5]
+    count = len(constants)
+    if not differing:
+        return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
+    listed = ", ".join(differing[:_MAX_NAMES]) + (" …" if len(differing) > _MAX_NAMES else "")
+    verb = "differs" if len(differing) == 1 else "differ"
+    return (
+        f"{len(differing)} of {count} {quantity} {verb} from nominal: {listed}; the others are shrunk to nominal "
+        "as far as the poses allow"
+    )
+
+
+# A trace: residual and noise, candidates, findings with their tests, remaining error, detection limits.
+
+
+def _opening(document: Document, poses: str, robot: str) -> Section:
+    declared = document["declared"]
+    names = ", ".join(declared["effects"]) or "none"
+    facts = [
+        f"{poses} against the model {robot}",
+        f"declared effects: {names}{' (default; `declared` changes them)' if declared['by_default'] else ''}",
+        *(f"{each['effect']} is not declared: {each['why']}" for each in declared["left_out"]),
+    ]
+    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
+    return Section(title, [*map(Text, facts)])
+
+
+def _residual(document: Document) -> str:
+    noise, repeatability = document["noise"], document["repeatability"]
+    size = math.sqrt(3) * noise["position_m"]
+    rms = _mm(document["before"]["fitted"]["position"]["rms_m"])
+    text = f"baseline: {rms} rms; measurement noise: "
+    if noise["source"] in _NOISE_SOURCES:
+        return f"{text}{_mm(size)} rms, {_NOISE_SOURCES[noise['source']]}"
+    why = "because the file has neither sigma columns nor repeated poses"
+    if (
+        noise["lack_of_fit_p_value"] is None
+        and repeatability is not None
+        and repeatability["source"] == "residual"
+        and size < HIDDEN_NOISE * repeatability["position_m"]
+    ):
+        return f"{text}not distinguishable from the arm's repeatability (see the remaining error) {why}"
+    return f"{text}{_mm(size)} rms, estimated from the remaining error {why}"
+
+
+def _candidates(document: Document) -> Iterator[Block]:
+    first = next((step for step in document["candidates"] if step["ranking"]), None)
+    if first is None:
+        yield Text("none: no effect can be tested on these data")
+        return
+    best: dict[tuple[str, ...], Part] = {}
+    for ranked in first["ranking"]:
+        best.setdefault((ranked["effect"], *ranked["joints"]), ranked)
+    rows = [
+        (_label(ranked), f"{ranked['evidence']:.1f}", p_value(ranked["p_value"]))
+        for ranked in [*best.values()][:_MAX_CANDIDATES]
+    ]
+    yield Grid(("best candidates, first step", "evidence", "significance"), rows)
+    yield Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True)
+    if document["not_offered"]:
+        why = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
+        yield Text(f"not tested: {why}", is_note=True)
+
+
+def _findings(document: Document) -> Iterator[Block]:
+    findings = document["findings"]
+    if not findings:
+        yield Text("none, at a false-alarm rate below 1 % over all candidates")
+    held_out = document["before"]["held_out"]
+    for place, finding in enumerate(findings, 1):
+        joints = f" on {', '.join(finding['joints'])}" if finding["joints"] else ""
+        if part := finding["settings"].get("part"):
+            name = finding["settings"].get("target")
+            joints = f" of the {part}" if name is None else f" of the {part} {name}"
+        rms = None if held_out is None else held_out["position"]["rms_m"]
+        yield Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}")
+        yield Listing([*_details(finding)])
+        if finding["harmonics"]:
+            rows = [
+                (
+                    f"{harmonic['order']:g}",
+                    *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
+                    *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
+                )
+                for harmonic in finding["harmonics"]
+            ]
+            yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
+        if finding["warnings"]:
+            yield Listing(finding["warnings"], "warning")
+    if any(finding["harmonics"] for finding in findings):
+        text = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
+        yield Text(text, is_note=True)
+    if findings:
+        yield Text(
+            "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
+            "if it is added last (shares need not add up to 100 %); ±: one standard error",
+            is_note=True,
+        )
+    yield from map(Text, _deflection(document["deflection"]))
+    if (load := document.get("undeclared_load")) is not None:
+        yield Text(f"undeclared load: {load['statement']}")
+
+
+def _details(finding: Part) -> Iterator[str]:
+    # A result may name an effect of another package, which is not loaded here.
+    if finding["effect"] in REGISTRY:
+        yield REGISTRY[finding["effect"]].about.summary
+    if finding.get("statement") is not None:
+        yield finding["statement"]
+    yield p_value(finding["p_value"])
+    if finding["held_out_before_m"] is not None and finding["held_out_after_m"] is not None:
+        before, after = (_mm(finding[f"held_out_{stage}_m"]) for stage in ("before", "after"))
+        text = f"held-out poses: {before} rms without it, {after} rms with it"
+        turns = [finding[f"held_out_{stage}_rad"] for stage in ("before", "after")]
+        if None not in turns:
+            text += "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
+        yield text
+    if not finding["harmonics"]:
+        parameters, masses = without_mass_coefficients(finding["parameters"])
+        yield from map(_parameter, parameters[:_MAX_PARAMETERS])
+        if len(parameters) > _MAX_PARAMETERS:
+            yield f"and {len(parameters) - _MAX_PARAMETERS} more coefficients"
+        yield from (_mass_coefficients(*each) for each in masses.items())
+    yield from map(_alternative, finding["alternatives"])
+
+
+def _at_tool(finding: Part, baseline_rms: float | None) -> str:
+    """Return what the effect does at the tool, and its share of the mean square error of the baseline."""
+    if finding["size_at_tool_m"] is None or finding["largest_at_tool_m"] is None:
+        return "cannot be evaluated alone"
+    text = f"moves the tool by up to {_mm(finding['largest_at_tool_m'])} ({_mm(finding['size_at_tool_m'])} rms)"
+    if finding["largest_turn_at_tool_rad"] is not None:
+        text += f" and turns it by up to {with_unit(finding['largest_turn_at_tool_rad'], 'rad')}"
+    without, with_it = finding["held_out_before_m"], finding["held_out_after_m"]
+    if without is None or with_it is None or not baseline_rms:
+        return text
+    share = (without**2 - with_it**2) / baseline_rms**2
+    return f"{text}, {f'{100 * min(share, 1.0):.0f}' if share >= 0.01 else 'less than 1'} % of the residual"
+
+
+def _parameter(parameter: Part) -> str:
+    factor, unit = table_unit(parameter["unit"])
+    if parameter["std"] is None:
+        return f"{parameter['name']}: not identifiable, {parameter['why']}"
+    sizes = " ± ".join(map(str, _with_error(parameter["value"], parameter["std"], factor)))
+    return f"{parameter['name']} = {with_table_unit(sizes, unit)}"
+
+
+def _alternative(alternative: Part) -> str:
+    text = f"not distinguishable from {_label(alternative)} on these poses"
+    if alternative["similarity"] > _INDISTINGUISHABLE:
+        return f"{text}: same predictions"
+    return (
+        f"{text}: predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
+        f"{odds(alternative['evidence_difference'])}"
+    )
+
+
+def _remaining_error(document: Document) -> Iterator[str]:
+    unexplained = document["unexplained"]
+    text = f"{_mm(unexplained['rms_m'])} rms on the calibration poses"
+    if unexplained["noise_rms_m"] is not None:
+        size = _mm(unexplained["noise_rms_m"])
+        is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
+        text += f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}"
+    yield text
+    shown = f" ({p_value(unexplained['p_value'])})"
+    if unexplained["structured"]:
+        # The p-value stands where it is what shows the structure.
+        yield f"structured: not noise alone{shown if unexplained['p_value'] < _CONVINCING else ''}"
+    else:
+        yield f"no structure that any candidate explains{shown}"
+    if document["explained_share"] is not None and document["findings"]:
+        share = f"{100 * document['explained_share']:.0f} %"
+        floor = "noise" if document["repeatability"] is None else "noise and repeatability"
+        yield f"{share} of the explainable error is explained (held-out variance above {floor})"
+    if parts := _parts_of(unexplained):
+        yield f"its parts{parts}"
+    yield from _repeatability(document)
+    yield from unexplained["hints"]
+
+
+def _parts_of(unexplained: Part) -> str:
+    """Return the parts of the remaining error; empty if it is noise alone."""
+    parts = unexplained.get("parts", {})
+    if len(parts) < 2:
+        return ""
+    sizes = (f"{_PARTS[name.removesuffix('_m')]} {three_digits(size * IN_MM)}" for name, size in parts.items())
+    return f", mm: {', '.join(sizes)}"
+
+
+def _detection(document: Document) -> Iterator[Block]:
+    """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
+    families: dict[str, list[Part]] = {}
+    for limit in document["detection_limits"]:
+        families.setdefault(limit["effect"], []).append(limit)
+    rows: list[Sequence[Cell]] = []
+    undetectable: list[str] = []
+    for name, family in families.items():
+        found = sorted((each for each in family if each["limit"] is not None), key=lambda each: each["limit"])
+        undetectable += [effect_label(each["effect"], each["joints"], {}) for each in family if each["limit"] is None]
+        if found:
+            motion = statistics.median(each["rms_m"] or 0.0 for each in found)
+            factor, unit = table_unit(found[0]["unit"])
+            sizes = [
+                f"{each['limit'] * factor:.1e}{' ' * bool(each['joints'])}{','.join(each['joints'])}"
+                for each in (found[0], found[-1])
+            ]
+            highest = sizes[1] if len(found) > 1 else ""
+            rows.append((name, sizes[0], highest, unit, number(motion, IN_MM)))
+    yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
+    yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
+    if undetectable:
+        names = ", ".join(dict.fromkeys(undetectable))
+        yield Text(f"not identifiable on these poses: {names}", is_note=True)
+
+
+def _next_poses(document: Document) -> Iterator[Block]:
+    joints = document["robot"]["joints"]
+    units = [table_unit("m" if joint["type"] == "prismatic" else "rad") for joint in joints]
+    names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
+    for advice in document["next_poses"]:
+        yield Text(advice["text"])
+        if advice["q"]:
+            rows: list[Sequence[Cell]] = [
+                (
+                    str(place),
+                    *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
+                    number(difference, IN_MM),
+                )
+                for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
+            ]
+            yield Grid(("pose", *names, "difference, mm"), rows)

@@ -1,0 +1,280 @@
+"""A plan of a measurement: route, feasible poses, what to expect of the fit or a trace; and the comments of its CSV."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from robacc.planning.campaign import CampaignPlan
+from robacc.render.plots.canvas import Document
+from robacc.render.text.layout import IN_DEGREES, IN_MM, effect_label, fixed, table_unit, three_digits
+from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number
+
+PURPOSES = {
+    "calibrate": "calibration",
+    "trace": "trace of causes",
+    "acceptance": "acceptance",
+    "health": "health check",
+}
+_LISTED_PAIRS = 8
+_VISITS = 200
+"""Visits that the page lists."""
+
+Part = Mapping[str, Any]
+
+
+def plan_comments(plan: CampaignPlan) -> list[str]:
+    """Return the comment lines above the columns of the visits."""
+    comments = [
+        f"Planned by robacc plan for {PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
+        f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
+        "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
+        "the moves from row to row.",
+        "Check every pose for collisions before you send it.",
+    ]
+    if plan.payload_blocks:
+        blocks = [(block.payload, block.first, block.n_visits, block.n_poses) for block in plan.payload_blocks]
+        comments.insert(1, f"Payloads, each mounted once: {_payloads(blocks, plan.settings.payloads)}.")
+    return comments
+
+
+def validation_comments(plan: CampaignPlan) -> list[str]:
+    """Return the comment lines above the columns of the validation poses."""
+    return [
+        f"Validation poses planned by robacc plan for {plan.robot.name}; nothing was measured.",
+        "Use them only to check a fit (`holdout`), never in the fit.",
+    ]
+
+
+def plan_view(document: Document) -> Iterator[Section]:
+    """Return the text of a plan."""
+    name, purpose = document["robot"]["name"], PURPOSES[document["purpose"]]
+    count = f"{document['n_poses']} poses, {document['n_visits']} visits"
+    yield Section(f"Plan for the {purpose} of {name}: {count}", [Listing([*_facts(document)])])
+    yield from plan_sections(document, _LISTED_PAIRS)
+
+
+def plan_page(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, with the visits."""
+    yield Section("Order of the visits", [Listing([*_facts(document)])])
+    yield from plan_sections(document, 20)
+    yield _visits(document)
+
+
+def plan_sections(document: Document, most: int) -> Iterator[Section]:
+    """Return whether the poses are enough, what excluded candidates, and what to expect; at most ``most`` pairs."""
+    if (sufficiency := document["sufficiency"]) is not None:
+        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
+        yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
+    if excluded := document["candidates"]["excluded"]:
+        rows = [(entry["reason"], str(entry["count"]), str(entry["alone"])) for entry in excluded]
+        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
+    if document["needed_poses"]:
+        yield _needed(document["needed_poses"])
+    if document["accuracy"] is not None:
+        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document))
+    if document["purpose"] in ("calibrate", "health"):
+        yield _coefficients(document["coefficients"])
+    if document["correlations"] and document["purpose"] == "calibrate":
+        pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
+        yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
+    if document["detection_limits"] is not None:
+        yield Section("Effects that a trace of these poses can find", _detectability(document, most))
+    if document["inseparable"]:
+        texts = _pairs(document["inseparable"])
+        more = [Text(f"… and {len(texts) - most} more pairs", is_note=True)] if len(texts) > most else []
+        yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), *more])
+
+
+def _sufficiency(sufficiency: Part) -> Iterator[str]:
+    yield sufficiency["why"]
+    if sufficiency["now_m"] is not None and sufficiency["later_m"] is not None:
+        now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
+        yield f"predicted error with repeatability: {now} mm now, {later} mm with the next poses"
+    n = sufficiency["n_already"]
+    if sufficiency["of_model"]:
+        yield f"this counts the {n} poses of the model's fit: fit them together with the new poses"
+    else:
+        yield f"this counts the {n} rows measured already: fit them together with the new rows"
+
+
+def _facts(document: Document) -> Iterator[str]:
+    route, noise, candidates = document["route"], document["noise"], document["candidates"]
+    blocks = [
+        (block["payload_kg"], block["first_visit"], block["n_visits"], block["n_poses"])
+        for block in document["payloads"]
+    ]
+    with_each = " with each payload" if len(blocks) > 1 else ""
+    yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
+    turn = noise["orientation_rad"]
+    orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
+    yield (
+        f"instrument {three_digits(noise['position_m'] * IN_MM)} mm along each axis{orientation}, repeatability "
+        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm ({noise['source']})"
+    )
+    least, repeats, checks = min([*route["rarer_direction_share"]], default=0.0), route["repeats"], route["checks"]
+    extra = f"{repeats} repeat{'s' * (repeats > 1)}; " if repeats else ""
+    extra += f"{checks} visits of the drift check pose; " if checks else ""
+    yield (
+        f"route of {route['length']:.1f} joint ranges ({route['random_length']:.1f} in a random order), "
+        f"{route['passes']} pass{'es' * (route['passes'] > 1)}; {extra}each joint is approached from its rarer "
+        f"direction in at least {100 * least:.0f} % of its moves"
+    )
+    yield _collisions(document["collisions"])
+    if blocks:
+        yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}"
+    if document["validation"] is not None:
+        yield f"{len(document['validation']['q'])} more poses for validation only"
+    worth = document["worth"]
+    if worth is not None and worth["new_poses_rms_m"] is not None:
+        yield f"for the same number of measurements: {worth['verdict']}"
+
+
+def _collisions(collisions: Part | None) -> str:
+    """Return what was checked for collisions."""
+    if collisions is None:
+        return "collisions of the links not checked: check every pose before you send it"
+    checked = f"{len(collisions['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
+    if not collisions["overlapping"]:
+        return checked
+    pairs = ", ".join(" and ".join(pair) for pair in collisions["overlapping"])
+    return f"{checked}; not checked, as they touch at nearly all poses: {pairs}"
+
+
+def _payloads(blocks: Sequence[tuple[float, int, int, int]], payloads: Sequence[float]) -> str:
+    """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
+    used = {payload for payload, *_ in blocks}
+    texts = [
+        f"{payload:g} kg (visits {first} to {first + n_visits - 1}, {n_poses} poses)"
+        for payload, first, n_visits, n_poses in blocks
+    ]
+    return ", ".join([*texts, *(f"none with {payload:g} kg" for payload in payloads if payload not in used)])
+
+
+def _needed(entries: Sequence[Part]) -> Section:
+    ratios = [each["true_over_limit"] for each in entries[0]["by_ratio"]]
+    header = ("limit", "mm", *(f"{ratio:g}" for ratio in ratios), "planned for", "poses")
+    rows: list[Sequence[Cell]] = [
+        (
+            f"{entry['name']} ({entry['statistic']})",
+            number(entry["limit_m"], IN_MM),
+            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+            f"{entry['true_over_limit']:.2g}",
+            "–" if entry["n_poses"] is None else str(entry["n_poses"]),
+        )
+        for entry in entries
+    ]
+    return Section("Poses that decide with probability 0.9, by the true value over the limit", [Grid(header, rows)])
+
+
+def _accuracy(document: Document) -> Iterator[Block]:
+    """Yield the error over the number of poses, which are added to earlier ones if there are any."""
+    accuracy, is_addition = document["accuracy"], document["sufficiency"] is not None
+    planned, knee = accuracy["planned"], accuracy["knee"]
+    beyond = None if knee is None else next((p["n_poses"] for p in accuracy["curve"] if p["n_poses"] >= knee), None)
+    rows: list[Sequence[Cell]] = []
+    for point in accuracy["curve"]:
+        n = point["n_poses"]
+        marks = [
+            *(["planned"] if planned is not None and n == planned["n_poses"] else []),
+            *(["past the knee"] if n == beyond else []),
+        ]
+        values = (number(point[f"{key}_m"], IN_MM) for key in ("rms", "random_rms", "worst", "total_rms"))
+        rows.append((str(n), *values, ", ".join(marks)))
+    first = "more poses" if is_addition else "poses"
+    yield Grid((first, "rms", "random poses", "worst", "with repeatability", ""), rows)
+    texts = []
+    if planned is None:
+        texts.append("the planned poses do not identify all coefficients; plan more poses or fit less")
+    if knee is not None:
+        more = " more" if is_addition else ""
+        texts.append(f"knee at {knee}{more} poses: ten more reduce the error by less than 10 %")
+    elif accuracy["curve"]:
+        texts.append("no knee: ten more poses still reduce the error by more than 10 %")
+    yield Listing(texts)
+
+
+def _coefficients(entries: Sequence[Part]) -> Section:
+    rows: list[Sequence[Cell]] = []
+    for entry in entries:
+        if entry["std"] is not None:
+            factor, unit = table_unit(entry["unit"])
+            rows.append((entry["name"], number(entry["std"], factor), unit))
+    missing = ", ".join(entry["name"] for entry in entries if entry["std"] is None)
+    note = [Text(f"not identifiable: {missing}", is_note=True)] if missing else []
+    return Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), rows), *note])
+
+
+def _detectability(document: Document, most: int) -> Iterator[Block]:
+    families: dict[str, list[Part]] = {}
+    for limit in document["detection_limits"]:
+        families.setdefault(limit["effect"], []).append(limit)
+    rows: list[Sequence[Cell]] = []
+    hidden: dict[str, None] = {}
+    for name, family in families.items():
+        known = sorted((limit for limit in family if limit["limit"] is not None), key=lambda limit: limit["limit"])
+        shown = [limit["joints"] for limit in known]
+        hidden |= {
+            effect_label(name, each["joints"], {}): None
+            for each in family
+            if each["limit"] is None and each["joints"] not in shown
+        }
+        if known:
+            factor, unit = table_unit(known[0]["unit"])
+            lowest, highest = (f"{factor * limit['limit']:.1e}" for limit in (known[0], known[-1]))
+            power = fixed(statistics.mean(limit["power"] for limit in family), 2)
+            usual = f"{factor * known[0]['usual_size']:.1e}"
+            rows.append((name, lowest, highest if len(known) > 1 else "", unit, usual, power))
+    yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
+    notes = []
+    if (power := document["power"]) is not None:
+        found, random_found, separated, random_separated = (
+            fixed(power[key], 2) for key in ("found", "random_found", "separated", "random_separated")
+        )
+        notes.append(
+            f"mean over the catalogue at the usual sizes: found with probability {found} ({random_found} on random "
+            f"poses), found and distinguished from the most similar effect with {separated} ({random_separated})"
+        )
+    notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")
+    if hidden:
+        more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
+        notes.append(f"never found on these poses: {', '.join([*hidden][:most])}{more}")
+    by_reason: dict[str, list[str]] = {}
+    for name, reason in (document["not_testable"] or {}).items():
+        by_reason.setdefault(reason, []).append(name)
+    yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
+
+
+def _pairs(pairs: Sequence[Part]) -> list[str]:
+    """Return a text for each pair; a pair that is inseparable both ways has one."""
+    ways = {(pair["first"], pair["second"]) for pair in pairs}
+    texts = []
+    for pair in pairs:
+        first, second, similarity = pair["first"], pair["second"], f"(similarity {pair['similarity']:.2f})"
+        if (second, first) not in ways:
+            texts.append(f"{second} explains {first} {similarity}")
+        elif first < second:
+            texts.append(f"{first} and {second} explain each other {similarity}")
+    return texts
+
+
+def _visits(document: Document) -> Section:
+    visits, joints = document["visits"], document["robot"]["joints"]
+    units = [table_unit("rad" if joint["type"] == "revolute" else "m") for joint in joints]
+    payloads = [] if visits["payload_kg"] is None else ["payload, kg"]
+    rows = [
+        (
+            str(i + 1),
+            visits["pose"][i],
+            visits["role"][i],
+            *(f"{visits['payload_kg'][i]:g}" for _ in payloads),
+            *(f"{value * factor:.{2 if unit == '°' else 1}f}" for value, (factor, unit) in zip(q, units, strict=True)),
+        )
+        for i, q in enumerate(visits["q"][:_VISITS])
+    ]
+    names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
+    blocks: list[Block] = [Grid(("visit", "pose", "role", *payloads, *names), rows)]
+    if len(visits["q"]) > _VISITS:
+        blocks.append(Text(f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them."))
+    return Section("Visits", blocks)

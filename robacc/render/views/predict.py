@@ -1,0 +1,241 @@
+"""A prediction: its grade, errors and budget, the tolerances needed, and its comparison with measured poses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from robacc.render.plots.canvas import Document
+from robacc.render.text.layout import IN_DEGREES, IN_MM, p_value, table_unit, three_digits, with_table_unit
+from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number, percent, with_unit
+
+_QUANTITIES = (("position", "m", IN_MM), ("orientation", "rad", IN_DEGREES))
+_STATISTICS = {
+    "rms": "rms error",
+    "mean_error": "mean error",
+    "p95": "95 % of errors within",
+    "max": "largest 95 % radius of any pose",
+}
+_LISTED = 12
+"""Parameters of the budget in the table; the page and the JSON result have all of them."""
+_BAR = 14
+_UNCHANGED = 0.9995
+"""Smallest factor that rounds to one with three decimals."""
+
+Part = Mapping[str, Any]
+
+
+def prediction_view(document: Document) -> Iterator[Section]:
+    """Return the text of a prediction."""
+    parameters = document["tolerances"]["parameters"]
+    source = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+    facts = [Text(f"at {document['configurations']}"), Text(document["tolerances"]["meaning"])]
+    yield Section(f"Expected accuracy of {document['robot']['name']}, from {source}", facts)
+    grade, *sections = prediction_sections(document)
+    yield from (grade, *sections[:2])
+    title = "Error budget: share of the variance (parameters sorted by both shares)"
+    yield Section(title, _budgets(document, bool(parameters)))
+    yield from sections[2:]
+    if document["notes"]:
+        yield Section("Limitations", [Listing(document["notes"])])
+
+
+def prediction_sections(document: Document) -> Iterator[Section]:
+    """Return grade, errors and worst poses, then allocation and measured poses; a page has a chart of the budget."""
+    grade = document["grade"]
+    text = f"criterion: {_STATISTICS[grade['statistic']]}, over robots and poses"
+    if grade["limited_by"]:
+        text += f"; limited by {' and '.join(grade['limited_by'])}"
+    shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
+    texts = [text, f"share of poses that meet each grade individually: {shares}"]
+    yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
+    yield Section("Predicted error", _errors(document))
+    yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, _ in _QUANTITIES])])
+    if document["allocation"] is not None:
+        yield _allocation(document["allocation"], grade["statistic"])
+    if document["against"] is not None:
+        yield from _against(document["against"])
+    if document["coverage"] is not None:
+        yield _coverage(document["coverage"])
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _errors(document: Document) -> list[Block]:
+    errors = [(document[name], unit, factor) for name, unit, factor in _QUANTITIES]
+    rows: list[Sequence[Cell]] = [
+        [label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors)]
+        for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+    ]
+    percentiles: list[Sequence[Cell]] = [
+        [
+            key.removeprefix("p"),
+            *(
+                number(part["percentiles_over_poses"][f"{name}_{unit}"][key], factor)
+                for part, unit, factor in errors
+                for name in ("rms", "radius95")
+            ),
+        ]
+        for key in document["position"]["percentiles_over_poses"]["rms_m"]
+    ]
+    largest = [
+        number(value, factor)
+        for part, unit, factor in errors
+        for value in (part["worst"][f"rms_{unit}"], part[f"max_radius95_{unit}"])
+    ]
+    header = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
+    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(header, [*percentiles, ["largest", *largest]])]
+
+
+def _worst(document: Document, name: str, unit: str) -> str:
+    worst = document[name]["worst"]
+    direction = " ".join(f"{float(value):+.2f}" for value in worst["direction"])
+    joints = []
+    for joint, value in zip(document["robot"]["joints"], worst["q"], strict=True):
+        factor, symbol = table_unit("m" if joint["type"] == "prismatic" else "rad")
+        joints.append(f"{joint['name']}={with_table_unit(f'{float(value) * factor:.1f}', symbol)}")
+    return (
+        f"{name}: {worst['label']}, rms {with_unit(worst[f'rms_{unit}'], unit)}, 95 % within "
+        f"{with_unit(worst[f'radius95_{unit}'], unit)}, largest along ({direction}) of the tool (standard deviation "
+        f"{with_unit(worst[f'sd_{unit}'], unit)}), at {', '.join(joints)}"
+    )
+
+
+def _budgets(document: Document, has_tolerances: bool) -> Iterator[Block]:
+    """Yield the largest shares, and those by joint and kind."""
+    # Scatter that the fit did not separate and poses within its ranges have no share of their own.
+    present = [part for part in document["budget"] if part["sd"] is not None or _both(part)]
+    budget = sorted(present, key=lambda part: -round(_both(part), 9))
+    yield _budget("parameter" if has_tolerances else "source", "parameter", budget[:_LISTED])
+    if unlisted := budget[_LISTED:]:
+        position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, _, _ in _QUANTITIES)
+        yield Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation")
+    for label in ("joint", "kind"):
+        if document[f"budget_by_{label}"]:
+            yield _budget(label, "name", document[f"budget_by_{label}"])
+
+
+def _both(part: Part) -> float:
+    return float(part["share_position"] + part["share_orientation"])
+
+
+def _budget(label: str, key: str, parts: Sequence[Part]) -> Grid:
+    """Return shares with bars, which the largest share of the table fills."""
+    # The bars share the columns that names, tolerances and percentages leave of 80.
+    longest = max((len(part[key]) for part in parts), default=0)
+    width = max(2, min(_BAR, (44 - longest) // 2)) if label == "parameter" else _BAR
+    rows: list[list[Cell]] = []
+    for part in parts:
+        rows.append([part[key], *([with_unit(part["sd"], part["unit"])] if label == "parameter" else [])])
+        for name in ("share_position", "share_orientation"):
+            largest = max(each[name] for each in parts)
+            bar = "█" * (round(width * part[name] / largest) if largest > 0 else 0)
+            rows[-1] += [_percent(part[name]), bar.ljust(width)]
+    return Grid((label, *(["1 sd"] if label == "parameter" else []), "position", "", "orientation", ""), rows)
+
+
+def _allocation(allocation: Part, statistic: str) -> Section:
+    title, tolerances = f"Tolerances for grade {allocation['grade']}", allocation["tolerances"]
+    if all(tolerance["factor"] == 1.0 for tolerance in tolerances):
+        return Section(title, [Text("the given tolerances already reach this grade")])
+    rows = [
+        [
+            tolerance["parameter"],
+            *(with_unit(tolerance[f"{which}_sd"], tolerance["unit"]) for which in ("given", "needed")),
+            f"{tolerance['factor']:.3f}",
+        ]
+        for tolerance in sorted(tolerances, key=lambda tolerance: round(tolerance["factor"], 9))
+        if tolerance["factor"] < _UNCHANGED
+    ]
+    verified = [allocation["verified"][name].get(f"{statistic}_{unit}") for name, unit, _ in _QUANTITIES]
+    sizes = ", ".join(
+        str(with_unit(value, unit))
+        for value, (_, unit, _) in zip(verified, _QUANTITIES, strict=True)
+        if value is not None
+    )
+    achieved = f": {_STATISTICS[statistic]} {sizes}" if sizes else ""
+    text = (
+        f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
+        f"{achieved}. The allocation minimises the cost, taken as 1/tolerance. With one factor for all tolerances, "
+        f"this factor is {allocation['uniform_factor']:.3f}."
+    )
+    others = Text(f"the other {len(tolerances) - len(rows)} tolerances need no change")
+    return Section(title, [Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows), others, Text(text)])
+
+
+# The comparison of predicted and measured errors.
+
+_NOISE_SOURCES = {"file": "from the file", "given": "given by the user", "fit": "that of the fit"}
+_SOURCES = {"file": "from the file", "given": "given by the user", "estimated": "estimated from the poses"}
+
+
+def _against(comparison: Part) -> Iterator[Section]:
+    measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
+    registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
+    rows: list[Sequence[Cell]] = []
+    for name, unit, _ in _QUANTITIES:
+        rms, sigma = measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"]
+        if rms is not None and sigma is not None:
+            source = _SOURCES[noise[f"source_{name}"] or "file"]
+            rows.append([name, with_unit(rms, unit), with_unit(sigma, unit), source])
+    blocks: list[Block] = [Text(comparison["verdict"])]
+    blocks.append(Grid((f"measured, {registered}", "rms error", "noise per axis (sd)", ""), rows))
+    tests: list[Sequence[Cell]] = [
+        [
+            label,
+            number(test["statistic"]),
+            f"{three_digits(test['lower'])} … {three_digits(test['upper'])}",
+            p_value(test["p_value"]),
+        ]
+        for label, test in (
+            ("directions affected by parameters", comparison["normalised_squared_error"]["parameters"]),
+            ("other directions: measurement noise", comparison["normalised_squared_error"]["noise"]),
+            ("total", comparison["normalised_squared_error"]["total"]),
+        )
+        if test is not None
+    ]
+    blocks.append(Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests))
+    if (scaled := comparison["likelihood_ratio"]) is not None:
+        blocks.append(
+            Text(
+                "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
+                f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, "
+                f"{p_value(scaled['p_value'])}, from {scaled['draws']} simulated data sets."
+            )
+        )
+    yield Section(f"Compared with {comparison['n_poses']} measured poses", blocks)
+    if comparison["variance_components"] is not None:
+        yield _components(comparison["variance_components"])
+    yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
+
+
+def _components(components: Part) -> Section:
+    rows: list[Sequence[Cell]] = []
+    for component in components["components"]:
+        factor, unit = table_unit(component["unit"])
+        size = component["predicted"] * factor
+        estimate: Sequence[Cell] = ("–", "–", "–")
+        if component["why"] is None:
+            upper = "∞" if component["upper"] is None else three_digits(component["upper"] * size)
+            interval = f"{three_digits(component['lower'] * size)} … {upper}"
+            estimate = (number(component["estimate"], factor), interval, number(component["factor"]))
+        predicted = number(component["predicted"], factor)
+        rows.append([component["name"], unit, predicted, *estimate, f"{component['dof']:.1f}"])
+    header = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
+    dof = "dof: effective number of independent parameter errors in the estimate"
+    notes = Listing([dof, *components["notes"]])
+    return Section("Variance components (one standard deviation)", [Grid(header, rows), notes])
+
+
+def _coverage(coverage: Part) -> Section:
+    """Return the measured poses within the bounds of a model."""
+    parts = {name: coverage[name] for name, _, _ in _QUANTITIES if coverage.get(name) is not None}
+    rows = [[name, f"{part['n_inside']} of {part['n_poses']}", _percent(part["share"])] for name, part in parts.items()]
+    sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
+    texts = [f"the bound contains the measurement noise, {sources}"]
+    if registered := coverage["registered"]:
+        texts.append(f"{' and '.join(registered)} fitted to one half of the poses for the errors of the other")
+    title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
+    return Section(title, [Grid(("", "poses", "share"), rows), Listing(texts)])

@@ -218,7 +218,7 @@ def test_files_of_one_name_are_told_apart(good: str, poor: str, tmp_path: Path) 
 def test_many_results_stand_in_rows(good: str, fair: str, poor: str, stored: Callable[..., str]) -> None:
     more = [stored(f"arm{i}", 10 + i, 1e-4) for i in range(3)]
     table = run(good, fair, poor, *more).stdout
-    assert re.search(r"Position error, mm +rms +mean +95th percentile +maximum\n", table)
+    assert re.search(r"Position error, mm\n +rms +mean +95th percentile +maximum\n", table)
     assert re.search(r"\narm2 +0\.\d+ +0\.\d+ +0\.\d+ +0\.\d+\n", table)
 
 

@@ -104,7 +104,7 @@ def test_table_keeps_accuracy_and_repeatability_apart() -> None:
     assert all("(not accuracy)" in title for title in titles if title.startswith(("Pose repeat", "Distance repeat")))
     assert "every commanded pose was always approached from the same direction" in " ".join(result.stdout.split())
     assert max(map(len, result.stdout.splitlines())) <= 80
-    assert "30 cycles              6.9  met" in result.stdout
+    assert "30 cycles              6.9     met" in result.stdout
 
 
 def test_robot_and_alignment() -> None:

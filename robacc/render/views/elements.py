@@ -71,6 +71,8 @@ class Text:
     text: str
     is_note: bool = False
     """True if it explains a table."""
+    wraps: bool = True
+    """False if it stays in one line, as names of files do."""
     kind: str = "text"
 
 
@@ -122,9 +124,10 @@ def _lines(block: Block, width: int) -> Iterator[TextLine]:
         rows = [[str(cell) for cell in row] for row in block.rows]
         if rows:
             yield from _texts_in_columns([block.header, *rows], width) if block.is_text else columns(block.header, rows)
+    elif isinstance(block, Text) and block.wraps:
+        yield from (TextLine(line.text, "dim" if block.is_note else "") for line in wrapped(block.text, width))
     else:
-        style: Style = "dim" if isinstance(block, Text) and block.is_note else ""
-        yield from (TextLine(line.text, style) for line in wrapped(block.text, width))
+        yield TextLine(block.text)
 
 
 def _texts_in_columns(rows: Sequence[Sequence[str]], width: int) -> Iterator[TextLine]:

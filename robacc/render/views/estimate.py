@@ -56,7 +56,7 @@ Part = Mapping[str, Any]
 def estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
     """Return the full text of an estimate; ``poses`` and ``robot`` are file names."""
     opening = _opening(document, poses, robot)
-    yield Section(opening.title, [*opening.blocks, Text(_FRAMES[document["frame"]])])
+    yield Section(opening.title, [*opening.blocks, Text(_FRAMES[document["frame"]], wraps=False)])
     yield from estimate_sections(document)
     limits = [document["position"]["pose_structure"]["text"], *document["notes"]]
     yield Section("Limitations", [Listing(limits)])
@@ -138,7 +138,7 @@ def _opening(document: Document, poses: str, robot: str | None) -> Section:
         if unknown:
             registration += f"; not identifiable on these poses: {', '.join(unknown)}"
     heading = f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}"
-    return Section(heading, [Text(f"{source} against {reference}"), Text(registration)])
+    return Section(heading, [Text(text, wraps=False) for text in (f"{source} against {reference}", registration)])
 
 
 def _grade(grade: Part, blocks: Sequence[Block]) -> Section:
@@ -266,7 +266,7 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
     alignment = "registered where the frames do not agree" if aligned is None else alignment
-    reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}")
+    reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
     yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
     yield Section("", [_table(outcomes)])
     if notes := [*_unmet_criteria(outcomes), *_failures(outcomes)]:

@@ -129,9 +129,9 @@ def calibration_view(document: Document, poses: str, robot: str, fitted: str) ->
     """Return the text of a calibration; ``poses`` and ``robot`` are file names, ``fitted`` the effects asked for."""
     count = document["identifiability"]["n_identifiable"]
     effects = ", ".join(effect_label(effect["effect"], effect["joints"], effect) for effect in document["effects"])
-    facts = (f"{poses} against the model {robot}", f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
+    facts = (f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
     title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
-    yield Section(title, [*map(Text, facts)])
+    yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
     causes, stages, quality = calibration_sections(document)
     yield from (causes, stages)
     estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
@@ -406,12 +406,11 @@ def _opening(document: Document, poses: str, robot: str) -> Section:
     declared = document["declared"]
     names = ", ".join(declared["effects"]) or "none"
     facts = [
-        f"{poses} against the model {robot}",
         f"declared effects: {names}{' (default; `declared` changes them)' if declared['by_default'] else ''}",
         *(f"{each['effect']} is not declared: {each['why']}" for each in declared["left_out"]),
     ]
     title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
-    return Section(title, [*map(Text, facts)])
+    return Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
 
 
 def _residual(document: Document) -> str:

@@ -53,7 +53,7 @@ def iso9283_view(document: Document, robot: str | None) -> Iterator[Section]:
     if document["unaligned"] is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
         facts.append(f"largest AP before registration: {unaligned} mm")
-    yield Section("Pose criteria of ISO 9283:1998", [*map(Text, facts)])
+    yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
     yield from iso9283_sections(document)
     yield Section("Limitations", [Listing(document["notes"])])
 

@@ -29,7 +29,7 @@ def prediction_view(document: Document) -> Iterator[Section]:
     """Return the text of a prediction."""
     parameters = document["tolerances"]["parameters"]
     source = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-    facts = [Text(f"at {document['configurations']}"), Text(document["tolerances"]["meaning"])]
+    facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
     yield Section(f"Expected accuracy of {document['robot']['name']}, from {source}", facts)
     grade, *sections = prediction_sections(document)
     yield from (grade, *sections[:2])
@@ -180,8 +180,8 @@ def _against(comparison: Part) -> Iterator[Section]:
         if rms is not None and sigma is not None:
             source = _SOURCES[noise[f"source_{name}"] or "file"]
             rows.append([name, with_unit(rms, unit), with_unit(sigma, unit), source])
-    blocks: list[Block] = [Text(comparison["verdict"])]
-    blocks.append(Grid((f"measured, {registered}", "rms error", "noise per axis (sd)", ""), rows))
+    blocks: list[Block] = [Text(comparison["verdict"]), Text(f"measured, {registered}")]
+    blocks.append(Grid(("", "rms error", "noise per axis (sd)", ""), rows))
     tests: list[Sequence[Cell]] = [
         [
             label,

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 from robacc.errors import Problem
-
-if TYPE_CHECKING:
-    from robacc.gates.evaluate import GateOutcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +37,7 @@ class FileOutcome:
     n_problems: int = 0
     """Number of problems, of which ``problems`` are the first."""
     warnings: tuple[str, ...] = ()
-    gate: GateOutcome | None = None
+    gate: Mapping[str, Any] | None = None
     written: str | None = None
     """Name of the file in the folder of results."""
     seconds: float = 0.0

@@ -107,13 +107,13 @@ def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
     if task.document is not None:
         write_pieces(task.document, json_pieces(document))
     if task.result is not None:
-        _write_result(task, task.result, result, document, outcome, warnings)
+        _write_result(task, task.result, result, document, warnings)
     return FileOutcome(
         task.name,
         0 if outcome is None else outcome.exit_status,
         _headline(result),
         warnings=warnings,
-        gate=outcome,
+        gate=document.get("gate"),
         written=None if task.result is None else PurePath(task.result).name,
     )
 
@@ -123,7 +123,6 @@ def _write_result(
     path: str,
     result: Estimate,
     document: Mapping[str, Any],
-    outcome: GateOutcome | None,
     warnings: tuple[str, ...],
 ) -> None:
     """Write the result as the command does for a single file."""
@@ -137,12 +136,13 @@ def _write_result(
         view = estimate_view if task.full else short_estimate_view
         draw(view(payload(result), task.path, task.options.robot), stream)
 
+    gate = document.get("gate")
     write_result(
         Outlets(task.form, path),
         "estimate",
         document=lambda: document,
-        table=table if outcome is None else with_gate(table, outcome, task.form),
-        outcome=outcome,
+        table=with_gate(table, gate, task.form) if gate else table,
+        gate=gate,
         warnings=warnings,
     )
 

@@ -108,9 +108,7 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
     if outlets.gate is None:
         with warnings_below(result.warnings):
             document = cache(result.document)
-            write_result(
-                outlets, result.command, document=document, table=table, outcome=None, warnings=result.warnings
-            )
+            write_result(outlets, result.command, document=document, table=table, gate=None, warnings=result.warnings)
         return
     from robacc.documents.gate import read_gate
 
@@ -180,24 +178,26 @@ def conclude(
             from robacc.io.files import write_text
             from robacc.render.text.gate import junit
 
-            write_text(outlets.junit, junit(command, outcome, clock.started(), clock.elapsed()))
+            write_text(outlets.junit, junit(command, document["gate"], clock.started(), clock.elapsed()))
         write_result(
             outlets,
             command,
             document=lambda: document,
-            table=with_gate(table, outcome, outlets.form),
-            outcome=outcome,
+            table=with_gate(table, document["gate"], outlets.form),
+            gate=document["gate"],
             warnings=warnings,
         )
         if outcome.exit_status and (outlets.form is Format.json or outlets.output != "-"):
             from robacc.render.text.gate import say_gate
 
-            say_gate(outcome)
+            say_gate(document["gate"])
     if outcome.exit_status:
         raise typer.Exit(outcome.exit_status)
 
 
-def with_gate(table: Callable[[TextIO], None] | None, outcome: GateOutcome, form: Format) -> Callable[[TextIO], None]:
+def with_gate(
+    table: Callable[[TextIO], None] | None, gate: Mapping[str, Any], form: Format
+) -> Callable[[TextIO], None]:
     """Return a function that draws a result and, for a table, its gate below; other forms write the gate themselves."""
     from robacc.render.text.gate import draw_gate
 
@@ -206,7 +206,7 @@ def with_gate(table: Callable[[TextIO], None] | None, outcome: GateOutcome, form
             table(stream)
         if form is Format.table:
             stream.write("\n" if table is not None else "")
-            draw_gate(outcome, stream)
+            draw_gate(gate, stream)
 
     return draw
 
@@ -217,7 +217,7 @@ def write_result(
     *,
     document: Callable[[], Mapping[str, Any]],
     table: Callable[[TextIO], None],
-    outcome: GateOutcome | None,
+    gate: Mapping[str, Any] | None,
     warnings: Sequence[str],
 ) -> None:
     """Write a result; the HTML page comes first, so that its failure leaves nothing on standard output.
@@ -227,7 +227,7 @@ def write_result(
         command: Name of the command.
         document: Makes the JSON document, with the gate; called only if it is needed.
         table: Draws the result onto a stream.
-        outcome: Outcome of the gate.
+        gate: The gate's part of the document.
         warnings: Warnings of the result and the gate, for the forms that contain them.
 
     Raises:
@@ -243,11 +243,11 @@ def write_result(
     if outlets.form is Format.markdown:
         from robacc.render.text.gate import markdown
 
-        write(outlets.output, (markdown(command, page_text(table), outcome, texts),))
+        write(outlets.output, (markdown(command, page_text(table), gate, texts),))
     elif outlets.form is Format.github:
         from robacc.render.text.gate import github_annotations
 
-        write(outlets.output, (github_annotations(command, page_text(table), outcome, texts),))
+        write(outlets.output, (github_annotations(command, page_text(table), gate, texts),))
     else:
         emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
 

@@ -11,7 +11,6 @@ import numpy as np
 from robacc.accuracy.estimation import EstimateResult, WorstPose
 from robacc.accuracy.pose_errors import ErrorFrame, FrameStatistics
 from robacc.documents.envelope import csv_cell, csv_text, significant_document
-from robacc.documents.gate import gate_document
 from robacc.documents.parts import (
     figures_document,
     grade_document,
@@ -167,7 +166,7 @@ def entry(outcome: FileOutcome) -> dict[str, Any]:
             "problems": [_problem(problem) for problem in outcome.problems],
             "n_problems": outcome.n_problems,
             "summary": None if outcome.headline is None else _summary(outcome.headline),
-            "gate": None if outcome.gate is None else gate_document(outcome.gate),
+            "gate": outcome.gate,
             "written": outcome.written,
         }
     )

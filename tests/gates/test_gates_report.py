@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from robacc.documents.gate import gate_document
 from robacc.gates.decision_rules import Decision, Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.gates.gate_file import Gate, GateCriterion
@@ -30,11 +31,18 @@ def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "becaus
         **condition,
     )
     given = {"value": 0.8e-3, "word": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
-    return CriterionEvaluation(criterion, Decision(outcome, **decision), "length", **{**given, **more})
+    return CriterionEvaluation(criterion, Decision(outcome, **decision), condition["kind"], **{**given, **more})
 
 
-def gate(*evaluations: CriterionEvaluation, name: str = "g") -> GateOutcome:
-    return GateOutcome(Gate(name, tuple(item.criterion for item in evaluations)), evaluations)
+def gate(*evaluations: CriterionEvaluation, name: str = "g") -> dict[str, Any]:
+    """The outcome of a gate as in the JSON document."""
+    return gate_document(GateOutcome(Gate(name, tuple(item.criterion for item in evaluations)), evaluations))
+
+
+def stored(item: CriterionEvaluation) -> dict[str, Any]:
+    """The criterion as in the JSON document."""
+    found: dict[str, Any] = gate(item)["criteria"][0]
+    return found
 
 
 ALL = gate(
@@ -46,34 +54,34 @@ ALL = gate(
 
 
 def test_a_criterion_in_one_sentence() -> None:
-    assert sentence(ALL.evaluations[0]) == (
+    assert sentence(ALL["criteria"][0]) == (
         "position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 % confidence), expected at most 1 mm; "
         "margin 0.100 mm; conforms with probability 99.1 %"
     )
-    assert sentence(ALL.evaluations[2]).endswith(
+    assert sentence(ALL["criteria"][2]).endswith(
         "; 900 poses in total would decide it with a probability of 90 %, 400 if the measured value is the true one"
     )
     visits = evaluation("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
-    assert sentence(visits).endswith("; 900 visits in total would decide it with a probability of 90 %")
-    assert "position.rms missing" in sentence(ALL.evaluations[3])
+    assert sentence(stored(visits)).endswith("; 900 visits in total would decide it with a probability of 90 %")
+    assert "position.rms missing" in sentence(ALL["criteria"][3])
     against = evaluation(
         baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0
     )
-    assert sentence(against).startswith(
+    assert sentence(stored(against)).startswith(
         "position.rms 0.800 mm, 0.100 mm less than the 0.900 mm in b.json (-0.200 mm to 0 mm for the difference, "
         "each bound at 95 % confidence), expected no more than in b.json"
     )
     assert "0.900 mm, same as the 0.900 mm in b.json" in sentence(
-        evaluation(baseline="b.json", value=0.0, baseline_value=9e-4)
+        stored(evaluation(baseline="b.json", value=0.0, baseline_value=9e-4))
     )
     near = evaluation("inconclusive", poses_to_decide=None, poses_if_true=None)
-    assert sentence(near).endswith("the value is too close to the limit for any number of poses to decide")
+    assert sentence(stored(near)).endswith("the value is too close to the limit for any number of poses to decide")
 
 
 def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
     few = evaluation("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
-    assert sentence(few).endswith("; 5 poses: too few")
-    assert "too close" not in sentence(evaluation("inconclusive", n=None))
+    assert sentence(stored(few)).endswith("; 5 poses: too few")
+    assert "too close" not in sentence(stored(evaluation("inconclusive", n=None)))
 
 
 @pytest.mark.parametrize(
@@ -90,13 +98,13 @@ def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
     ],
 )
 def test_limits_in_words(size: float, at_least: bool, baseline: str | None, text: str) -> None:
-    assert limit(evaluation(limit=size, at_least=at_least, baseline=baseline)) == text
+    assert limit(stored(evaluation(limit=size, at_least=at_least, baseline=baseline))) == text
 
 
 def test_limits_that_are_words_and_probabilities_that_are_no_certainty() -> None:
-    assert limit(evaluation(kind="grade", accepted=("C",))) == "C or better"
-    assert limit(evaluation(kind="word", accepted=("clean", "explained"))) == "clean or explained"
-    assert [probability(evaluation(probability=p)) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
+    assert limit(stored(evaluation(kind="grade", accepted=("C",)))) == "C or better"
+    assert limit(stored(evaluation(kind="word", accepted=("clean", "explained")))) == "clean or explained"
+    assert [probability(stored(evaluation(probability=p))) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
         *("> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %"),
         None,
     ]
@@ -218,14 +226,14 @@ def faults(element: ElementTree.Element) -> list[str]:
 @pytest.mark.parametrize(
     "outcome", [ALL, gate(evaluation()), gate(evaluation("fail", "<&>\"'", "]]> \x07 \ud800"), name="ä\x00")]
 )
-def test_junit_is_valid_by_the_schemas_in_use(outcome: GateOutcome) -> None:
-    text = junit("estimate", outcome)
+def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
+    text, outcomes = junit("estimate", outcome), [criterion["outcome"] for criterion in outcome["criteria"]]
     root = ElementTree.fromstring(text.encode())
     assert faults(root) == []
     (suite,) = root
-    assert suite.get("tests") == str(len(outcome.evaluations))
-    assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == outcome.count("fail")
-    undecision = outcome.count("inconclusive") + outcome.count("not_evaluated")
+    assert suite.get("tests") == str(len(outcome["criteria"]))
+    assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == outcomes.count("fail")
+    undecision = outcomes.count("inconclusive") + outcomes.count("not_evaluated")
     assert len(suite.findall("testcase/error")) == int(suite.get("errors", "")) == undecision
     assert text == junit("estimate", outcome)
 

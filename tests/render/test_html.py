@@ -103,9 +103,9 @@ def test_an_estimate_shows_its_grade_gate_and_intervals(tmp_path: Path) -> None:
     report = parsed(render([document], ["estimate"]))
     badges = [span.text for span in report.all("span") if "badge" in span.attributes.get("class", "")]
     assert badges == ["grade D, confirmed at 95 % confidence", "gate inconclusive"]
-    section = next(s for s in report.all("section") if s.text.strip().startswith("Gate cell: inconclusive"))
+    section = next(s for s in report.all("section") if s.text.strip().startswith("Gate cell: INCONCLUSIVE"))
     rows = [[cell.text for cell in row.all("th", "td")] for row in section.all("tr")]
-    assert [row[:2] for row in rows[1:]] == [["reach", "passed"], ["tight", "inconclusive"]]
+    assert [row[:2] for row in rows[1:]] == [["reach", "pass"], ["tight", "inconclusive"]]
     bounds = document["position"]["intervals"]["rms_m"]
     assert f"{bounds['lower'] * 1e3:.3f} … {bounds['upper'] * 1e3:.3f} mm (95 %)" in report.text
     assert sum("operating curve" in h.text for h in report.all("h3")) == 2

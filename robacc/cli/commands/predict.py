@@ -136,7 +136,8 @@ def predict(
         from robacc.render.views.elements import draw
         from robacc.render.views.predict import prediction_view
 
-        draw(prediction_view(result.payload()), stream)
+        source = "" if result.comparison is None else result.comparison.source
+        draw(prediction_view(result.payload(), source), stream)
 
     if warranty_map is not None:
         from robacc.io.files import write_text

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Literal, TextIO
+from typing import Any, Literal, TextIO
 from xml.sax.saxutils import escape, quoteattr
 
 from robacc.gates.decision_rules import Outcome
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.outcomes import FileOutcome
 from robacc.render.text.console import GREEN, RED, YELLOW, say, width_of, write_lines
-from robacc.render.text.layout import BLANK, IN_DEGREES, IN_MM, Style, TextLine, three_digits, wrapped
+from robacc.render.text.layout import BLANK, Style, TextLine, table_unit, three_digits, with_table_unit, wrapped
 from robacc.render.text.parameter_names import as_options
 from robacc.statistics.confidence_curves import ASSURANCE
 
-# Gate outcomes as text: the same wording in a table, a job summary, an annotation and JUnit.
+# Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
 
 OUTCOME_LABELS: dict[Outcome, str] = {
     "pass": "pass",
@@ -25,110 +24,127 @@ OUTCOME_LABELS: dict[Outcome, str] = {
     "inconclusive": "inconclusive",
     "not_evaluated": "not evaluated",
 }
-_SCALES = {"length": (IN_MM, " mm"), "angle": (IN_DEGREES, "°")}
+HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
+
+Part = Mapping[str, Any]
+"""A gate or a criterion as in the JSON document."""
 
 
-def amount(value: float | None, dimension: str) -> str:
-    """Return the value in mm, degrees or without unit, three digits; a dash for None."""
-    if value is None:
-        return "–"
-    factor, unit = _SCALES.get(dimension, (1.0, ""))
-    return f"{three_digits(factor * value)}{unit}"
-
-
-def title(outcome: GateOutcome) -> str:
+def title(gate: Part) -> str:
     """Return the gate's name and outcome, and the number of criteria with each outcome."""
-    counts = [f"{outcome.count(kind)} {label}" for kind, label in OUTCOME_LABELS.items() if outcome.count(kind)]
-    return f"Gate {outcome.gate.name}: {OUTCOME_LABELS[outcome.outcome].upper()} ({', '.join(counts)})"
+    outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
+    counts = [f"{outcomes.count(kind)} {label}" for kind, label in OUTCOME_LABELS.items() if kind in outcomes]
+    return f"Gate {gate['name']}: {OUTCOME_LABELS[gate['outcome']].upper()} ({', '.join(counts)})"
 
 
-def limit(evaluation: CriterionEvaluation) -> str:
-    """Return the limit with its direction."""
-    criterion = evaluation.criterion
-    if criterion.kind == "grade":
-        return f"{criterion.accepted[0]} or better"
-    if criterion.kind == "word":
-        return " or ".join(criterion.accepted)
-    factor, unit = _SCALES.get(criterion.kind, (1.0, ""))
-    size = f"{factor * abs(criterion.limit or 0.0):.6g}{unit}"
-    if criterion.baseline is None:
-        return f"at least {size}" if criterion.at_least else f"at most {size}"
-    if not criterion.limit:
-        return f"no {'less' if criterion.at_least else 'more'} than in {criterion.baseline}"
-    # A limit on a difference has a sign and a direction.
-    is_increase = criterion.limit > 0.0
-    extent = "at most" if is_increase != criterion.at_least else "at least"
-    return f"{extent} {size} {'more' if is_increase else 'less'} than in {criterion.baseline}"
-
-
-def value(evaluation: CriterionEvaluation) -> str:
-    """Return the measured value; for a comparison, also the baseline's value."""
-    if evaluation.word is not None:
-        return evaluation.word
-    if evaluation.value is None:
-        return "missing"
-    if evaluation.baseline_value is None:
-        return amount(evaluation.value, evaluation.dimension)
-    difference = amount(abs(evaluation.value), evaluation.dimension)
-    relation = (
-        "same as" if evaluation.value == 0.0 else f"{difference} {'more' if evaluation.value > 0.0 else 'less'} than"
+def cells(criterion: Part) -> tuple[str, ...]:
+    """Return the cells of a criterion below :data:`HEADER`."""
+    return (
+        criterion["name"],
+        criterion["key"],
+        value(criterion),
+        limit(criterion),
+        (bounds(criterion) or "–").strip("()"),
+        _amount(criterion["margin"], criterion),
+        probability(criterion) or "–",
     )
-    baseline = amount(evaluation.baseline_value, evaluation.dimension)
-    measured = amount(evaluation.value + evaluation.baseline_value, evaluation.dimension)
-    return f"{measured}, {relation} the {baseline} in {evaluation.criterion.baseline}"
 
 
-def bounds(evaluation: CriterionEvaluation) -> str | None:
+def _amount(size: float | None, criterion: Part) -> str:
+    """Return a value of a criterion in mm, degrees or without unit, three digits; a dash for None."""
+    factor, unit = table_unit(criterion["unit"])
+    return "–" if size is None else with_table_unit(three_digits(factor * size), unit)
+
+
+def limit(criterion: Part) -> str:
+    """Return the limit with its direction."""
+    given, baseline = criterion["limit"], criterion["baseline"]
+    if isinstance(given, str):
+        return f"{given} or better"
+    if isinstance(given, list):
+        return " or ".join(given)
+    factor, unit = table_unit(criterion["unit"])
+    size = with_table_unit(f"{factor * abs(given or 0.0):.6g}", unit)
+    if baseline is None:
+        return f"at least {size}" if criterion["at_least"] else f"at most {size}"
+    if not given:
+        return f"no {'less' if criterion['at_least'] else 'more'} than in {baseline['file']}"
+    # A limit on a difference has a sign and a direction.
+    is_increase = given > 0.0
+    extent = "at most" if is_increase != criterion["at_least"] else "at least"
+    return f"{extent} {size} {'more' if is_increase else 'less'} than in {baseline['file']}"
+
+
+def value(criterion: Part) -> str:
+    """Return the measured value; for a comparison, also the baseline's value."""
+    size, baseline = criterion["value"], criterion["baseline"] or {}
+    if size is None:
+        return "missing"
+    if isinstance(size, str):
+        return size
+    if baseline.get("value") is None:
+        return _amount(size, criterion)
+    difference = f"{_amount(abs(size), criterion)} {'more' if size > 0.0 else 'less'} than"
+    relation = "same as" if size == 0.0 else difference
+    measured = _amount(size + baseline["value"], criterion)
+    return f"{measured}, {relation} the {_amount(baseline['value'], criterion)} in {baseline['file']}"
+
+
+def bounds(criterion: Part) -> str | None:
     """Return the bounds that the rule used, None if it used none."""
-    lower, upper = evaluation.decision.lower_bound, evaluation.decision.upper_bound
-    if evaluation.criterion.rule == "simple" or evaluation.is_by_share or (lower is None and upper is None):
+    ends = (criterion["lower_bound"], criterion["upper_bound"])
+    if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
         return None
-    suffix = "" if evaluation.baseline_value is None else " for the difference"
-    interval = f"{amount(lower, evaluation.dimension)} to {amount(upper, evaluation.dimension)}"
-    return f"({interval}{suffix}, each bound at {100 * evaluation.criterion.confidence:g} % confidence)"
+    suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
+    interval = " to ".join(_amount(end, criterion) for end in ends)
+    return f"({interval}{suffix}, each bound at {100 * criterion['confidence']:g} % confidence)"
 
 
-def probability(evaluation: CriterionEvaluation) -> str | None:
+def probability(criterion: Part) -> str | None:
     """Return the conformity probability in percent, between ``< 0.1 %`` and ``> 99.9 %``."""
-    conformity = evaluation.decision.probability
-    if conformity is None:
+    if criterion["conformity_probability"] is None:
         return None
-    percent = 100.0 * conformity
+    percent = 100.0 * criterion["conformity_probability"]
     return "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
 
 
-def poses_needed(evaluation: CriterionEvaluation) -> str | None:
+def _poses_needed(criterion: Part) -> str | None:
     """Return the number of poses or visits that would decide an inconclusive criterion, None where unknown."""
-    if evaluation.outcome != "inconclusive":
+    if criterion["outcome"] != "inconclusive":
         return None
-    needed, needed_if_true = evaluation.decision.poses_to_decide, evaluation.decision.poses_if_true
+    needed, needed_if_true = criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
     if needed is None:
         # The distance to the limit is unknown without bounds or without a number of poses.
-        too_close = needed_if_true is None and evaluation.decision.why is None and evaluation.n is not None
+        too_close = needed_if_true is None and criterion["why"] is None and criterion["n_poses"] is not None
         return "the value is too close to the limit for any number of poses to decide" if too_close else None
     # ISO 9283 results count visits of a few commanded poses.
-    counted = "visits" if evaluation.criterion.key.startswith("iso9283.") else "poses"
+    counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
     text = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
     if needed_if_true is None or needed_if_true == needed:
         return text
     return f"{text}, {needed_if_true} if the measured value is the true one"
 
 
-def sentence(evaluation: CriterionEvaluation) -> str:
+def sentence(criterion: Part) -> str:
     """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
-    statement = " ".join(text for text in (evaluation.criterion.key, value(evaluation), bounds(evaluation)) if text)
-    parts = [f"{statement}, expected {limit(evaluation)}"]
-    if evaluation.decision.margin is not None:
-        parts.append(f"margin {amount(evaluation.decision.margin, evaluation.dimension)}")
-    if (chance := probability(evaluation)) is not None:
+    statement = " ".join(text for text in (criterion["key"], value(criterion), bounds(criterion)) if text)
+    parts = [f"{statement}, expected {limit(criterion)}"]
+    if criterion["margin"] is not None:
+        parts.append(f"margin {_amount(criterion['margin'], criterion)}")
+    if (chance := probability(criterion)) is not None:
         parts.append(f"conforms with probability {chance}")
-    return "; ".join([*parts, *explanations(evaluation)])
+    return "; ".join([*parts, *_explanations(criterion)])
 
 
-def explanations(evaluation: CriterionEvaluation) -> list[str]:
-    """Return the reason for the decision and the number of poses that would decide, as far as known."""
-    why = None if evaluation.decision.why is None else as_options(evaluation.decision.why)
-    return [text for text in (why, poses_needed(evaluation)) if text]
+def explained(criterion: Part) -> str:
+    """Return the outcome, its reason and the number of poses that would decide, then the reason for the limit."""
+    parts = [OUTCOME_LABELS[criterion["outcome"]], *_explanations(criterion)]
+    return f"{'; '.join(parts)}. Reason: {criterion['reason']}"
+
+
+def _explanations(criterion: Part) -> list[str]:
+    why = None if criterion["why"] is None else as_options(criterion["why"])
+    return [text for text in (why, _poses_needed(criterion)) if text]
 
 
 _INDENT = 15
@@ -142,28 +158,28 @@ _STYLES: dict[Outcome, Style] = {
 _COLOURS: dict[Outcome, str] = {"pass": GREEN, "fail": RED, "inconclusive": YELLOW, "not_evaluated": YELLOW}
 
 
-def say_gate(outcome: GateOutcome) -> None:
+def say_gate(gate: Part) -> None:
     """Write the outcome, and each criterion that does not pass, to standard error: for a log without the table."""
-    say(title(outcome), _COLOURS[outcome.outcome])
-    for evaluation in outcome.evaluations:
-        if evaluation.outcome != "pass":
-            label = OUTCOME_LABELS[evaluation.outcome]
-            say(f"{label}: {evaluation.criterion.name}: {sentence(evaluation)}", _COLOURS[evaluation.outcome])
+    say(title(gate), _COLOURS[gate["outcome"]])
+    for criterion in gate["criteria"]:
+        if criterion["outcome"] != "pass":
+            label = OUTCOME_LABELS[criterion["outcome"]]
+            say(f"{label}: {criterion['name']}: {sentence(criterion)}", _COLOURS[criterion["outcome"]])
 
 
-def draw_gate(outcome: GateOutcome, stream: TextIO) -> None:
+def draw_gate(gate: Part, stream: TextIO) -> None:
     """Write the outcome of the gate and of each criterion to ``stream``."""
-    write_lines(gate_lines(outcome, width_of(stream)), stream)
+    write_lines(gate_lines(gate, width_of(stream)), stream)
 
 
-def gate_lines(outcome: GateOutcome, width: int) -> Iterator[TextLine]:
+def gate_lines(gate: Part, width: int) -> Iterator[TextLine]:
     """Return the report's lines; text is wrapped to ``width`` columns."""
-    yield TextLine(title(outcome), _STYLES[outcome.outcome])
-    for evaluation in outcome.evaluations:
+    yield TextLine(title(gate), _STYLES[gate["outcome"]])
+    for criterion in gate["criteria"]:
         yield BLANK
-        label = f"{OUTCOME_LABELS[evaluation.outcome]:<{_INDENT}}{evaluation.criterion.name}"
-        yield TextLine(label, _STYLES[evaluation.outcome])
-        for text, style in ((sentence(evaluation), ""), (f"Reason: {evaluation.criterion.reason}", "dim")):
+        label = f"{OUTCOME_LABELS[criterion['outcome']]:<{_INDENT}}{criterion['name']}"
+        yield TextLine(label, _STYLES[criterion["outcome"]])
+        for text, style in ((sentence(criterion), ""), (f"Reason: {criterion['reason']}", "dim")):
             for line in wrapped(text, width - _INDENT):
                 yield TextLine(" " * _INDENT + line.text, "dim" if style else "")
 
@@ -190,16 +206,16 @@ class _Suite:
     """Elapsed time of the command on the suite."""
 
 
-def junit(command: str, outcome: GateOutcome, started: float = 0.0, seconds: float = 0.0) -> str:
+def junit(command: str, gate: Part, started: float = 0.0, seconds: float = 0.0) -> str:
     """Return the document; a failed criterion is a failure, an undecided criterion is an error and never passes.
 
     Args:
         command: Name of the command.
-        outcome: Outcome of its gate.
+        gate: Outcome of its gate.
         started: Start of the command, seconds since 1970.
         seconds: Elapsed time of the command.
     """
-    return _document(_suite(_Suite(command, 0, outcome.gate.name, started, seconds), outcome))
+    return _document(_suite(_Suite(command, 0, gate["name"], started, seconds), gate))
 
 
 def junit_of_files(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -> str:
@@ -216,13 +232,14 @@ def _document(lines: Iterable[str]) -> str:
     return "".join(f"{line}\n" for line in document)
 
 
-def _suite(suite: _Suite, outcome: GateOutcome) -> Iterator[str]:
-    errors = outcome.count("inconclusive") + outcome.count("not_evaluated")
-    yield _opening(suite, len(outcome.evaluations), outcome.count("fail"), errors)
-    share = _seconds(suite.seconds / max(1, len(outcome.evaluations)))
-    for evaluation in outcome.evaluations:
-        yield from _case(suite, share, evaluation)
-    yield from _closing(title(outcome), "\n".join(outcome.warnings))
+def _suite(suite: _Suite, gate: Part) -> Iterator[str]:
+    outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
+    failed = outcomes.count("fail")
+    yield _opening(suite, len(outcomes), failed, len(outcomes) - failed - outcomes.count("pass"))
+    share = _seconds(suite.seconds / max(1, len(outcomes)))
+    for criterion in gate["criteria"]:
+        yield from _case(suite, share, criterion)
+    yield from _closing(title(gate), "\n".join(gate["warnings"]))
 
 
 def _failed(suite: _Suite, outcome: FileOutcome) -> Iterator[str]:
@@ -261,17 +278,17 @@ def _closing(out: str, error: str) -> Iterator[str]:
     yield "  </testsuite>"
 
 
-def _case(suite: _Suite, time: str, evaluation: CriterionEvaluation) -> Iterator[str]:
-    case = _attributes(name=evaluation.criterion.name, classname=f"robacc.{suite.command}.{suite.name}", time=time)
-    if evaluation.outcome == "pass":
+def _case(suite: _Suite, time: str, criterion: Part) -> Iterator[str]:
+    case = _attributes(name=criterion["name"], classname=f"robacc.{suite.command}.{suite.name}", time=time)
+    outcome = criterion["outcome"]
+    if outcome == "pass":
         yield f"    <testcase{case}/>"
         return
-    tag = "failure" if evaluation.outcome == "fail" else "error"
-    message = _attributes(
-        message=f"{OUTCOME_LABELS[evaluation.outcome]}: {sentence(evaluation)}", type=evaluation.outcome
-    )
+    tag = "failure" if outcome == "fail" else "error"
+    message = _attributes(message=f"{OUTCOME_LABELS[outcome]}: {sentence(criterion)}", type=outcome)
     yield f"    <testcase{case}>"
-    yield f"      <{tag}{message}>{_xml_text(f'Reason for the limit: {evaluation.criterion.reason}')}</{tag}>"
+    reason = _xml_text(f"Reason for the limit: {criterion['reason']}")
+    yield f"      <{tag}{message}>{reason}</{tag}>"
     yield "    </testcase>"
 
 
@@ -298,30 +315,29 @@ _LEVELS: dict[Outcome, Literal["error", "warning", "notice"]] = {
 }
 
 
-def github_annotations(command: str, table: str, outcome: GateOutcome | None, warnings: tuple[str, ...]) -> str:
+def github_annotations(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
     """Return one line per annotation: warnings, criteria and the gate; without a gate the report's first part.
 
     Args:
         command: The command that made the result.
         table: The report as plain text; the part before its first empty line is used.
-        outcome: The gate's outcome, if a gate was checked.
+        gate: The gate's outcome, if a gate was checked.
         warnings: The command's warnings.
     """
-    return "".join(f"{line}\n" for line in _lines(command, table, outcome, warnings))
+    return "".join(f"{line}\n" for line in _lines(command, table, gate, warnings))
 
 
-def _lines(command: str, table: str, outcome: GateOutcome | None, warnings: tuple[str, ...]) -> Iterator[str]:
+def _lines(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> Iterator[str]:
     for warning in warnings:
         yield annotation("warning", f"robacc {command}", warning)
-    if outcome is None:
+    if gate is None:
         yield annotation("notice", f"robacc {command}", table.strip().partition("\n\n")[0])
         return
-    for evaluation in outcome.evaluations:
-        criterion = evaluation.criterion
-        head = f"{outcome.gate.name}: {criterion.name}"
-        text = f"{OUTCOME_LABELS[evaluation.outcome]}: {sentence(evaluation)}. Reason for the limit: {criterion.reason}"
-        yield annotation(_LEVELS[evaluation.outcome], head, text)
-    yield annotation(_LEVELS[outcome.outcome], f"robacc {command}", title(outcome))
+    for criterion in gate["criteria"]:
+        said = f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}"
+        text = f"{said}. Reason for the limit: {criterion['reason']}"
+        yield annotation(_LEVELS[criterion["outcome"]], f"{gate['name']}: {criterion['name']}", text)
+    yield annotation(_LEVELS[gate["outcome"]], f"robacc {command}", title(gate))
 
 
 def annotation(level: str, head: str, text: str) -> str:
@@ -335,64 +351,44 @@ def annotation(level: str, head: str, text: str) -> str:
 # A result and its gate's outcome as Markdown, for a job summary or a comment on a pull request.
 
 _SIGNS: dict[Outcome, str] = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not_evaluated": "⚠️"}
-_HEADER = ("", "criterion", "key", "value", "limit", "bounds", "margin", "conforms")
 
 
-def markdown(command: str, table: str, outcome: GateOutcome | None, warnings: tuple[str, ...]) -> str:
+def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
     """Return the gate's table, the warnings and the report, which is collapsed below a gate.
 
     Args:
         command: The command that made the result.
         table: The report as plain text; empty if there is only the gate's outcome.
-        outcome: The gate's outcome, if a gate was checked.
+        gate: The gate's outcome, if a gate was checked.
         warnings: The command's warnings.
     """
     lines = [f"## robacc {_escaped(command)}", ""]
-    if outcome is not None:
-        lines += [*_gate(outcome), ""]
+    if gate is not None:
+        lines += [*_gate(gate), ""]
     for warning in warnings:
         lines += [f"> **Warning:** {_escaped(warning)}", ""]
     if not table:
         return "\n".join(lines[:-1]) + "\n"
     fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", table)), default=0))
     body = [f"{fence}text", table.rstrip("\n"), fence]
-    if outcome is not None:
+    if gate is not None:
         body = ["<details><summary>Full result</summary>", "", *body, "", "</details>"]
     return "\n".join([*lines, *body]) + "\n"
 
 
-def _gate(outcome: GateOutcome) -> Iterator[str]:
-    yield f"### {_SIGNS[outcome.outcome]} {_escaped(title(outcome))}"
+def _gate(gate: Part) -> Iterator[str]:
+    yield f"### {_SIGNS[gate['outcome']]} {_escaped(title(gate))}"
     yield ""
-    yield _row(_HEADER)
-    yield _row(["---"] * len(_HEADER))
-    for evaluation in outcome.evaluations:
-        yield _row([_SIGNS[evaluation.outcome], *map(_escaped, _cells(evaluation))])
+    yield _row(("", *HEADER))
+    yield _row(["---"] * (1 + len(HEADER)))
+    for criterion in gate["criteria"]:
+        yield _row((_SIGNS[criterion["outcome"]], *map(_escaped, cells(criterion))))
     yield ""
-    for evaluation in outcome.evaluations:
-        parts = [
-            OUTCOME_LABELS[evaluation.outcome],
-            *explanations(evaluation),
-        ]
-        criterion = evaluation.criterion
-        yield f"- **{_escaped(criterion.name)}**: {_escaped('; '.join(parts))}. Reason: {_escaped(criterion.reason)}"
+    for criterion in gate["criteria"]:
+        yield f"- **{_escaped(criterion['name'])}**: {_escaped(explained(criterion))}"
 
 
-def _cells(evaluation: CriterionEvaluation) -> tuple[str, ...]:
-    margin = amount(evaluation.decision.margin, evaluation.dimension)
-    interval = (bounds(evaluation) or "–").strip("()")
-    return (
-        evaluation.criterion.name,
-        evaluation.criterion.key,
-        value(evaluation),
-        limit(evaluation),
-        interval,
-        margin,
-        probability(evaluation) or "–",
-    )
-
-
-def _row(cells: list[str] | tuple[str, ...]) -> str:
+def _row(cells: Sequence[str]) -> str:
     return f"| {' | '.join(cells)} |"
 
 

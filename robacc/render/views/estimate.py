@@ -276,10 +276,10 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
 def _unmet_criteria(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
     """Return a line for each criterion that a file does not pass."""
     for outcome in outcomes:
-        for evaluation in outcome.gate.evaluations if outcome.gate is not None else ():
-            if evaluation.outcome != "pass":
-                label = OUTCOME_LABELS[evaluation.outcome]
-                yield f"{outcome.name}, {evaluation.criterion.name}: {label}; {sentence(evaluation)}"
+        for criterion in outcome.gate["criteria"] if outcome.gate is not None else ():
+            if criterion["outcome"] != "pass":
+                label = OUTCOME_LABELS[criterion["outcome"]]
+                yield f"{outcome.name}, {criterion['name']}: {label}; {sentence(criterion)}"
 
 
 def _failures(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
@@ -313,7 +313,7 @@ def _cells(outcome: FileOutcome, has_orientation: bool, has_gate: bool) -> list[
     cells += [headline.grade, "yes" if headline.demonstrated else "no"]
     return [
         *cells,
-        *([OUTCOME_LABELS[outcome.gate.outcome]] if outcome.gate is not None else ["–"] if has_gate else []),
+        *([OUTCOME_LABELS[outcome.gate["outcome"]]] if outcome.gate is not None else ["–"] if has_gate else []),
     ]
 
 

@@ -293,7 +293,7 @@ def stage_blocks(document: Document, command: str) -> Iterator[Block]:
     if gain is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
         share = f"{100 * gain['confidence']:.0f} %"
-        yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)")
+        yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)", wraps=False)
     if command == "trace":
         yield Text(
             "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
@@ -589,9 +589,9 @@ def _detection(document: Document) -> Iterator[Block]:
         undetectable += [effect_label(each["effect"], each["joints"], {}) for each in family if each["limit"] is None]
         if found:
             motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-            factor, unit = table_unit(found[0]["unit"])
+            unit = table_unit(found[0]["unit"])[1]
             sizes = [
-                f"{each['limit'] * factor:.1e}{' ' * bool(each['joints'])}{','.join(each['joints'])}"
+                f"{each['limit'] * table_unit(each['unit'])[0]:.1e}{' ' * bool(each['joints'])}{','.join(each['joints'])}"
                 for each in (found[0], found[-1])
             ]
             highest = sizes[1] if len(found) > 1 else ""

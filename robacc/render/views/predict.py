@@ -25,22 +25,25 @@ _UNCHANGED = 0.9995
 Part = Mapping[str, Any]
 
 
-def prediction_view(document: Document) -> Iterator[Section]:
-    """Return the text of a prediction."""
+def prediction_view(document: Document, source: str = "") -> Iterator[Section]:
+    """Return the text of a prediction; ``source`` names the file of the measured poses."""
     parameters = document["tolerances"]["parameters"]
-    source = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+    origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
     facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-    yield Section(f"Expected accuracy of {document['robot']['name']}, from {source}", facts)
-    grade, *sections = prediction_sections(document)
+    yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
+    grade, *sections = prediction_sections(document, source)
     yield from (grade, *sections[:2])
     title = "Error budget: share of the variance (parameters sorted by both shares)"
     yield Section(title, _budgets(document, bool(parameters)))
+    for label in ("joint", "kind"):
+        if parts := document[f"budget_by_{label}"]:
+            yield Section("", [_budget(label, "name", parts)])
     yield from sections[2:]
     if document["notes"]:
         yield Section("Limitations", [Listing(document["notes"])])
 
 
-def prediction_sections(document: Document) -> Iterator[Section]:
+def prediction_sections(document: Document, source: str = "") -> Iterator[Section]:
     """Return grade, errors and worst poses, then allocation and measured poses; a page has a chart of the budget."""
     grade = document["grade"]
     text = f"criterion: {_STATISTICS[grade['statistic']]}, over robots and poses"
@@ -54,7 +57,7 @@ def prediction_sections(document: Document) -> Iterator[Section]:
     if document["allocation"] is not None:
         yield _allocation(document["allocation"], grade["statistic"])
     if document["against"] is not None:
-        yield from _against(document["against"])
+        yield from _against(document["against"], source)
     if document["coverage"] is not None:
         yield _coverage(document["coverage"])
 
@@ -104,7 +107,7 @@ def _worst(document: Document, name: str, unit: str) -> str:
 
 
 def _budgets(document: Document, has_tolerances: bool) -> Iterator[Block]:
-    """Yield the largest shares, and those by joint and kind."""
+    """Yield the largest shares, and the sum of the others."""
     # Scatter that the fit did not separate and poses within its ranges have no share of their own.
     present = [part for part in document["budget"] if part["sd"] is not None or _both(part)]
     budget = sorted(present, key=lambda part: -round(_both(part), 9))
@@ -112,9 +115,6 @@ def _budgets(document: Document, has_tolerances: bool) -> Iterator[Block]:
     if unlisted := budget[_LISTED:]:
         position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, _, _ in _QUANTITIES)
         yield Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation")
-    for label in ("joint", "kind"):
-        if document[f"budget_by_{label}"]:
-            yield _budget(label, "name", document[f"budget_by_{label}"])
 
 
 def _both(part: Part) -> float:
@@ -171,15 +171,15 @@ _NOISE_SOURCES = {"file": "from the file", "given": "given by the user", "fit": 
 _SOURCES = {"file": "from the file", "given": "given by the user", "estimated": "estimated from the poses"}
 
 
-def _against(comparison: Part) -> Iterator[Section]:
+def _against(comparison: Part, source: str) -> Iterator[Section]:
     measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
     rows: list[Sequence[Cell]] = []
     for name, unit, _ in _QUANTITIES:
         rms, sigma = measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"]
         if rms is not None and sigma is not None:
-            source = _SOURCES[noise[f"source_{name}"] or "file"]
-            rows.append([name, with_unit(rms, unit), with_unit(sigma, unit), source])
+            origin = _SOURCES[noise[f"source_{name}"] or "file"]
+            rows.append([name, with_unit(rms, unit), with_unit(sigma, unit), origin])
     blocks: list[Block] = [Text(comparison["verdict"]), Text(f"measured, {registered}")]
     blocks.append(Grid(("", "rms error", "noise per axis (sd)", ""), rows))
     tests: list[Sequence[Cell]] = [
@@ -205,7 +205,8 @@ def _against(comparison: Part) -> Iterator[Section]:
                 f"{p_value(scaled['p_value'])}, from {scaled['draws']} simulated data sets."
             )
         )
-    yield Section(f"Compared with {comparison['n_poses']} measured poses", blocks)
+    of_source = f" of {source}" if source else ""
+    yield Section(f"Compared with {comparison['n_poses']} measured poses{of_source}", blocks)
     if comparison["variance_components"] is not None:
         yield _components(comparison["variance_components"])
     yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])

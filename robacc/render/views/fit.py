@@ -589,13 +589,13 @@ def _detection(document: Document) -> Iterator[Block]:
         undetectable += [effect_label(each["effect"], each["joints"], {}) for each in family if each["limit"] is None]
         if found:
             motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-            unit = table_unit(found[0]["unit"])[1]
-            sizes = [
-                f"{each['limit'] * table_unit(each['unit'])[0]:.1e}{' ' * bool(each['joints'])}{','.join(each['joints'])}"
-                for each in (found[0], found[-1])
+            sizes = [f"{each['limit'] * table_unit(each['unit'])[0]:.1e}" for each in (found[0], found[-1])]
+            ends = [
+                f"{size} {','.join(each['joints'])}".rstrip()
+                for size, each in zip(sizes, (found[0], found[-1]), strict=True)
             ]
-            highest = sizes[1] if len(found) > 1 else ""
-            rows.append((name, sizes[0], highest, unit, number(motion, IN_MM)))
+            highest, unit = ends[1] if len(found) > 1 else "", table_unit(found[0]["unit"])[1]
+            rows.append((name, ends[0], highest, unit, number(motion, IN_MM)))
     yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
     yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
     if undetectable:

@@ -19,7 +19,7 @@ from robacc.render.text.parameter_names import as_options
 from robacc.render.views.compare import comparison_page
 from robacc.render.views.correct import correction_page
 from robacc.render.views.elements import Block, Cell, Command, Grid, Listing, ReportHeadline, Section, Text
-from robacc.render.views.estimate import estimate_sections
+from robacc.render.views.estimate import estimate_page
 from robacc.render.views.fit import calibration_page, trace_page
 from robacc.render.views.gate import gate_section
 from robacc.render.views.iso9283 import iso9283_sections
@@ -182,7 +182,7 @@ def _differences(documents: Sequence[Document]) -> list[Listing]:
 _SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
     "trace": trace_page,
     "calibrate": calibration_page,
-    "estimate": estimate_sections,
+    "estimate": estimate_page,
     "predict": prediction_sections,
     "iso9283": iso9283_sections,
     "compare": comparison_page,

@@ -62,6 +62,12 @@ def estimate_view(document: Document, poses: str, robot: str | None) -> Iterator
     yield Section("Limitations", [Listing(limits)])
 
 
+def estimate_page(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, which shows the notes elsewhere."""
+    yield from estimate_sections(document)
+    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"]])])
+
+
 def short_estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
     """Return the grade, the size of the errors and the worst poses, in about fifteen lines."""
     yield _opening(document, poses, robot)

@@ -150,15 +150,15 @@ def calibration_sections(document: Document) -> Iterator[Section]:
 
 
 def trace_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every coefficient."""
-    yield from trace_sections(document)
-    yield _all_coefficients(document)
+    """Return the sections of a page, with every cause and coefficient."""
+    _, *sections = trace_sections(document)
+    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
 
 
 def calibration_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every coefficient."""
-    yield from calibration_sections(document)
-    yield _all_coefficients(document)
+    """Return the sections of a page, with every cause and coefficient."""
+    _, *sections = calibration_sections(document)
+    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
 
 
 def _all_coefficients(document: Document) -> Section:
@@ -235,8 +235,8 @@ def _mass_coefficients(effect: str, count: int) -> str:
 # Parts of calibration and trace: causes, stages, repeatability, deflection.
 
 
-def causes_blocks(document: Document, most: int = _MAX_CAUSES) -> Iterator[Block]:
-    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes."""
+def causes_blocks(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Block]:
+    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None."""
     causes = document.get("causes", ())
     apart = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
     was, now = (
@@ -259,7 +259,7 @@ def causes_blocks(document: Document, most: int = _MAX_CAUSES) -> Iterator[Block
             number(cause["error_without_m"], IN_MM),
             "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
         )
-        for cause in notable[:most]
+        for cause in (causes if most is None else notable[:most])
     ]
     yield Grid(("effect", "moves, mm", "95 % interval", "without it, mm", "share"), rows)
     if hidden := len(causes) - len(rows):

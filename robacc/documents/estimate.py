@@ -125,6 +125,7 @@ def _unaligned(result: EstimateResult) -> dict[str, Any] | None:
 def _worst(pose: WorstPose) -> dict[str, Any]:
     return {
         "line": pose.line,
+        "place": pose.place,
         "pose": pose.pose,
         "target": pose.target,
         "error_m": pose.position,

@@ -103,6 +103,8 @@ class Priors:
         A group starts at its standard deviation in ``start``, or at its terms' usual size.
         """
         self._broad = np.where(np.isfinite(given), np.inf, broad)
+        self.is_broad = np.isfinite(self._broad)
+        """``(P,)`` mask of the coefficients with a broad prior."""
         self._terms = terms
         self._weights = np.array([term.weight for term in terms], dtype=np.float64)
         self.groups: dict[str, list[int]] = {}
@@ -118,16 +120,16 @@ class Priors:
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
 
     def follow(self, theta: Array) -> bool:
-        """Let the broad priors pull as they do at ``theta`` ``(P,)``; return whether one changed by much."""
-        is_broad = np.isfinite(self._broad)
-        precision = broad_precision(self._broad, theta)[is_broad]
-        changed = np.abs(self.precision[is_broad] - precision) > _FOLLOWED * precision
-        self.precision[is_broad] = precision
-        return bool(changed.any())
+        """Let broad priors pull as they do at ``theta`` ``(P,)``; return False, without a change, if they nearly do."""
+        precision = np.where(self.is_broad, broad_precision(self._broad, theta), self.precision)
+        if np.all(np.abs(self.precision - precision) <= _FOLLOWED * precision):
+            return False
+        self.precision = precision
+        return True
 
     def log_density(self, theta: Array) -> float:
         """Return the log density of coefficients ``(P,)``, up to a constant."""
-        is_gaussian = np.isinf(self._broad) & (self.precision > 0)
+        is_gaussian = ~self.is_broad & (self.precision > 0)
         precision, own = self.precision[is_gaussian], theta[is_gaussian]
         broad = np.log1p(0.5 * np.square(theta / self._broad))
         return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))

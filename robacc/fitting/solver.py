@@ -288,7 +288,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= _LEAST_POSES_TO_TRIM
-    if is_trimmed and options.start is None:
+    if is_trimmed and options.start is None and solver.priors.is_broad.any():
         solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
     linear = solver.solve()
     for _ in range(_REWEIGHTINGS):

@@ -94,7 +94,7 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
     worst = []
     for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
         name = "" if pose["pose"] is None else f" (pose {pose['pose']})"
-        worst.append(f"line {pose['line']}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
+        worst.append(f"{pose['place']}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
     yield Section("", [Text(f"largest errors: {', '.join(worst)}"), Text(_MORE, is_note=True)])
 
 

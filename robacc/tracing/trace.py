@@ -88,22 +88,14 @@ def trace(
     """
 
     def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
-        own_places = HoldOut.of(weighted, None, None, seed)
-        is_asked = holdout is not None or n_folds is not None
-        how = HoldOut.of(weighted, holdout, n_folds, seed) if is_asked else own_places
-        return _trace(model, weighted, own_places, how, empirical, seed, progress)
+        how = HoldOut.of(weighted, holdout, n_folds, seed)
+        return _trace(model, weighted, how, empirical, seed, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
 def _trace(
-    model: Model,
-    data: Measurements,
-    own_places: HoldOut,
-    how: HoldOut,
-    empirical: bool,
-    seed: int,
-    progress: Progress,
+    model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress
 ) -> tuple[Trace, DirectionalNoise | None]:
     """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
     stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
@@ -111,21 +103,19 @@ def _trace(
     declared, declared_form = choose_form(fit(model, data), model, data, Options())
     found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, 1))
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
-    while True:
+    own_places = HoldOut.of(data, None, None, seed)
+    final, form = _fitted(declared, declared_form, identified, model, data)
+    while (useless := _useless(final, identified, own_places)) is not None:
+        identified.remove(useless)
         final, form = _fitted(declared, declared_form, identified, model, data)
-        refitted = functools.partial(refit, final, final.model.free, data)
-        structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
-        final, repeatability = structured.fit, structured.repeatability
-        numbers = [number_of(one.effect, final) for one in identified]
-        whole, *without = own_places.residuals(final, [(), *([number] for number in numbers)])
-        if (useless := _useless(final, whole, without)) is None:
-            break
-        del identified[useless]
     effects = [one.effect for one in identified]
+    refitted = functools.partial(refit, final, final.model.free, data)
+    structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
+    final, repeatability = structured.fit, structured.repeatability
+    numbers = [number_of(effect, final) for effect in effects]
     fitted_effects = [final.model.free[number] for number in numbers]
     judged = judge(stated, mistakes, declared, structured, form, data, how, fitted_effects)
-    if how is not own_places:
-        without = how.residuals(final, [[number] for number in numbers])
+    without = how.residuals(final, [[number] for number in numbers])
     findings = tuple(
         describe_finding(one, effects, judged, residual, data)
         for one, residual in zip(identified, without, strict=True)
@@ -164,18 +154,21 @@ def _fitted(
     return (fitted, None) if fitted.group_stds else choose_form(fitted, extended, data, Options())
 
 
-def _useless(fit: Fit, whole: Array | None, without: Sequence[Array | None]) -> int | None:
-    """Return the finding without which the poses, each held out in turn, are predicted best, if better than with it.
+def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:
+    """Return the effect without which the poses, each held out in turn, are predicted best, if better than with it.
 
     The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
     outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
-    of the last joint of 7 log units raised the error of held-out poses.
+    of the last joint of 7 log units raised the error of held-out poses. Rows have the weights of the noise alone: with
+    scatter in them, which the fits share, a lag of an IRB 120 was taken for useless.
     """
-    if whole is None or not without:
+    numbers = [[number_of(one.effect, fit)] for one in identified]
+    whole, *without = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
+    if whole is None:
         return None
     costs = [np.inf if residual is None else _cost(fit, residual) for residual in without]
     best = int(np.argmin(costs))
-    return best if costs[best] < _cost(fit, whole) else None
+    return identified[best] if costs[best] < _cost(fit, whole) else None
 
 
 def _cost(fit: Fit, residual: Array) -> float:

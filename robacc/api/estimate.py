@@ -185,21 +185,20 @@ def estimate(
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
     """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
-    import numpy as np
-
     from robacc.accuracy.estimation import moved_warning
     from robacc.accuracy.pose_errors import commanded_poses
     from robacc.diagnostics.data_mistakes import other_arm
     from robacc.diagnostics.joint_readings import rounding_in_errors
+    from robacc.diagnostics.mistakes import even_rows
 
-    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, _MOST_ROWS)).astype(np.int64))
+    rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment
     commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot).block(slice(None))[0]
     error = some.position - commanded
     if robot is None or data.q is None:
         return moved_warning(some, error)
     return (
-        *other_arm(robot, some),
+        *other_arm(robot, some, commanded),
         *moved_warning(some, error),
         *rounding_in_errors(fitted.robot if fitted else robot, some, error),
     )

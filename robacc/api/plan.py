@@ -422,18 +422,9 @@ def plan(
         seed=seed,
     )
     body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
-    body = dataclasses.replace(
-        body,
-        warnings=(
-            *(*body.warnings, *at_rest_warning(arm), *use.warnings),
-            *(
-                text
-                for data in (loaded_candidates, loaded_task, measured)
-                if data is not None
-                for text in data.warnings
-            ),
-        ),
-    )
+    read = [data for data in (loaded_candidates, loaded_task, measured) if data is not None]
+    doubts = (*at_rest_warning(arm), *use.warnings, *(text for data in read for text in data.warnings))
+    body = dataclasses.replace(body, warnings=(*body.warnings, *doubts))
     inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
     # Files are recorded by their names, objects not at all.
     files = ("model", "candidates", "task", "already", "gate", "scale")

@@ -154,15 +154,13 @@ def _singular(
         reason = f"near a singular pose: {names[joint]} would move by {turn} for {_sizes(position[i], angle[i])}"
         result[int(i)] = Refusal(Cause.singular, reason)
     if wanted.oriented and solution.q.shape[0] == 6:
-        before, after = (np.linalg.det(_jacobians(pair, q)) for q in (wanted.q, solution.q))
+        before, after = (
+            np.linalg.det(np.moveaxis(pose_jacobian(pair.nominal, q)[1], 2, 0)) for q in (wanted.q, solution.q)
+        )
         for i in np.flatnonzero(before * after < 0.0):
             reason = "the correction would pass a singular pose into another configuration"
             result.setdefault(int(i), Refusal(Cause.configuration, reason))
     return result
-
-
-def _jacobians(pair: RobotPair, q: Array) -> Array:
-    return np.moveaxis(pose_jacobian(pair.nominal, q)[1], 2, 0)
 
 
 def _corrections(

@@ -71,26 +71,31 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if _is_gross(data, poses) and not (found and found.refused):
         found = find_mistake(robot, data) or find_part_mistake(robot, data, find_mistake) or found
     if found is None:
-        return other_arm(robot, data)
+        return other_arm(robot, data, poses.translation)
     text = f"{data.source}: {found.text}" if data.source else found.text
     if found.refused:
         raise InputError(text)
-    return (*other_arm(robot, data), text)
+    return (*other_arm(robot, data, poses.translation), text)
 
 
-def other_arm(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """Return a warning that names the arm of the package that fits the poses, where the robot does not."""
+def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, ...]:
+    """Return a warning that names the arm of the package that fits the poses, where the robot does not.
+
+    ``predicted`` ``(3, N)`` are positions by the robot, registered or not, m; where they agree, nothing is registered.
+    """
+    if data.n < _LEAST_POSES or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
+        return ()
     from robacc.modelling.robot_file import read_robot
     from robacc.robots.library import library
 
     def error(arm: Robot) -> float:
         try:
-            return float(np.median(np.linalg.norm(data.position - registered_poses(arm, data).translation, axis=0)))
+            return _median_error(data, registered_poses(arm, data).translation)
         except RobaccError:
             return np.inf
 
     data = data.subset(even_rows(data.n))
-    if data.n < _LEAST_POSES or data.q is None or (own := error(robot)) <= _USUAL_ERROR:
+    if (own := error(robot)) <= _USUAL_ERROR:
         return ()
     fits = {
         arm.key: error(dataclasses.replace(read_robot(arm.path), targets=robot.targets))
@@ -106,9 +111,14 @@ def other_arm(robot: Robot, data: Measurements) -> tuple[str, ...]:
     )
 
 
+def _median_error(data: Measurements, predicted: Array) -> float:
+    """Return the median distance of the measured positions from ``predicted`` ``(3, N)``, m."""
+    return float(np.median(np.linalg.norm(data.position - predicted, axis=0)))
+
+
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    error = float(np.median(np.linalg.norm(data.position - poses.translation, axis=0)))
+    error = _median_error(data, poses.translation)
     if data.rotation is None or error > GROSS * spread(data.position):
         return error > GROSS * spread(data.position)
     return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS

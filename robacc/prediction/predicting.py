@@ -67,7 +67,8 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
     if data.q is None:
         fix = "add q1, q2, …"
         raise InputError(Problem("has no joint columns: the prediction needs the joint values", data.source, fix=fix))
-    bound_model = _nominal_model(robot).bind(data)
+    # Effects change a covariance in second order only.
+    bound_model = Model.of(dataclasses.replace(robot, effects=())).bind(data)
     labels = tuple(data.place(i) for i in range(data.n))
     return Configurations(
         data.q, bound_model.nominal, labels, f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}"
@@ -101,11 +102,6 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     return Configurations(q, scalars, None, source, (*notes, *target_notes))
-
-
-def _nominal_model(robot: Robot) -> Model:
-    """Return the model without effects, which change a covariance in second order only."""
-    return Model.of(dataclasses.replace(robot, effects=()))
 
 
 def _ranges(robot: Robot) -> tuple[Array, Array, list[str]]:

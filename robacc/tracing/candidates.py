@@ -108,7 +108,10 @@ def named_candidates(
     ``present`` contains already, and frames and constants that are completely free, are no candidates.
     """
     whole_constants = {
-        (effect.name, joint) for effect in present for joint in (effect.joints or ("",)) if _is_whole(effect)
+        (effect.name, joint)
+        for effect in present
+        for joint in (effect.joints or ("",))
+        if effect.is_constant and not effect.settings()  # constants as a whole exclude all their other forms
     }
     keys = {effect.key() for effect in present}
     families: dict[str, list[Effect]] = {}
@@ -295,8 +298,3 @@ def _rounded(place: Array) -> Place:
     """Return a place to the millimetre."""
     x, y, z = (round(float(value), 3) for value in place)
     return (x, y, z)
-
-
-def _is_whole(effect: Effect) -> bool:
-    """Return whether a free effect excludes all its other forms as candidates: constants as a whole."""
-    return effect.is_constant and not effect.settings()

@@ -237,7 +237,7 @@ class _Search:
         residual = residuals(self.data, bound.poses(theta))
         components = self.regressors.stated.shape[1]
         kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-        log_std = np.array([math.log(max(_rms(kind), math.exp(LEAST))) for kind in kinds])
+        log_std = np.array([math.log(max(float(np.sqrt(np.mean(np.square(kind)))), math.exp(LEAST))) for kind in kinds])
         noise = CovarianceParameters(log_std, np.ones(self.data.n))
         state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
         free = min(0.9, theta.size / residual.size)
@@ -652,7 +652,3 @@ def _registered(model: Model, data: Measurements, names: set[str]) -> Model:
         return model
     robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
     return dataclasses.replace(model, arm=Arm.of(robot))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

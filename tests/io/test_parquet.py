@@ -79,8 +79,9 @@ def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
     assert documents[0]["position"] == documents[1]["position"]
     assert documents[0]["grade"] == documents[1]["grade"]
     assert documents[0]["inputs"][0]["name"] == "poses.parquet"
-    table = CliRunner().invoke(app, ["estimate", path, "--robot", str(ROBOT)]).stdout
-    assert "row 3 " in table
+    for more in ([], ["--full"]):
+        table = CliRunner().invoke(app, ["estimate", path, "--robot", str(ROBOT), *more]).stdout
+        assert "row 3 " in table
     assert "line" not in table
 
 

@@ -94,7 +94,7 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
     worst = []
     for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
         name = "" if pose["pose"] is None else f" (pose {pose['pose']})"
-        worst.append(f"{pose['place']}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
+        worst.append(f"{_place(pose)}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
     yield Section("", [Text(f"largest errors: {', '.join(worst)}"), Text(_MORE, is_note=True)])
 
 
@@ -218,12 +218,17 @@ def _covariances(part: Part, unit: str, factor: float) -> Iterator[Sequence[Cell
             yield f"{label}, {axis}", *(number(matrix[i][j], factor**2, ends[j]) for j in range(3))
 
 
+def _place(pose: Part) -> str:
+    """Return the line of a pose, or its row where the file has no lines; documents of 0.2 have lines only."""
+    return str(pose.get("place", f"line {pose['line']}"))
+
+
 def _worst(name: str, poses: Sequence[Part]) -> Grid:
     ids = [key for key in ("pose", "target") if any(pose[key] is not None for pose in poses)]
     has_turn = any(pose["error_rad"] is not None for pose in poses)
     rows: list[Sequence[Cell]] = [
         (
-            f"line {pose['line']}",
+            _place(pose),
             *(pose[key] or "" for key in ids),
             number(pose["error_m"], IN_MM),
             *([number(pose["error_rad"], IN_DEGREES)] if has_turn else []),

@@ -11,6 +11,8 @@ from typing import NoReturn
 _REPEAT_TIME = 1.0
 """Time in s after an interrupt in which another is ignored, so that the clean-up is not disturbed."""
 _last_interrupt = -_REPEAT_TIME
+_IMPORT_WAIT = 0.01
+"""Time in s after which an interrupt that arrived within an import is raised again."""
 
 
 def main() -> None:
@@ -30,6 +32,8 @@ def _handle_signals() -> None:
     """Raise an exception for signals, so that partial files are removed and processes are ended."""
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, _interrupt)
+        if hasattr(signal, "setitimer"):
+            signal.signal(signal.SIGALRM, _raise_interrupt)
     for name in ("SIGTERM", "SIGHUP"):
         number = getattr(signal, name, None)  # Windows has no SIGHUP
         if number is not None and signal.getsignal(number) is signal.SIG_DFL:
@@ -40,7 +44,17 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     global _last_interrupt
     elapsed, _last_interrupt = time.monotonic() - _last_interrupt, time.monotonic()
     if elapsed > _REPEAT_TIME:
-        raise KeyboardInterrupt
+        _raise_interrupt(number, frame)
+
+
+def _raise_interrupt(number: int, frame: FrameType | None) -> None:
+    """Raise an interrupt; within an import wait until it ends, since extension modules clear exceptions."""
+    while frame is not None and hasattr(signal, "setitimer"):
+        if "importlib._bootstrap" in frame.f_code.co_filename:
+            signal.setitimer(signal.ITIMER_REAL, _IMPORT_WAIT)
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt
 
 
 def _leave(number: int, frame: FrameType | None) -> NoReturn:

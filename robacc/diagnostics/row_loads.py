@@ -14,6 +14,7 @@ and related models by iterative least squares", in: Multivariate Analysis (1966)
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,8 @@ _SMALLEST_GROUP = 0.05
 """Least share of the rows in a group."""
 _STEPS = 40
 """Steps of the alternations, which bounds the time."""
+_SETTLED = 1e-3
+"""Share of the sum of squares that a step gains at the end: far below the factors that decide."""
 _LEAST_NEW = 1e-5
 """Share of a column, given others, below which it adds nothing."""
 _LEAST_GAIN = 4.0
@@ -145,8 +148,9 @@ def _fit(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, flo
 
 def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, float]:
     """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, its precision, and the sum of squares."""
-    mixture = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1))
+    mixture, squares = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1)), math.inf
     for _ in range(_STEPS):
+        before = squares
         direction = mixture @ moved
         precision = np.maximum(np.sum(np.square(direction), axis=0), 1e-300)
         unit = direction / np.sqrt(precision)
@@ -159,6 +163,8 @@ def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array,
         amounts = amounts - np.average(amounts, weights=precision)
         _, mixture, squares = _fit(residual, basis, moved * amounts)
         mixture = mixture / max(float(np.abs(mixture).max()), 1e-300)
+        if before - squares <= _SETTLED * before < math.inf:
+            break
     return amounts, precision, squares
 
 

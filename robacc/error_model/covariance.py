@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -52,18 +52,18 @@ class CovarianceParameters:
         """Return whether x, y and z have noise of their own."""
         return len(self.log_std) > 2
 
-    def _kinds(self, components: int) -> NDArray[np.int64]:
+    def kinds(self, components: int) -> NDArray[np.int64]:
         """Return ``(M,)`` the number of the standard deviation of each component."""
         return np.minimum(np.arange(components) // (1 if self.has_axes else 3), len(self.log_std) - 1)
 
     def own_variance(self, components: int) -> Array:
         """Return ``(N, M)`` variances of the noise beyond what the file states."""
-        variance: Array = np.square(self.std[self._kinds(components)]) * np.square(self.factor)[:, None]
+        variance: Array = np.square(self.std[self.kinds(components)]) * np.square(self.factor)[:, None]
         return variance
 
     def by_kind(self, values: Array) -> Array:
         """Return the sums of ``values`` ``(N, M)`` over the rows and the components of each standard deviation."""
-        sums: Array = np.bincount(self._kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
+        sums: Array = np.bincount(self.kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
         return sums
 
     @property
@@ -89,7 +89,7 @@ class CovarianceParameters:
 
     def independent(self, stated: Array) -> Array:
         """Return ``(N, M)`` standard deviations of the independent noise beside ``stated`` variances."""
-        variance = stated + np.square(self.std[self._kinds(stated.shape[1])])
+        variance = stated + np.square(self.std[self.kinds(stated.shape[1])])
         return np.sqrt(variance) * self.factor[:, None]
 
 
@@ -190,8 +190,11 @@ def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
     return flat
 
 
-def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> tuple[float, Array]:
-    """Return the log likelihood and its derivatives by :attr:`CovarianceParameters.packed`.
+def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> tuple[float, Array, Array]:
+    """Return the log likelihood, its gradient ``(K,)`` by :attr:`CovarianceParameters.packed`, and the information.
+
+    The information ``(K, K)`` is the average of the observed and the expected one, a' dV/dt P dV/du a / 2, a = P y
+    (average-information REML; Gilmour, Thompson and Cullis 1995): it costs no more than products with vectors.
 
     Raises:
         numpy.linalg.LinAlgError: The covariance is singular.
@@ -203,8 +206,10 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
         independent = _flat(noise.independent(linear.rows.stated))
         error = white.y - white.columns @ white.coefficients
         spread = solve_triangular(white.triangle, white.columns.T, lower=True)
-        slope = (np.square(error) - 1.0 + np.sum(np.square(spread), axis=0)) / np.square(independent) * _flat(own)
-        return white.log_likelihood, noise.by_kind(slope.reshape(components, -1).T)
+        share = _flat(own) / np.square(independent)
+        slope = (np.square(error) - 1.0 + np.sum(np.square(spread), axis=0)) * share
+        expected = noise.by_kind(2.0 * np.square(share).reshape(components, -1).T)
+        return white.log_likelihood, noise.by_kind(slope.reshape(components, -1).T), np.diag(expected)
     columns, y = _flat(linear.columns * linear.prior_std), _flat(linear.y)
     matrix = covariance(noise, linear)
     matrix += columns @ columns.T
@@ -214,6 +219,7 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
         raise np.linalg.LinAlgError
     log_det = _log_det(factor)
     weighted = dpotrs(factor, y, lower=0)[0]
+    moved = solve_triangular(factor, _flat(_slopes_times(noise, linear, weighted)), trans="T", check_finite=False)
     slopes = dpotri(factor, lower=0, overwrite_c=1)[0].T
     np.subtract(np.multiply.outer(weighted, weighted), slopes, out=slopes)
     blocks = slopes.reshape(components, count, components, count)
@@ -224,9 +230,37 @@ def likelihood_and_gradient(noise: CovarianceParameters, linear: Linearised) -> 
         _joint_weights(blocks, of_axes, linear.joints) if any(TERMS[name].of_joints for name in noise.terms) else []
     )
     for name, parameters in noise.terms.items():
-        term = TERMS[name]
-        gradient.append(term.gradient(parameters, linear.rows, of_joints if term.of_joints else of_axes))
-    return -0.5 * (log_det + float(y @ weighted)), np.concatenate(gradient)
+        weights, by_parameter = of_joints if TERMS[name].of_joints else of_axes, np.zeros(len(parameters))
+        sums: dict[tuple[int, ...], Array] = {}
+        for number, carriers, slope in TERMS[name].derivatives(parameters, linear.rows):
+            key = tuple(carriers)
+            if key not in sums:
+                sums[key] = sum((weights[i] for i in key[1:]), start=weights[key[0]])
+            by_parameter[number] += 0.5 * np.vdot(sums[key], slope)
+        gradient.append(by_parameter)
+    return -0.5 * (log_det + float(y @ weighted)), np.concatenate(gradient), 0.5 * moved.T @ moved
+
+
+def _slopes_times(noise: CovarianceParameters, linear: Linearised, weighted: Array) -> Array:
+    """Return ``(N, M, K)`` the derivative of V by each parameter times ``weighted`` ``(M N,)``."""
+    components = linear.y.shape[1]
+    by_row = weighted.reshape(components, -1).T
+    by_joint = np.einsum("jan,na->jn", linear.joints, by_row)
+    result = np.zeros((*by_row.shape, noise.packed.size))
+    own = 2.0 * noise.own_variance(components) * by_row
+    for component, kind in enumerate(noise.kinds(components)):
+        result[:, component, kind] = own[:, component]
+    at = len(noise.log_std)
+    for name, parameters in noise.terms.items():
+        for number, carriers, slope in TERMS[name].derivatives(parameters, linear.rows):
+            which = list(carriers)
+            if TERMS[name].of_joints:
+                moved = slope @ by_joint[which].T
+                result[:, :, at + number] += np.einsum("jan,nj->na", linear.joints[which], moved)
+            else:
+                result[:, which, at + number] += slope @ by_row[:, which]
+        at += len(parameters)
+    return result
 
 
 def _joint_weights(blocks: Array, of_axes: list[Array], joints: Array) -> list[Array]:
@@ -279,42 +313,6 @@ def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     return np.asarray(np.sqrt(variance.reshape(-1, 3).mean(axis=1)))
 
 
-def score_statistics(noise: CovarianceParameters, linear: Linearised, name: str, slopes: Sequence[float]) -> float:
-    """Return about how much the likelihood gains by a small term: half the sum of squares of its score statistics.
-
-    ``slopes`` are derivatives by the log standard deviations of the term ``name`` in ``noise``, which are small. The
-    information of a variance is half the sum of squares of its kernel in units of noise and scatter.
-    """
-    term, parameters = TERMS[name], noise.terms[name]
-    kernels = term.kernels(parameters, linear.rows)
-    weight = 1.0 / row_std(noise, linear).T
-    components = linear.y.shape[1]
-    information = []
-    if term.of_joints:
-        moved = linear.joints * weight
-        gains = [
-            0.0 if kernel is None else float(np.sum(np.square((joint.T @ joint) * kernel)))
-            for joint, kernel in zip(moved, kernels, strict=True)
-        ]
-        if len(slopes) == 1:
-            products = np.zeros((len(linear.y),) * 2)
-            for a in range(components):
-                for b in range(components):
-                    products += np.square(moved[:, a].T @ moved[:, b])
-            gains = [float(np.sum(products * np.square(kernels[0])))] if kernels[0] is not None else [0.0]
-        information = gains
-    else:
-        by_axis = [
-            float(np.sum(np.square(weight[a][:, None] * kernel * weight[a])))
-            for a, kernel in enumerate(kernels)
-            if kernel is not None
-        ]
-        information = [sum(by_axis[3 * i : 3 * i + 3]) for i in range(len(slopes))]
-    return sum(
-        max(slope, 0.0) ** 2 / (4.0 * gain) for slope, gain in zip(slopes, information, strict=True) if gain > 0.0
-    )
-
-
 def _flat(a: Array) -> Array:
     """Return ``(N, M, …)`` as ``(M N, …)``, component by component."""
     return np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
@@ -338,68 +336,49 @@ MOST_COMPONENTS = 500
 """Components that the parameters are estimated on: the time grows with their cube."""
 _SMALL = -3.0
 """Log factor on a term's start at which its score statistics are computed."""
-_WARM = 6
-"""Iterations from parameters that were estimated before a small change of the model."""
-_FLAT = 1e-5
-"""Relative change of the log likelihood at which an estimate ends: of some thousands, well below one in log odds."""
-_WORSE = 1e12
+_STEPS = 40
+_LONGEST = 2.0
+"""Longest step of a log standard deviation or length: beyond it their exponentials are far from linear."""
 _WORTH = 0.5
 """Gain, by a lower bound, from which a term is estimated; it decides about time."""
 _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
 LEAST = math.log(1e-7)
 """Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
-_SCORINGS = 20
-_SETTLED = 1e-4
-"""Change of a log standard deviation at which scoring ends."""
 
 
-def estimated(noise: CovarianceParameters, linear: Linearised, iterations: int = 40) -> CovarianceParameters:
-    """Return the parameters of largest restricted likelihood, with the rows' factors as they are."""
-    if not noise.terms:
-        return _independent(noise, linear)
-    from scipy.optimize import minimize  # half a second, which clean data are spared
+def estimated(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
+    """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
-    part, start = on_subset(noise, linear)
-
-    def objective(packed: Array) -> tuple[float, Array]:
-        try:
-            value, gradient = likelihood_and_gradient(start.unpacked(packed), part)
-        except np.linalg.LinAlgError:
-            return _WORSE, np.zeros(packed.size)
-        return -value, -gradient
-
+    Steps of the average information, damped (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
+    """
+    part, start = on_subset(noise, linear) if noise.terms else (linear, noise)
     bounds = [(LEAST, math.log(0.1))] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T
-    found = minimize(
-        objective,
-        np.clip(noise.packed, low, high),
-        jac=True,
-        method="L-BFGS-B",
-        bounds=bounds,
-        options={"maxiter": iterations, "ftol": _FLAT},
-    )
-    if not found.fun < _WORSE:
-        return noise
-    return dataclasses.replace(start.unpacked(found.x), factor=noise.factor)
-
-
-def _independent(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
-    """Return independent noise of largest restricted likelihood, by Fisher's scoring."""
-    for _ in range(_SCORINGS):
-        _, gradient = likelihood_and_gradient(noise, linear)
-        own = noise.own_variance(linear.y.shape[1])
-        share = np.square(own / np.square(noise.independent(linear.rows.stated)))
-        information = 2.0 * noise.by_kind(share)
-        step = np.clip(gradient / np.maximum(information, 1e-300), -1.0, 1.0)
-        log_std = np.maximum(noise.log_std + step, LEAST)
-        moved = float(np.max(np.abs(log_std - noise.log_std)))
-        noise = dataclasses.replace(noise, log_std=log_std)
-        if moved < _SETTLED:
+    at, best, damping = np.clip(noise.packed, low, high), None, 1.0
+    step = np.zeros_like(at)
+    for _ in range(_STEPS):
+        try:
+            found = likelihood_derivatives(start.unpacked(at + step), part)
+        except np.linalg.LinAlgError:
+            found = None
+        if found is not None and (best is None or found[0] > best[0]):
+            at, best, damping = at + step, found, 0.1 * damping
+        elif best is None:
+            return noise
+        else:
+            damping *= 10.0
+        _, gradient, information = best
+        free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
+        system = information[np.ix_(free, free)] + damping * np.eye(free.size)
+        step = np.zeros_like(at)
+        step[free] = np.clip(np.linalg.solve(system, gradient[free]), -_LONGEST, _LONGEST)
+        step = np.clip(at + step, low, high) - at
+        if gradient @ step - 0.5 * step @ information @ step < _GAINS:
             break
-    return noise
+    return dataclasses.replace(start.unpacked(at), factor=noise.factor)
 
 
 def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:
@@ -419,7 +398,7 @@ def _subset(linear: Linearised) -> tuple[NDArray[np.int64], Linearised]:
 
 def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:
     """Return the noise estimated again, with the factor of each row that is most probable."""
-    noise = estimated(noise, linear, _WARM)
+    noise = estimated(noise, linear)
     for _ in range(rounds):
         left = unaccounted(noise, linear, whitened(noise, linear))
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
@@ -438,7 +417,7 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
         factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]
         if np.array_equal(factor, noise.factor):
             break
-        noise = estimated(dataclasses.replace(noise, factor=factor), linear, _WARM)
+        noise = estimated(dataclasses.replace(noise, factor=factor), linear)
     return noise
 
 
@@ -481,30 +460,41 @@ def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
 def with_terms_that_gain(
     noise: CovarianceParameters, linear: Linearised, names: Iterable[str] = tuple(TERMS)
 ) -> CovarianceParameters:
-    """Return the noise with the terms ``names`` that gain, added one by one, the best first."""
-    while (gains := list(_with_one_more(noise, linear, names))) != []:
-        noise = max(gains, key=lambda gain: gain[0])[1]
+    """Return the noise with the terms ``names`` that gain, added one by one, the best first.
+
+    A term mostly gains less beside more terms, so after one is added the others are estimated again in the order of
+    their last gains, until the best is known (accelerated greedy; Minoux 1978). Before the end all are.
+    """
+    gains = dict.fromkeys((name for name in names if name not in noise.terms), math.inf)
+    found: dict[str, CovarianceParameters] = {}
+    while gains:
+        name = max(gains, key=lambda name: gains[name])
+        if gains[name] <= _GAINS:
+            unknown = [name for name in gains if name not in found]
+            if not unknown:
+                break
+            name = unknown[0]
+        if name in found:
+            noise = found[name]
+            del gains[name]
+            found.clear()
+        else:
+            gains[name], found[name] = _with_one_more(noise, linear, name)
     return without_idle_terms(noise, linear)
 
 
 def has_term_that_gains(noise: CovarianceParameters, linear: Linearised) -> bool:
     """Return whether any term gains."""
-    return next(_with_one_more(noise, linear, TERMS), None) is not None
+    return any(_with_one_more(noise, linear, name)[0] > _GAINS for name in TERMS if name not in noise.terms)
 
 
-def _with_one_more(
-    noise: CovarianceParameters, linear: Linearised, names: Iterable[str]
-) -> Iterator[tuple[float, CovarianceParameters]]:
-    """Yield the noise with each further term that gains, and its evidence."""
-    least = log_evidence(noise, linear) + _GAINS
-    for name in names:
-        if name in noise.terms:
-            continue
-        gain, start = worth_estimating(noise, linear, name)
-        if gain >= _WORTH:
-            other = with_gross_errors(estimated(noise.with_term(name, start), linear, 20), linear, 1)
-            if (total := log_evidence(other, linear)) > least:
-                yield total, other
+def _with_one_more(noise: CovarianceParameters, linear: Linearised, name: str) -> tuple[float, CovarianceParameters]:
+    """Return the gain of evidence by a further term, and the noise with it; 0 if it is not worth estimating."""
+    gain, start = worth_estimating(noise, linear, name)
+    if gain < _WORTH:
+        return 0.0, noise
+    other = with_gross_errors(estimated(noise.with_term(name, start), linear), linear, 1)
+    return log_evidence(other, linear) - log_evidence(noise, linear), other
 
 
 def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
@@ -512,7 +502,7 @@ def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> Covar
     while noise.terms:
         best, most = None, log_evidence(noise, linear)
         for name in noise.terms:
-            other = with_gross_errors(estimated(noise.without(name), linear, 25), linear, 1)
+            other = with_gross_errors(estimated(noise.without(name), linear), linear, 1)
             if (total := log_evidence(other, linear)) > most:
                 best, most = other, total
         if best is None:
@@ -531,12 +521,13 @@ def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str)
     best, found = 0.0, np.empty(0)
     for start in TERMS[name].starts(part, usual_std(noise, part)):
         small = noise.with_term(name, _scaled(name, start, _SMALL))
-        amplitudes = TERMS[name].amplitudes(len(start))
         try:
-            gradient = likelihood_and_gradient(small, part)[1][-len(start) :]
+            _, gradient, information = likelihood_derivatives(small, part)
         except np.linalg.LinAlgError:
             continue
-        scores = score_statistics(small, part, name, gradient[amplitudes].tolist())
+        amplitudes = np.arange(-len(start), 0)[TERMS[name].amplitudes(len(start))]
+        slopes, curvatures = np.maximum(gradient[amplitudes], 0.0), np.diag(information)[amplitudes]
+        scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
         if (gain := max(scores, _gain_at_sizes(noise, part, name, start))) > best:
             best, found = gain, start
     return best, found

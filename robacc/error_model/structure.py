@@ -25,7 +25,7 @@ from robacc.error_model.covariance import (
     MOST_COMPONENTS,
     CovarianceParameters,
     estimated,
-    likelihood_and_gradient,
+    likelihood_derivatives,
     log_evidence,
     on_subset,
     whitened,
@@ -45,8 +45,6 @@ _RESOLVED = 0.5
 """Largest relative standard error for which a joint's scatter is reported: two standard errors from zero."""
 _PRIOR = 2.0
 """Prior standard deviation of the logarithm of a joint's scatter: without information it is not resolved."""
-_STEP = 0.05
-"""Change of a log standard deviation for the second derivative of the likelihood."""
 _LEAST_RATIO = 2.0
 """Ratio of the noise along two axes from which a fit allows for it: a smaller one costs the coefficients less than a
 fifth of their accuracy."""
@@ -256,20 +254,14 @@ def _repeatability(
 
 
 def _relative_errors(noise: CovarianceParameters, linear: Linearised) -> Array:
-    """Return ``(J,)`` relative standard errors of the scatter's standard deviations, by the likelihood's curvature."""
+    """Return ``(J,)`` relative standard errors of the scatter's standard deviations."""
     part, noise = on_subset(noise, linear)
-    of_all = math.sqrt(len(linear.y) / len(part.y))
-    kept = CovarianceParameters(noise.log_std, noise.factor, {"scatter": noise.terms["scatter"], **noise.terms})
-    count = len(kept.log_std) + len(kept.terms["scatter"])
-    hessian = np.zeros((count, count))
-    for k in range(count):
-        ends = [kept.packed + sign * _STEP * (np.arange(kept.packed.size) == k) for sign in (-1.0, 1.0)]
-        low, high = (likelihood_and_gradient(kept.unpacked(end), part)[1][:count] for end in ends)
-        hessian[k] = (low - high) / (2.0 * _STEP)
-    # A standard deviation at its bound has no curvature: its information is that of the prior alone.
-    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    variance = np.sum(np.square(vectors) / (np.maximum(values, 0.0) + _PRIOR**-2), axis=1)
-    errors: Array = np.sqrt(variance[len(kept.log_std) :]) / of_all
+    noise = CovarianceParameters(noise.log_std, noise.factor, {"scatter": noise.terms["scatter"], **noise.terms})
+    information = likelihood_derivatives(noise, part)[2]
+    # A standard deviation at its bound has no information but that of the prior.
+    variance = np.diag(np.linalg.inv(information + _PRIOR**-2 * np.eye(len(information))))
+    first = len(noise.log_std)
+    errors: Array = np.sqrt(variance[first : first + len(noise.terms["scatter"])] * len(part.y) / len(linear.y))
     return errors
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -188,6 +188,10 @@ Kernels = list[Array | None]
 """Kernel ``(N, N)`` of each carrier; None where the term does not act."""
 
 
+Derivative = tuple[int, Iterable[int], Array]
+"""Number of a parameter, carriers, and the derivative ``(N, N)`` of the kernel of each of these carriers by it."""
+
+
 class CovarianceTerm(abc.ABC):
     """One term of the covariance."""
 
@@ -217,8 +221,8 @@ class CovarianceTerm(abc.ABC):
         """Return the kernel of each carrier."""
 
     @abc.abstractmethod
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return half the sums of the weights ``(N, N)`` of each carrier times the kernel's derivatives."""
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives of the kernels by the parameters, where they are not zero."""
 
     @abc.abstractmethod
     def size(self, parameters: Array, linear: Linearised) -> float:
@@ -259,11 +263,10 @@ class JointScatter(CovarianceTerm):
     def _same(self, rows: Rows) -> Array:
         return rows.same_visit
 
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return the derivatives by the log standard deviations."""
-        same = self._same(rows)
-        sums = [float(np.sum(weight * same)) for weight in weights]
-        return np.asarray(np.exp(2.0 * parameters) * np.array(sums))
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives by the log standard deviations."""
+        for joint, variance in enumerate(np.exp(2.0 * parameters)):
+            yield joint, [joint], 2.0 * variance * self._same(rows)
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the root of the sum over joints."""
@@ -321,19 +324,13 @@ class JointProfile(CovarianceTerm):
             for j in range(len(rows.angles))
         ]
 
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return the derivatives by the log standard deviations and by log n0."""
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives by the log standard deviations and by log n0."""
         share, slope = _shares(parameters[-1])
-        result = np.zeros(len(parameters))
-        for j, weight in enumerate(weights):
-            if j in rows.waves:
-                variance = math.exp(2.0 * parameters[j])
-                # The sum over rows of weight times kernel, order by order: it serves both derivatives.
-                by_wave = np.sum(rows.waves[j] * (rows.waves[j] @ weight), axis=1)
-                by_order = by_wave[: len(share)] + by_wave[len(share) :]
-                result[j] = variance * float(share @ by_order)
-                result[-1] += 0.5 * variance * float((share * slope) @ by_order)
-        return result
+        for j, waves in rows.waves.items():
+            variance = math.exp(2.0 * parameters[j])
+            yield j, [j], 2.0 * variance * _by_order(waves, share)
+            yield len(parameters) - 1, [j], variance * _by_order(waves, share * slope)
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the root of the sum over joints that move."""
@@ -372,18 +369,19 @@ class SmoothProcess(CovarianceTerm):
         kernel: Array = math.exp(2.0 * parameters[0]) * np.exp(-0.5 * np.asarray(distance))
         return kernel
 
+    def _carriers(self, rows: Rows) -> range:
+        return range(len(rows.angles))
+
     def kernels(self, parameters: Array, rows: Rows) -> Kernels:
         """Return the same kernel for every joint."""
         return [self._kernel(parameters, rows)] * len(rows.angles)
 
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return the derivatives by the log standard deviation and the log lengths."""
-        weighted = sum(weights) * self._kernel(parameters, rows)
-        result = np.zeros(len(parameters))
-        result[0] = np.sum(weighted)
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives by the log standard deviation and the log lengths."""
+        kernel, carriers = self._kernel(parameters, rows), self._carriers(rows)
+        yield 0, carriers, 2.0 * kernel
         for j, chord in rows.chords.items():
-            result[1 + j] = 0.5 * np.sum(weighted * chord) * math.exp(-2.0 * parameters[1 + j])
-        return result
+            yield 1 + j, carriers, math.exp(-2.0 * parameters[1 + j]) * kernel * chord
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the root of the sum over joints."""
@@ -405,13 +403,12 @@ class Field(SmoothProcess):
         """Return half the noise, with lengths of 3 rad."""
         return [np.append(math.log(0.5 * noise[0]), np.full(len(linear.reach), math.log(3.0)))]
 
+    def _carriers(self, rows: Rows) -> range:
+        return range(3)
+
     def kernels(self, parameters: Array, rows: Rows) -> Kernels:
         """Return the same kernel for x, y and z."""
         return [self._kernel(parameters, rows)] * 3 + [None] * (rows.stated.shape[1] - 3)
-
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return the derivatives of the position's kernels."""
-        return super().gradient(parameters, rows, weights[:3])
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the length of three components."""
@@ -444,16 +441,14 @@ class Wander(CovarianceTerm):
         kernel = np.exp(-rows.lags * math.exp(-parameters[-1]))
         return [math.exp(2.0 * parameters[a // 3]) * kernel for a in range(rows.stated.shape[1])]
 
-    def gradient(self, parameters: Array, rows: Rows, weights: list[Array]) -> Array:
-        """Return the derivatives by the log standard deviations and the log time."""
-        rate = math.exp(-parameters[-1])
-        kernel = np.exp(-rows.lags * rate)
-        result = np.zeros(len(parameters))
-        for a, weight in enumerate(weights):
-            weighted = math.exp(2.0 * parameters[a // 3]) * weight * kernel
-            result[a // 3] += np.sum(weighted)
-            result[-1] += 0.5 * rate * np.sum(weighted * rows.lags)
-        return result
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives by the log standard deviations and the log time."""
+        scaled = rows.lags * math.exp(-parameters[-1])
+        kernel = np.exp(-scaled)
+        for kind, variance in enumerate(np.exp(2.0 * parameters[:-1])):
+            axes = range(3 * kind, 3 * kind + 3)
+            yield kind, axes, 2.0 * variance * kernel
+            yield len(parameters) - 1, axes, variance * kernel * scaled
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the length of three components."""

@@ -15,7 +15,7 @@ from robacc.error_model.covariance import (
     GROSS_FACTORS,
     CovarianceParameters,
     estimated,
-    likelihood_and_gradient,
+    likelihood_derivatives,
     too_many_gross_errors,
     unaccounted,
     whitened,
@@ -93,7 +93,7 @@ def test_the_likelihood_is_the_dense_gaussian_density(names: tuple[str, ...], or
     density = multivariate_normal(cov=dense(noise, linear), allow_singular=False).logpdf(linear.y.ravel())
     density += 0.5 * linear.y.size * np.log(2 * np.pi)
     assert whitened(noise, linear).log_likelihood == pytest.approx(density, rel=1e-8)
-    assert likelihood_and_gradient(noise, linear)[0] == pytest.approx(density, rel=1e-8)
+    assert likelihood_derivatives(noise, linear)[0] == pytest.approx(density, rel=1e-8)
 
 
 @pytest.mark.parametrize("names", CASES, ids=lambda names: "+".join(names) or "independent")
@@ -109,7 +109,7 @@ def test_the_gradient_is_that_of_differences(names: tuple[str, ...]) -> None:
         ends = [whitened(noise.unpacked(end), linear).log_likelihood for end in (up, down)]
         differences.append((ends[0] - ends[1]) / (2 * step))
     # Central differences of a value of some 1e3 with 1e-13 relative rounding.
-    np.testing.assert_allclose(likelihood_and_gradient(noise, linear)[1], differences, rtol=1e-5, atol=2e-5)
+    np.testing.assert_allclose(likelihood_derivatives(noise, linear)[1], differences, rtol=1e-5, atol=2e-5)
 
 
 @pytest.mark.parametrize("names", [(), ("wander",), ("scatter", "wander")])
@@ -133,7 +133,7 @@ def test_estimates_are_near_the_truth_that_the_errors_were_drawn_with() -> None:
     start = noise_with(linear).with_term("scatter", TERMS["scatter"].starts(linear, np.array([NOISE]))[0])
     found = estimated(dataclasses.replace(start, factor=np.ones(150)), drawn)
     assert found.std[0] == pytest.approx(NOISE, rel=0.15)
-    assert likelihood_and_gradient(found, drawn)[0] >= likelihood_and_gradient(truth, drawn)[0]
+    assert likelihood_derivatives(found, drawn)[0] >= likelihood_derivatives(truth, drawn)[0]
 
 
 def test_gross_errors_are_told_from_noise() -> None:

@@ -7,13 +7,14 @@ from bisect import bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal
+from typing import Literal, TypeVar
 
 import numpy as np
 
 from robacc.errors import InputError, Problem
 from robacc.geometry import (
     Array,
+    Poses,
     compose,
     exp_so3,
     log_so3,
@@ -88,11 +89,6 @@ class ProgramSource:
     def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
         """Return the error of a program that cannot be read."""
         return InputError(Problem(message, self.file, None if position is None else self.line(position), fix=fix))
-
-
-def mask(text: str, hidden: re.Pattern[str]) -> str:
-    """Return the text with spaces in place of every match of ``hidden`` (comments and strings), line ends kept."""
-    return hidden.sub(lambda match: re.sub(r"[^\r\n]", " ", match[0]), text)
 
 
 def _decode(data: bytes, file: str) -> tuple[str, str]:
@@ -260,6 +256,7 @@ def _wrapped(angle: Array) -> Array:
     return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
 
 
+_T = TypeVar("_T")
 TargetKind = Literal["joint", "cartesian"]
 MotionType = Literal["joint", "linear", "circular", "other"]
 
@@ -379,6 +376,23 @@ _LARGEST = 1e6
 """Largest number of a target in the program's unit that is taken for one; above it, numbers stand for no value."""
 
 
+@dataclass(frozen=True, slots=True)
+class Written:
+    """Target or frame whose numbers are written in the text."""
+
+    convention: Convention
+    numbers: tuple[ProgramNumber, ...]
+    configuration: str = ""
+    external: str = ""
+
+    @property
+    def frame(self) -> Frame:
+        """Frame of Cartesian numbers."""
+        native = np.array([number.value * number.unit for number in self.numbers])
+        values = to_values(self.convention, native[:, None])[:, 0]
+        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
+
+
 @dataclass(slots=True)
 class Draft:
     """Findings of a reader, to be assembled into a program."""
@@ -390,96 +404,88 @@ class Draft:
     notes: list[ProgramNote] = field(default_factory=list)
     tools: dict[str, Frame] = field(default_factory=dict)
     bases: dict[str, Frame] = field(default_factory=dict)
+    dropped: dict[int, str] = field(default_factory=dict)
+    """Reasons of targets that are left alone, by index."""
 
-    def note(self, start: int, end: int, reason: str) -> None:
+    def note(self, place: tuple[int, int], reason: str) -> None:
         """Add a part of the text that is left as it is."""
-        self.notes.append(ProgramNote(self.source.line(start), self.source.excerpt(start, end), reason))
+        self.notes.append(ProgramNote(self.source.line(place[0]), self.source.excerpt(*place), reason))
 
     def add(
-        self,
-        name: str,
-        convention: Convention,
-        numbers: Sequence[ProgramNumber],
-        *,
-        configuration: str = "",
-        external: str = "",
-        tool: ProgramFrame | None = None,
-        base: ProgramFrame | None = None,
+        self, name: str, written: Written, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
     ) -> int | None:
         """Add a target, its values still missing; return its index, or None for numbers that are no target."""
-        start = numbers[0].start
-        line = self.source.line(start)
+        numbers = written.numbers
+        line = self.source.line(numbers[0].start)
         if any(not abs(number.value) < _LARGEST for number in numbers):
-            self.note(start, numbers[-1].end, "a number of this target is a placeholder")
+            self.note((numbers[0].start, numbers[-1].end), "a number of this target is a placeholder")
             return None
-        kind: TargetKind = "joint" if convention is Convention.joints else "cartesian"
-        name = self.source.name(name) or f"line {line}"
+        kind: TargetKind = "joint" if written.convention is Convention.joints else "cartesian"
         target = ProgramTarget(
-            name, line, kind, (), convention, tuple(numbers), configuration, tool, base, None, external
+            self.source.name(name) or f"line {line}",
+            line,
+            kind,
+            (),
+            written.convention,
+            numbers,
+            written.configuration,
+            tool,
+            base,
+            external=written.external,
         )
         self.targets.append(target)
         return len(self.targets) - 1
 
     def move(
         self,
-        position: int,
-        target: int | None,
+        place: tuple[int, int],
+        found: Iterable[int | None] | str,
         motion: MotionType,
         tool: ProgramFrame | None = None,
         base: ProgramFrame | None = None,
     ) -> None:
-        """Add a motion to a target of this draft."""
-        if target is not None:
-            self.moves.append(ProgramMove(self.source.line(position), target, motion, tool, base))
+        """Add the motions of the instruction at a place to targets that were found, or a note why there is none."""
+        if isinstance(found, str):
+            self.note(place, found)
+            return
+        line = self.source.line(place[0])
+        self.moves += [ProgramMove(line, index, motion, tool, base) for index in found if index is not None]
 
-    def program(self, dropped: Mapping[int, str] | None = None) -> Program:
-        """Return the program; ``dropped`` targets become notes with their reasons."""
-        dropped = dropped or {}
-        for index, reason in dropped.items():
-            numbers = self.targets[index].numbers
-            note = ProgramNote(
-                self.source.line(numbers[0].start),
-                f"{self.targets[index].name}: {self.source.excerpt(numbers[0].start, numbers[-1].end)}",
-                reason,
-            )
-            self.notes.append(note)
-        kept = sorted(
-            (i for i in range(len(self.targets)) if i not in dropped), key=lambda i: self.targets[i].numbers[0].start
-        )
+    def program(self) -> Program:
+        """Return the program, its targets with their values and what all motions to each have in common."""
+        for index, reason in self.dropped.items():
+            target = self.targets[index]
+            text = self.source.excerpt(target.numbers[0].start, target.numbers[-1].end)
+            self.notes.append(ProgramNote(target.line, f"{target.name}: {text}", reason))
+        kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].numbers[0].start)
         places = {index: place for place, index in enumerate(kept)}
         moves = tuple(replace(move, target=places[move.target]) for move in self.moves if move.target in places)
-        targets = _with_values([self.targets[i] for i in kept])
-        return Program(
-            self.source.file,
-            self.dialect,
-            self.source,
-            tuple(_with_motions(targets, moves)),
-            moves,
-            tuple(sorted(self.notes, key=lambda note: note.line)),
-            self.tools,
-            self.bases,
-        )
+        by_target: dict[int, list[ProgramMove]] = {}
+        for move in moves:
+            by_target.setdefault(move.target, []).append(move)
+        targets = [self.targets[i] for i in kept]
+        for convention, rows in by_convention(dict(enumerate(targets))):
+            values = to_values(convention, native_of([targets[i] for i in rows]))
+            for i, column in zip(rows, values.T.tolist(), strict=True):
+                target, used = targets[i], by_target.get(i, ())
+                targets[i] = replace(
+                    target,
+                    values=tuple(column),
+                    motion=_common([move.motion for move in used]),
+                    tool=target.tool or _common([move.tool for move in used]),
+                    base=target.base or _common([move.base for move in used]),
+                )
+        notes = tuple(sorted(self.notes, key=lambda note: note.line))
+        source = self.source
+        return Program(source.file, self.dialect, source, tuple(targets), moves, notes, self.tools, self.bases)
 
 
-def frame_of(convention: Convention, native: Sequence[float]) -> Frame:
-    """Return a frame from numbers of ``convention`` in m and rad."""
-    values = to_values(convention, np.array(native, dtype=float)[:, None])
-    roll, pitch, yaw = (float(angle) + 0.0 for angle in rpy_from_rotation(rotation_from_quaternion(values[3:]))[:, 0])
-    x, y, z = (float(value) for value in values[:3, 0])
-    return Frame((x, y, z), (roll, pitch, yaw))
-
-
-def _with_values(targets: Sequence[ProgramTarget]) -> list[ProgramTarget]:
-    """Return the targets with their values, converted for all targets of a convention at once."""
-    result = list(targets)
+def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention, list[int]]]:
+    """Return the keys of targets that are converted at once: of one convention and number of components."""
     groups: dict[tuple[Convention, int], list[int]] = {}
-    for i, target in enumerate(targets):
+    for i, target in targets.items():
         groups.setdefault((target.convention, len(target.numbers)), []).append(i)
-    for (convention, _), rows in groups.items():
-        values = to_values(convention, native_of([targets[i] for i in rows]))
-        for i, column in zip(rows, values.T.tolist(), strict=True):
-            result[i] = replace(targets[i], values=tuple(column))
-    return result
+    return ((convention, rows) for (convention, _), rows in groups.items())
 
 
 def native_of(targets: Sequence[ProgramTarget]) -> Array:
@@ -488,24 +494,6 @@ def native_of(targets: Sequence[ProgramTarget]) -> Array:
     return np.array(rows, dtype=float).T
 
 
-def _with_motions(targets: Sequence[ProgramTarget], moves: Iterable[ProgramMove]) -> list[ProgramTarget]:
-    """Return the targets with what all motions to each have in common."""
-    by_target: dict[int, list[ProgramMove]] = {}
-    for move in moves:
-        by_target.setdefault(move.target, []).append(move)
-    result = []
-    for i, target in enumerate(targets):
-        used = by_target.get(i, [])
-        if used:
-            target = replace(
-                target,
-                motion=used[0].motion if len({move.motion for move in used}) == 1 else None,
-                tool=target.tool or _common([move.tool for move in used]),
-                base=target.base or _common([move.base for move in used]),
-            )
-        result.append(target)
-    return result
-
-
-def _common(frames: Sequence[ProgramFrame | None]) -> ProgramFrame | None:
-    return frames[0] if all(frame == frames[0] for frame in frames) else None
+def _common(values: Sequence[_T]) -> _T | None:
+    """Return what all values are, or None."""
+    return values[0] if values and all(value == values[0] for value in values) else None

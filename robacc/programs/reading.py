@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path, PurePath
 
 from robacc.errors import InputError, Problem
@@ -87,39 +88,18 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         message, fix = _BINARY[suffix]
         raise InputError(Problem(message, name, fix=fix))
     source = _source(name)
-    names = [os.fspath(other) for other in frames]
-    tables = [parse_frames(read_text(other), other) for other in names if _is_yaml(other)]
-    program = _parse(source, name, [_source(other) for other in names if not _is_yaml(other)])
+    others = [_source(other) for other in (*companions(name), *_application(name))]
+    tables = []
+    for other in (os.fspath(frame) for frame in frames):
+        if PurePath(other).suffix.lower() in (".yaml", ".yml"):
+            tables.append(parse_frames(read_text(other), other))
+        else:
+            others.append(_source(other))
+    dialect = dialect_of(source)
+    program: Program = import_module(f"robacc.programs.{dialect.value}").parse(source, others)
     for table in tables:
         program = with_frames(program, table)
     return program
-
-
-def _is_yaml(name: str) -> bool:
-    return PurePath(name).suffix.lower() in (".yaml", ".yml")
-
-
-def _parse(source: ProgramSource, name: str, others: Sequence[ProgramSource]) -> Program:
-    dialect = dialect_of(source)
-    if dialect is Dialect.krl:
-        from robacc.programs.krl import parse_krl
-
-        return parse_krl(source, [*map(_source, companions(name)), *others])
-    if dialect is Dialect.rapid:
-        from robacc.programs.rapid import parse_rapid
-
-        return parse_rapid(source, others)
-    if dialect is Dialect.fanuc:
-        from robacc.programs.fanuc import parse_fanuc
-
-        return parse_fanuc(source)
-    if dialect is Dialect.val3:
-        from robacc.programs.val3 import parse_val3
-
-        return parse_val3(source, [*_application(name), *others])
-    from robacc.programs.urscript import parse_urscript
-
-    return parse_urscript(source)
 
 
 def dialect_of(source: ProgramSource) -> Dialect:
@@ -146,17 +126,11 @@ def companions(name: str) -> list[str]:
     """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
     path = Path(name)
     wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
-    for suffix in (wanted, wanted.upper(), wanted.capitalize()):
-        other = path.with_suffix(suffix)
-        if wanted and other.is_file():
-            return [os.fspath(other)]
-    return []
+    names = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
+    return [os.fspath(other) for other in names if other.is_file()][:1]
 
 
-def _application(name: str) -> list[ProgramSource]:
-    """Return the programs and projects in the folder of a VAL3 data file, by name."""
-    folder = Path(name).parent
-    if not Path(name).is_file():
-        return []
-    paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in (".pgx", ".pjx") and path.is_file())
-    return [_source(os.fspath(path)) for path in paths]
+def _application(name: str) -> list[str]:
+    """Return the paths of the programs and projects in the folder of a VAL3 data file, by name."""
+    paths = sorted(Path(name).parent.iterdir()) if name.lower().endswith(".dtx") else []
+    return [os.fspath(path) for path in paths if path.suffix.lower() in (".pgx", ".pjx") and path.is_file()]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from robacc.programs.program import (
     ProgramNumber,
     ProgramSource,
     ProgramTarget,
+    by_convention,
     native_of,
     rotation_distance,
     to_native,
@@ -38,7 +40,7 @@ def edit(
         bare_point: Omit the zero before the decimal point.
     """
     old = source.text[number.start : number.end]
-    decimals = max(decimals, _decimals_of_text(old))
+    decimals = max(decimals, 0 if "e" in old.lower() else len(old.partition(".")[2]))
     new = f"{value:.{decimals}f}"
     if float(new) == number.value or new == f"{number.value:.{decimals}f}":
         return None
@@ -57,12 +59,6 @@ def edit(
         start = spaces + 1
         new = new.rjust(number.end - start)
     return start, number.end, new
-
-
-def _decimals_of_text(text: str) -> int:
-    if "e" in text.lower():
-        return 0
-    return len(text.partition(".")[2])
 
 
 _LENGTH_DIGITS = 1e-7
@@ -91,23 +87,21 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
     """
     edits: list[tuple[int, int, str]] = []
     bare_point = _omits_zero(program)
-    groups: dict[tuple[Convention, int], list[int]] = {}
+    changed = {}
     for i, (target, new) in enumerate(zip(program.targets, values, strict=True)):
-        if new is None:
-            continue
-        if len(new) != len(target.values):
+        if new is not None and len(new) != len(target.values):
             raise ValueError(f"target {target.name} has {len(target.values)} values, not {len(new)}")
-        groups.setdefault((target.convention, len(target.numbers)), []).append(i)
-    for (convention, _), rows in groups.items():
-        targets = [program.targets[i] for i in rows]
+        if new is not None:
+            changed[i] = target
+    for convention, rows in by_convention(changed):
+        targets = [changed[i] for i in rows]
         wanted = np.array([values[i] for i in rows], dtype=float).T
         old = np.array([target.values for target in targets], dtype=float).T
         native = to_native(convention, wanted, native_of(targets))
         turned, moved = _changes(convention, old, wanted)
         for k, target in enumerate(targets):
             for c, number in enumerate(target.numbers):
-                changed = moved[k] if convention is Convention.joints or c < 3 else turned[k]
-                if not changed:
+                if not (moved[k] if convention is Convention.joints or c < 3 else turned[k]):
                     continue
                 value = float(native[c, k]) / number.unit
                 part = edit(program.source, number, value, _least_decimals(program.dialect, number, c), bare_point)
@@ -145,15 +139,107 @@ def _omits_zero(program: Program) -> bool:
 # New programs with given targets: one motion to each, slow, with a stop for the measurement.
 
 _MOST_JOINTS = 6
+_WRITTEN = "written by robacc: check the speed, the {} and every motion before you run it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _NewProgram:
+    """Text of a new program; formats of a target take its number ``k``, its numbers and its comment."""
+
+    suffix: str
+    convention: Convention
+    line_end: str = "\r\n"
+    units: tuple[float, float] = (1e3, 180 / np.pi)
+    """Of a length in m and an angle in rad."""
+    program: str
+    """Whole text, with the lines of ``data`` and of ``moves``."""
+    line: str = "{line}"
+    """Line of ``moves``."""
+    wait: str
+    joint: tuple[str, str]
+    """Line or lines of data, and of motions, of a joint target."""
+    cartesian: tuple[str, str]
+    keys: str = ""
+    """Names of the numbers of a Cartesian target."""
+    entries: tuple[str, str, str] = ("{value}",) * 3
+    """Format of a joint, of a length, and of another number of a Cartesian target."""
+    decimals: tuple[int, int, int]
+    comma: str = ","
+    halves: tuple[str, str] = (",", ",")
+    """Text between the first three numbers and the others of a joint target, and of a Cartesian one."""
+    configuration: str = "{}"
+    no_configuration: str = ""
+
+
 _UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
-_CONVENTIONS = {
-    Dialect.krl: Convention.zyx,
-    Dialect.rapid: Convention.quaternion,
-    Dialect.fanuc: Convention.fixed_xyz,
-    Dialect.urscript: Convention.rotation_vector,
+_LAYOUTS = {
+    Dialect.krl: _NewProgram(
+        suffix=".src",
+        convention=Convention.zyx,
+        program=f"&ACCESS RVP\nDEF {{name}}( )\n; {_WRITTEN.format('tool')}\nBAS (#INITMOV,0)\n"
+        + "".join(f"$VEL_AXIS[{i + 1}]={{percent}}\n" for i in range(6))
+        + "$VEL.CP={speed:.3f}\n{moves}\nEND\n",
+        wait="WAIT SEC {pause:g}",
+        joint=("", "; {comment}\nPTP {{{numbers}}}"),
+        cartesian=("", "; {comment}\nLIN {{{numbers}{configuration}}}"),
+        keys="XYZABC",
+        entries=("A{key} {value}", "{key} {value}", "{key} {value}"),
+        decimals=(5, 4, 5),
+        configuration=",{}",
+    ),
+    Dialect.rapid: _NewProgram(
+        suffix=".mod",
+        convention=Convention.quaternion,
+        program=f"MODULE {{name}}\n  ! {_WRITTEN.format('tool')}\n"
+        "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
+        wait="    WaitTime \\InPos,{pause:g};",
+        joint=(
+            f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
+            "    MoveAbsJ jt{k}\\NoEOffs,v{preset},fine,tool0;",
+        ),
+        cartesian=(
+            f"  CONST robtarget rt{{k}}:=[[{{numbers}}],{{configuration}},{_UNUSED}]; ! {{comment}}",
+            "    MoveL rt{k},v{preset},fine,tool0;",
+        ),
+        decimals=(5, 4, 8),
+        halves=(",", "],["),
+        no_configuration="[0,0,0,0]",
+    ),
+    Dialect.fanuc: _NewProgram(
+        suffix=".ls",
+        convention=Convention.fixed_xyz,
+        program='/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
+        "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
+        line="{i:4d}:{line} ;",
+        wait="  WAIT {pause:6.2f}(sec)",
+        joint=("P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};", "J P[{k}] {percent}% FINE"),
+        cartesian=(
+            "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\tCONFIG : '{configuration}',\n\t{numbers}\n}};",
+            "L P[{k}] {mm_per_s:.0f}mm/sec FINE",
+        ),
+        keys="XYZWPR",
+        entries=("J{key}= {value:>9} deg", "{key} = {value:>9}  mm", "{key} = {value:>9} deg"),
+        decimals=(3, 3, 3),
+        comma=",\t",
+        halves=(",\n\t", ",\n\t"),
+        no_configuration="N U T, 0, 0, 0",
+    ),
+    Dialect.urscript: _NewProgram(
+        suffix=".script",
+        convention=Convention.rotation_vector,
+        line_end="\n",
+        units=(1.0, 1.0),
+        program=f"def {{name}}():\n  # {_WRITTEN.format('TCP')}\n{{moves}}\nend\n",
+        wait="  sleep({pause:g})",
+        joint=("", "  # {comment}\n  movej([{numbers}], a=0.5, v={rad_per_s:.3f})"),
+        cartesian=("", "  # {comment}\n  movel(p[{numbers}], a=0.5, v={speed:.3f})"),
+        decimals=(7, 7, 7),
+    ),
 }
-SUFFIX = {Dialect.krl: ".src", Dialect.rapid: ".mod", Dialect.fanuc: ".ls", Dialect.urscript: ".script"}
+SUFFIX = {dialect: layout.suffix for dialect, layout in _LAYOUTS.items()}
 """Suffix of a new program."""
+_PRESETS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000)
+"""Predefined speeds of RAPID, mm/s."""
 
 
 def joint_target(name: str, q: Sequence[float]) -> ProgramTarget:
@@ -198,136 +284,73 @@ def write_program(
         raise UsageError(f"a speed of {speed:g} is not a fraction of the largest; give a number above 0 and at most 1")
     if not pause >= 0:
         raise UsageError(f"a pause of {pause:g} s cannot be waited for; give a number of seconds that is not negative")
-    for target in targets:
-        if target.kind == "joint" and (len(target.values) > _MOST_JOINTS or not target.values):
-            raise UsageError(
-                f"target {target.name} has {len(target.values)} joints; "
-                f"a {dialect.value} program's targets have 1 to {_MOST_JOINTS}"
-            )
-        if target.kind == "joint" and dialect is Dialect.urscript and len(target.values) != _MOST_JOINTS:
-            raise UsageError(f"target {target.name} has {len(target.values)} joints; a URScript target has 6")
+    layout = _LAYOUTS[dialect]
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"
     identifier = identifier if identifier[0].isalpha() else f"p{identifier}"
-    writer = {Dialect.krl: _krl, Dialect.rapid: _rapid, Dialect.fanuc: _fanuc, Dialect.urscript: _urscript}[dialect]
-    numbers = [_numbers(dialect, target, frozenset(linear)) for target in targets]
-    return writer(targets, numbers, identifier, speed, pause)
+    words = {
+        "name": identifier,
+        "NAME": identifier.upper()[:36],
+        "speed": speed,
+        "pause": pause,
+        "percent": max(1, round(100 * speed)),
+        "mm_per_s": 1000 * speed,
+        "rad_per_s": 3.14 * speed,
+        # The fastest of RAPID's speeds that is at most that fraction of 1 m/s.
+        "preset": max([v for v in _PRESETS if v <= 1000 * speed], default=_PRESETS[0]),
+    }
+    data: list[str] = []
+    moves: list[str] = []
+    for k, target in enumerate(targets, start=1):
+        text = {
+            "k": k,
+            "numbers": _numbers(dialect, target, frozenset(linear)),
+            "comment": re.sub(r"[^\x20-\x7e]", "?", target.name)[:60],
+            "configuration": layout.configuration.format(target.configuration)
+            if target.configuration
+            else layout.no_configuration,
+        }
+        lines = layout.joint if target.kind == "joint" else layout.cartesian
+        data.append(lines[0].format(**words, **text))
+        moves += lines[1].format(**words, **text).split("\n")
+        if pause:
+            moves.append(layout.wait.format(**words))
+    numbered = [layout.line.format(i=i, line=line) for i, line in enumerate(moves, start=1)]
+    whole = layout.program.format(**words, data="\n".join(data), moves="\n".join(numbered))
+    return whole.replace("\n", layout.line_end)
 
 
-def _numbers(dialect: Dialect, target: ProgramTarget, linear: frozenset[int]) -> list[float]:
-    """Return the numbers of a target in the dialect's units."""
-    length, angle = (1.0, 1.0) if dialect is Dialect.urscript else (1e3, 180 / np.pi)
+def _numbers(dialect: Dialect, target: ProgramTarget, linear: frozenset[int]) -> str:
+    """Return the numbers of a target in the dialect's units, as it writes them.
+
+    Raises:
+        UsageError: The target has more joints, or fewer, than the dialect's targets.
+    """
+    layout, values, n = _LAYOUTS[dialect], list(target.values), len(target.values)
+    length, angle = layout.units
     if target.kind == "joint":
-        return [value * (length if i in linear else angle) for i, value in enumerate(target.values)]
-    convention = _CONVENTIONS[dialect]
-    near = np.zeros((convention.components, 1))
-    native = to_native(convention, np.array(target.values)[:, None], near)[:, 0]
-    scale = [length] * 3 + [1.0 if convention is Convention.quaternion else angle] * (len(native) - 3)
-    return [float(value * factor) for value, factor in zip(native, scale, strict=True)]
-
-
-def _fixed(value: float, decimals: int) -> str:
-    text = f"{value:.{decimals}f}"
-    return text.removeprefix("-") if float(text) == 0 else text
-
-
-def _krl(
-    targets: Sequence[ProgramTarget], numbers: Sequence[Sequence[float]], name: str, speed: float, pause: float
-) -> str:
-    lines = [
-        "&ACCESS RVP",
-        f"DEF {name}( )",
-        "; written by robacc: check the speed, the tool and every motion before you run it",
-        "BAS (#INITMOV,0)",
-        *(f"$VEL_AXIS[{i + 1}]={max(1, round(100 * speed))}" for i in range(6)),
-        f"$VEL.CP={speed:.3f}",
-    ]
-    for target, values in zip(targets, numbers, strict=True):
-        keys = [f"A{i + 1}" for i in range(len(values))] if target.kind == "joint" else list("XYZABC")
-        decimals = [5] * len(values) if target.kind == "joint" else [4, 4, 4, 5, 5, 5]
-        entries = [f"{k} {_fixed(v, d)}" for k, v, d in zip(keys, values, decimals, strict=True)]
-        if target.kind == "cartesian" and target.configuration:
-            entries.append(target.configuration)
-        lines.append(f"; {_comment(target.name)}")
-        lines.append(f"{'PTP' if target.kind == 'joint' else 'LIN'} {{{','.join(entries)}}}")
-        if pause:
-            lines.append(f"WAIT SEC {pause:g}")
-    return "\r\n".join([*lines, "END", ""])
-
-
-def _rapid(
-    targets: Sequence[ProgramTarget], numbers: Sequence[Sequence[float]], name: str, speed: float, pause: float
-) -> str:
-    lines = [f"MODULE {name}", "  ! written by robacc: check the speed, the tool and every motion before you run it"]
-    moves = []
-    for k, (target, values) in enumerate(zip(targets, numbers, strict=True), start=1):
-        if target.kind == "joint":
-            axes = ",".join(_fixed(v, 5) for v in [*values, *[0.0] * (6 - len(values))])
-            lines.append(f"  CONST jointtarget jt{k}:=[[{axes}],{_UNUSED}]; ! {_comment(target.name)}")
-            moves.append(f"    MoveAbsJ jt{k}\\NoEOffs,v{_rapid_speed(speed)},fine,tool0;")
-        else:
-            place = ",".join(_fixed(v, 4) for v in values[:3])
-            turn = ",".join(_fixed(v, 8) for v in values[3:])
-            configuration = target.configuration or "[0,0,0,0]"
-            data = f"[[{place}],[{turn}],{configuration},{_UNUSED}]"
-            lines.append(f"  CONST robtarget rt{k}:={data}; ! {_comment(target.name)}")
-            moves.append(f"    MoveL rt{k},v{_rapid_speed(speed)},fine,tool0;")
-        if pause:
-            moves.append(f"    WaitTime \\InPos,{pause:g};")
-    return "\r\n".join([*lines, "", "  PROC main()", *moves, "  ENDPROC", "ENDMODULE", ""])
-
-
-def _rapid_speed(speed: float) -> int:
-    """Return the predefined speed of at most that fraction of 1 m/s."""
-    fixed = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000)
-    return max([v for v in fixed if v <= 1000 * speed], default=5)
-
-
-def _fanuc(
-    targets: Sequence[ProgramTarget], numbers: Sequence[Sequence[float]], name: str, speed: float, pause: float
-) -> str:
-    program = name.upper()[:36]
-    lines = [f"/PROG  {program}", "/ATTR", "OWNER\t\t= MNEDITOR;", 'COMMENT\t\t= "robacc";', "PROTECT\t\t= READ_WRITE;"]
-    lines += ["DEFAULT_GROUP\t= 1,*,*,*,*;", "/MN"]
-    moves, positions = [], []
-    for k, (target, values) in enumerate(zip(targets, numbers, strict=True), start=1):
-        is_joint = target.kind == "joint"
-        moves.append(
-            f"J P[{k}] {max(1, round(100 * speed))}% FINE" if is_joint else f"L P[{k}] {1000 * speed:.0f}mm/sec FINE"
-        )
-        if pause:
-            moves.append(f"  WAIT {pause:6.2f}(sec)")
-        positions += [f"P[{k}]{{", "   GP1:"]
-        keys = [f"J{i + 1}" for i in range(len(values))] if is_joint else list("XYZWPR")
-        units = ["deg"] * len(values) if is_joint else [" mm"] * 3 + ["deg"] * 3
-        configuration = "" if is_joint else f"\t\tCONFIG : '{target.configuration or 'N U T, 0, 0, 0'}',"
-        positions.append(f"\tUF : 0, UT : 1,{configuration}")
-        cells = [_cell(key, value, unit, is_joint) for key, value, unit in zip(keys, values, units, strict=True)]
-        rows = ["\t" + ",\t".join(cells[i : i + 3]) for i in range(0, len(cells), 3)]
-        positions += [*(row + "," for row in rows[:-1]), rows[-1], "};"]
-    program_lines = [f"{i:4d}:{text} ;" for i, text in enumerate(moves, start=1)]
-    return "\r\n".join([*lines, *program_lines, "/POS", *positions, "/END", ""])
-
-
-def _cell(key: str, value: float, unit: str, is_joint: bool) -> str:
-    text = re.sub(r"^(-?)0\.", r"\1.", _fixed(value, 3))
-    return f"{key}{'=' if is_joint else ' ='} {text:>9} {unit}"
-
-
-def _urscript(
-    targets: Sequence[ProgramTarget], numbers: Sequence[Sequence[float]], name: str, speed: float, pause: float
-) -> str:
-    lines = [f"def {name}():", "  # written by robacc: check the speed, the TCP and every motion before you run it"]
-    for target, values in zip(targets, numbers, strict=True):
-        lines.append(f"  # {_comment(target.name)}")
-        text = ",".join(_fixed(value, 7) for value in values)
-        if target.kind == "joint":
-            lines.append(f"  movej([{text}], a=0.5, v={3.14 * speed:.3f})")
-        else:
-            lines.append(f"  movel(p[{text}], a=0.5, v={speed:.3f})")
-        if pause:
-            lines.append(f"  sleep({pause:g})")
-    return "\n".join([*lines, "end", ""])
-
-
-def _comment(text: str) -> str:
-    return re.sub(r"[^\x20-\x7e]", "?", text)[:60]
+        if n > _MOST_JOINTS or not n:
+            raise UsageError(
+                f"target {target.name} has {n} joints; a {dialect.value} program's targets have 1 to {_MOST_JOINTS}"
+            )
+        if dialect is Dialect.urscript and n != _MOST_JOINTS:
+            raise UsageError(f"target {target.name} has {n} joints; a URScript target has 6")
+        if dialect is Dialect.rapid:
+            values += [0.0] * (_MOST_JOINTS - n)
+        parts = [(str(i + 1), 0, value * (length if i in linear else angle)) for i, value in enumerate(values)]
+    else:
+        near = np.zeros((layout.convention.components, 1))
+        native = to_native(layout.convention, np.array(values)[:, None], near)[:, 0].tolist()
+        turn = 1.0 if layout.convention is Convention.quaternion else angle
+        keys = layout.keys or " " * len(native)
+        parts = [
+            (key, 1 if i < 3 else 2, value * (length if i < 3 else turn))
+            for i, (key, value) in enumerate(zip(keys, native, strict=True))
+        ]
+    entries = []
+    for key, kind, value in parts:
+        text = f"{value:.{layout.decimals[kind]}f}"
+        text = text.removeprefix("-") if float(text) == 0 else text
+        text = re.sub(r"^(-?)0\.", r"\1.", text) if dialect is Dialect.fanuc else text
+        entries.append(layout.entries[kind].format(key=key, value=text))
+    halves = (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))
+    return layout.halves[target.kind != "joint"].join(filter(None, halves))

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from robacc.io.yaml_nodes import YamlSection
+
+if TYPE_CHECKING:
+    from robacc.geometry import Poses
 
 Convention = Literal["standard", "modified", "urdf"]
 JointType = Literal["revolute", "prismatic", "fixed"]
@@ -30,6 +33,24 @@ class Frame:
 
     xyz: Vector = ZERO
     rpy: Vector = ZERO
+
+    @classmethod
+    def of(cls, pose: Poses) -> Frame:
+        """Return the frame of a single pose."""
+        from robacc.geometry import rpy_from_rotation
+
+        angles = rpy_from_rotation(pose.rotation)
+        x, y, z, roll, pitch, yaw = (float(value) + 0.0 for value in (*pose.translation, *angles))
+        return cls((x, y, z), (roll, pitch, yaw))
+
+    @property
+    def pose(self) -> Poses:
+        """The frame as a single pose."""
+        import numpy as np
+
+        from robacc.geometry import Poses
+
+        return Poses.from_xyz_rpy(np.array(self.xyz), np.array(self.rpy))
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from robacc.errors import InputError, Problem
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, nearest
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
-from robacc.robots.yaml_units import Units
+from robacc.robots.yaml_units import Units, read_units
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
 
@@ -183,7 +183,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     if top is None:
         source.finish()
         raise AssertionError("finish() raises where section() returned None")
-    units = _read_units(top)
+    units = read_units(top)
     distribution = _read_distribution(top)
     coverage = _read_coverage(top, distribution)
     if units is None:
@@ -265,19 +265,6 @@ class _ToleranceFileReader:
             elif value is not None:
                 result[name] = value / self.divisor
         return result
-
-
-def _read_units(top: YamlSection) -> Units | None:
-    node = top.require("units")
-    section = node and top.source.section(node, "units", ("length", "angle"))
-    if not section:
-        return None
-    units = []
-    for key, options in (("length", ("m", "mm")), ("angle", ("rad", "deg"))):
-        item = section.require(key)
-        units.append(top.source.choice(item, section.at(key), options) if item else None)
-    length, angle = units
-    return Units.of(length, angle) if length and angle else None
 
 
 def _read_distribution(top: YamlSection) -> Distribution:

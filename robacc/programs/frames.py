@@ -12,7 +12,7 @@ from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_fro
 from robacc.io.yaml_nodes import Source, YamlSection, compose, join
 from robacc.programs.program import Program, ProgramFrame, ProgramTarget
 from robacc.robots.description import Frame
-from robacc.robots.yaml_units import Units
+from robacc.robots.yaml_units import Units, read_units
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
 
@@ -39,7 +39,7 @@ def parse_frames(text: str, file: str) -> FrameTable:
     """
     source = Source(file)
     top = source.section(compose(text, file), "", _KEYS)
-    units = None if top is None else _units(top)
+    units = None if top is None else read_units(top)
     if top is None or units is None:
         source.finish()
         raise AssertionError("finish() raises where a section is missing")
@@ -64,18 +64,6 @@ def with_frames(program: Program, table: FrameTable) -> Program:
     targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
     moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
     return replace(program, targets=tuple(targets), moves=tuple(moves))
-
-
-def _units(top: YamlSection) -> Units | None:
-    node = top.require("units")
-    section = node and top.source.section(node, "units", ("length", "angle"))
-    if not section:
-        return None
-    names = []
-    for key, options in (("length", ("m", "mm")), ("angle", ("rad", "deg"))):
-        entry = section.require(key)
-        names.append(entry and section.source.choice(entry, section.at(key), options))
-    return Units.of(names[0], names[1]) if names[0] and names[1] else None
 
 
 def _frames_by_name(top: YamlSection, key: str, units: Units) -> dict[str, Frame]:

@@ -1,14 +1,13 @@
-"""Read a robot file (YAML) into a robot: its joints, chain and branches; problems have line numbers."""
+"""Read a robot file (YAML) into a robot: its fields are data; problems have line numbers and dotted keys."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import yaml
 
@@ -19,7 +18,6 @@ from robacc.robots.description import (
     LENGTH_PARAMETERS,
     MAX_JOINTS,
     ORIGIN_PARAMETERS,
-    STANDARD_GRAVITY,
     BranchJoint,
     Campaign,
     Convention,
@@ -30,335 +28,214 @@ from robacc.robots.description import (
     Robot,
     Vector,
     effect_key,
-    read_identity,
 )
-from robacc.robots.yaml_units import Units, check_likely_units, finite_limits
+from robacc.robots.yaml_units import Units, check_likely_units, finite_limits, read_units
 
-# Read a joint of a robot file.
+# Kinds of values: each reads a node, and reports what is wrong with it at its dotted key.
 
-_LINK_KEYS = ("mass", "com", "tolerance")
-_DRIVE_KEYS = ("limits", "sign", "gear_ratio", "coupling", "passive")
-_FIXED_KEYS = ("name", "type", "origin", "link", *_LINK_KEYS)
-_KEYS = {
-    "standard": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
-    "modified": ("name", "type", *DH_PARAMETERS, *_DRIVE_KEYS, *_LINK_KEYS),
-    "urdf": (*_FIXED_KEYS, "axis", "offset", "mimic", *_DRIVE_KEYS),
-}
-_BRANCH_KEYS = (
-    *("name", "parent", "type", "origin", "link", "mass", "com"),
-    *("axis", "offset", "position", "limits", "sign", "mimic"),
-)
+Kind = Callable[[Source, yaml.Node, str, Units], Any]
+"""Reader of a value; None where it cannot be read."""
+
+FORMAT_VERSION = 1
 BASE_LINK = "base"
 """Parent of a branch that the base carries."""
-_DH_TYPES = ("revolute", "prismatic", "continuous")
+_FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
+_DIGEST = re.compile("[0-9a-f]{64}")
+_MAX_GRAVITY = 50.0
+"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 _MIN_AXIS = 1e-9
 """An axis shorter than this has no direction."""
 _UNIT_AXIS = 1e-12
 """An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
 
 
-def read_joint(source: Source, node: yaml.Node, index: int, convention: Convention, units: Units) -> Joint | None:
-    """Return the joint of a list entry, None where it cannot be read; ``source`` collects problems."""
-    section = source.section(node, f"joints[{index}]", _KEYS[convention])
-    return _read_joint(section, index, convention, units) if section else None
-
-
-def read_branch(source: Source, node: yaml.Node, index: int, units: Units) -> BranchJoint | None:
-    """Return the joint outside the chain of a list entry, None where it cannot be read."""
-    section = source.section(node, f"branches[{index}]", _BRANCH_KEYS)
-    if section is None:
-        return None
-    section.require("name")
-    joint = _read_joint(section, index, "urdf", units)
-    parent_node, position_node = section.require("parent"), section.get("position")
-    parent = source.text(parent_node, section.at("parent")) if parent_node else None
-    position = 0.0
-    if joint and position_node and joint.mimic:
-        source.report(position_node, section.at("position"), "a joint that follows another has no position of its own")
-    elif joint and position_node:
-        is_length = joint.type == "prismatic"
-        position = units.parameter(source, position_node, section.at("position"), is_length=is_length) or 0.0
-    return BranchJoint(joint, None if parent == BASE_LINK else parent, position) if joint else None
-
-
-def _read_joint(section: YamlSection, index: int, convention: Convention, units: Units) -> Joint | None:
-    source = section.source
-    types = (*_DH_TYPES, "fixed") if convention == "urdf" else _DH_TYPES
-    type_node = section.require("type")
-    kind = source.choice(type_node, section.at("type"), types) if type_node else None
-    if kind is None:
-        return None
-    joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
-    _check_keys_of_type(section, kind)
-    name_node = section.get("name")
-    name = source.text(name_node, section.at("name")) if name_node else f"j{index + 1}"
-    link = section.get("link")
-    mass, com = _read_mass(section, units)
-    read_parameters = _read_origin if convention == "urdf" else _read_dh
-    return Joint(
-        name=name or f"j{index + 1}",
-        type=joint_type,
-        parameters=read_parameters(section, joint_type, units),
-        axis=_read_axis(section) if convention == "urdf" and joint_type != "fixed" else (0.0, 0.0, 1.0),
-        limits=_read_limits(section, joint_type, units),
-        is_continuous=kind == "continuous",
-        sign=_read_sign(section),
-        gear_ratio=_read_gear_ratio(section),
-        mass=mass,
-        com=com,
-        tolerance=_read_tolerance(section, joint_type, convention, units),
-        mimic=_read_mimic(section),
-        coupling=_read_coupling(section),
-        is_passive=_read_passive(section),
-        link=source.text(link, section.at("link")) if link else None,
-    )
-
-
-def _check_keys_of_type(section: YamlSection, kind: str) -> None:
-    for key in section.values:
-        if kind == "fixed" and key not in (*_FIXED_KEYS, "parent"):
-            section.source.report(section.values[key], section.at(key), "a fixed joint does not have this key")
-    if kind == "continuous" and "limits" in section.values:
-        message = "a continuous joint has no limits"
-        section.source.report(section.values["limits"], section.at("limits"), message, "make its type revolute")
-
-
-def _read_dh(section: YamlSection, joint_type: JointType, units: Units) -> dict[str, float]:
-    # The variable's own parameter is an offset and zero by default, as is beta, which a plain table does not have.
-    optional = {"beta", "theta" if joint_type == "revolute" else "d"}
-    values = dict.fromkeys(DH_PARAMETERS, 0.0)
-    for name in DH_PARAMETERS:
-        node = section.get(name) if name in optional else section.require(name)
-        if node:
-            is_length = name in LENGTH_PARAMETERS
-            values[name] = units.parameter(section.source, node, section.at(name), is_length=is_length) or 0.0
+def _read(
+    section: YamlSection, kinds: Mapping[str, Kind], units: Units, required: Collection[str] = ()
+) -> dict[str, Any]:
+    """Return the values of a section's fields that it has; report the required ones that it lacks."""
+    values = {}
+    for key, kind in kinds.items():
+        node = section.require(key) if key in required else section.get(key)
+        value = None if node is None else kind(section.source, node, section.at(key), units)
+        if value is not None:
+            values[key] = value
     return values
 
 
-def _read_origin(section: YamlSection, joint_type: JointType, units: Units) -> dict[str, float]:
-    node = section.get("origin")
-    origin = node and section.source.section(node, section.at("origin"), ("xyz", "rpy"))
-    values = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
-    if origin:
-        frame = units.frame(origin)
-        values |= dict(zip(ORIGIN_PARAMETERS, (*frame.xyz, *frame.rpy), strict=False))
-    offset = section.get("offset")
-    if offset:
-        is_length = joint_type == "prismatic"
-        values["offset"] = units.parameter(section.source, offset, section.at("offset"), is_length=is_length) or 0.0
+def _section(kinds: Mapping[str, Kind], required: Collection[str] = ()) -> Kind:
+    """Kind of a mapping with fields of these kinds."""
+
+    def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Any] | None:
+        section = source.section(node, path, tuple(kinds))
+        return None if section is None else _read(section, kinds, units, required)
+
+    return read
+
+
+def _text(source: Source, node: yaml.Node, path: str, _: Units) -> str | None:
+    return source.text(node, path)
+
+
+def _choice(*options: str) -> Kind:
+    return lambda source, node, path, _: source.choice(node, path, options)
+
+
+def _number(*checks: tuple[Callable[[float], bool], str, str | None]) -> Kind:
+    """Kind of a number; each check has a test, the message where it fails (with ``{found}``), and how to repair it."""
+
+    def read(source: Source, node: yaml.Node, path: str, _: Units) -> float | None:
+        value = source.number(node, path)
+        for is_good, message, fix in checks if value is not None else ():
+            if not is_good(cast(float, value)):
+                source.report(node, path, message.format(found=describe(node), value=value), fix)
+                break
+        return value
+
+    return read
+
+
+def _length(source: Source, node: yaml.Node, path: str, units: Units) -> float | None:
+    return units.parameter(source, node, path, is_length=True)
+
+
+def _angle(source: Source, node: yaml.Node, path: str, units: Units) -> float | None:
+    return units.parameter(source, node, path, is_length=False)
+
+
+def _position(source: Source, node: yaml.Node, path: str, units: Units) -> Vector | None:
+    return units.position(source, node, path)
+
+
+def _frame(source: Source, node: yaml.Node, path: str, units: Units) -> Frame | None:
+    section = source.section(node, path, ("xyz", "rpy"))
+    return None if section is None else units.frame(section)
+
+
+def _frame_with_tolerance(
+    source: Source, node: yaml.Node, path: str, units: Units
+) -> tuple[Frame, Mapping[str, float]] | None:
+    section = source.section(node, path, ("xyz", "rpy", "tolerance"))
+    return None if section is None else (units.frame(section), units.tolerances(section, _FRAME_TOLERANCES))
+
+
+def _gravity(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[float, ...] | None:
+    values = source.numbers(node, path, 3)
+    if values is not None and math.hypot(*values) > _MAX_GRAVITY:
+        source.report(node, path, f"{list(values)} is too large for gravity", "it is always in m/s^2")
     return values
 
 
-def _read_tolerance(
-    section: YamlSection, joint_type: JointType, convention: Convention, units: Units
-) -> dict[str, float]:
-    if convention != "urdf":
-        return units.tolerances(section, DH_PARAMETERS)
-    lengths = LENGTH_PARAMETERS | ({"offset"} if joint_type == "prismatic" else set())
-    return units.tolerances(section, ORIGIN_PARAMETERS, lengths)
-
-
-def _read_axis(section: YamlSection) -> Vector:
-    node = section.require("axis")
-    values = section.source.numbers(node, section.at("axis"), 3) if node else None
-    if values is None:
-        return (0.0, 0.0, 1.0)
-    length = math.hypot(*values)
+def _axis(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[float, ...] | None:
+    values = source.numbers(node, path, 3)
+    length = 1.0 if values is None else math.hypot(*values)
     if length < _MIN_AXIS:
-        section.source.report(node, section.at("axis"), "the axis is zero and has no direction")
-        return (0.0, 0.0, 1.0)
-    if abs(length - 1) < _UNIT_AXIS:
-        return cast(Vector, values)
-    return (values[0] / length, values[1] / length, values[2] / length)
-
-
-def _read_limits(section: YamlSection, joint_type: JointType, units: Units) -> tuple[float, float] | None:
-    node = section.get("limits")
-    path = section.at("limits")
-    values = section.source.numbers(node, path, 2) if node else None
-    if values is None:
+        source.report(node, path, "the axis is zero and has no direction")
         return None
-    if values[0] > values[1]:
-        section.source.report(node, path, f"the lower limit {values[0]:g} is above the upper limit {values[1]:g}")
-        return None
-    if joint_type == "fixed":  # it has no limits, and the problem is reported already
-        return None
-    if node and joint_type == "prismatic":
-        limits = units.travel(section.source, node, path, (values[0], values[1]))
-    else:
-        limits = (values[0] * units.angle, values[1] * units.angle)
-    finite, problem = finite_limits(joint_type, limits)
-    if problem is not None:
-        section.source.report(node, path, problem, "leave limits out for a joint without limits")
-    return finite
+    return values if values is None or abs(length - 1) < _UNIT_AXIS else tuple(value / length for value in values)
 
 
-def _read_sign(section: YamlSection) -> Literal[1, -1]:
-    node = section.get("sign")
-    value = section.source.number(node, section.at("sign")) if node else None
-    if node and value is not None and abs(value) != 1:
-        section.source.report(node, section.at("sign"), f"expected 1 or -1, found {describe(node)}")
-    return -1 if value == -1 else 1
+def _limits(joint_type: JointType) -> Kind:
+    def read(source: Source, node: yaml.Node, path: str, units: Units) -> tuple[float, float] | None:
+        values = source.numbers(node, path, 2)
+        if values is None:
+            return None
+        low, high = values
+        if low > high:
+            source.report(node, path, f"the lower limit {low:g} is above the upper limit {high:g}")
+            return None
+        if joint_type == "prismatic":
+            limits = units.travel(source, node, path, (low, high))
+        else:
+            limits = (low * units.angle, high * units.angle)
+        finite, problem = finite_limits(joint_type, limits)
+        if problem is not None:
+            source.report(node, path, problem, "leave limits out for a joint without limits")
+        return finite
+
+    return read
 
 
-def _read_gear_ratio(section: YamlSection) -> float | None:
-    node = section.get("gear_ratio")
-    value = section.source.number(node, section.at("gear_ratio")) if node else None
-    if node and value is not None and value <= 0:
-        fix = "write sign: -1 where the motor turns the other way" if value < 0 else None
-        section.source.report(
-            node, section.at("gear_ratio"), f"expected a positive number, found {describe(node)}", fix
-        )
-    return value
-
-
-def _read_mass(section: YamlSection, units: Units) -> tuple[float | None, Vector | None]:
-    source, node, com_node = section.source, section.get("mass"), section.get("com")
-    mass = source.number(node, section.at("mass")) if node else None
-    if node and mass is not None and mass < 0:
-        source.report(node, section.at("mass"), f"a mass cannot be negative, found {describe(node)}")
-    com = units.position(source, com_node, section.at("com")) if com_node else None
-    if com_node and not node:
-        source.report(com_node, section.at("com"), "a centre of mass needs a mass", "add the link's mass in kg")
-    return mass, com
-
-
-def _read_mimic(section: YamlSection) -> Mimic | None:
-    node = section.get("mimic")
-    inner = node and section.source.section(node, section.at("mimic"), ("joint", "multiplier", "offset"))
-    if not inner:
-        return None
-    master_node = inner.require("joint")
-    master = inner.source.text(master_node, inner.at("joint")) if master_node else None
-    values = {"multiplier": 1.0, "offset": 0.0}
-    for key in values:
-        item = inner.get(key)
-        number = inner.source.number(item, inner.at(key)) if item else None
-        values[key] = values[key] if number is None else number
-    return Mimic(master or "", values["multiplier"], values["offset"])
-
-
-def _read_coupling(section: YamlSection) -> dict[str, float]:
+def _coupling(source: Source, node: yaml.Node, path: str, _: Units) -> dict[str, float] | None:
     """Return the coupling's ratios in the file's units."""
-    node = section.get("coupling")
-    if node is None:
-        return {}
     if not isinstance(node, yaml.MappingNode) or not node.value:
         message = f"expected joints with their ratios, such as {{j2: 1.0}}, found {describe(node)}"
-        section.source.report(node, section.at("coupling"), message)
-        return {}
-    if "mimic" in section.values:
-        section.source.report(node, section.at("coupling"), "cannot be combined with mimic", "list the joint here too")
-    ratios: dict[str, float] = {}
-    for name, _, value in section.source.entries(node, section.at("coupling")):
-        ratio = section.source.number(value, f"{section.at('coupling')}.{name}")
-        ratios[name] = 0.0 if ratio is None else ratio
-    return ratios
+        source.report(node, path, message)
+        return None
+    return {name: source.number(value, f"{path}.{name}") or 0.0 for name, _, value in source.entries(node, path)}
 
 
-def _read_passive(section: YamlSection) -> bool:
-    node = section.get("passive")
-    if node is None:
-        return False
-    choice = section.source.choice(node, section.at("passive"), ("true", "false"))
-    if choice == "true" and "coupling" not in section.values:
-        message = "a passive joint moves by its coupling alone, and there is none"
-        section.source.report(node, section.at("passive"), message, "add coupling, such as {j2: -1.0, j3: -1.0}")
-    return choice == "true"
+def _frames(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
+    if not isinstance(node, yaml.MappingNode) or not node.value:
+        source.report(node, path, f"expected names with xyz, found {describe(node)}")
+        return None
+    frames: dict[str, Frame] = {}
+    for name, _, value in source.entries(node, path):
+        section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
+        if section:
+            section.require("xyz")
+            frames[name] = units.frame(section)
+    return frames
 
 
-def resolve_couplings(
-    source: Source, joints: Sequence[Joint], nodes: Sequence[yaml.Node], units: Units
-) -> tuple[Joint, ...]:
-    """Return the joints with their couplings in SI units; report couplings to what is no other joint variable."""
-    variables = {joint.name: joint for joint in joints if joint.is_variable}
-    resolved = []
-    for i, joint in enumerate(joints):
-        ratios: dict[str, float] = {}
-        for name, ratio in joint.coupling.items():
-            other = variables.get(name)
-            if other is None or name == joint.name:
-                known = ", ".join(key for key in variables if key != joint.name)
-                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-                source.report(nodes[i], f"joints[{i}].coupling.{name}", message)
-                continue
-            unit, other_unit = (units.length if item.type == "prismatic" else units.angle for item in (joint, other))
-            ratios[name] = ratio * (unit / other_unit)
-        resolved.append(dataclasses.replace(joint, coupling=ratios))
-    return tuple(resolved)
+def _digests(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[str, ...]:
+    digests = []
+    for i, item in enumerate(source.items(node, path, "SHA-256 of pose files")):
+        # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
+        digest = item.value if isinstance(item, yaml.ScalarNode) else ""
+        if not _DIGEST.fullmatch(digest):
+            message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(item)}"
+            source.report(item, f"{path}[{i}]", message, "`write_model` writes it; do not change it")
+        digests.append(digest)
+    return tuple(digests)
 
 
-def resolve_mimics(
-    source: Source,
-    joints: Sequence[Joint],
-    nodes: Sequence[yaml.Node],
-    units: Units,
-    masters: Sequence[Joint] = (),
-    key: str = "joints",
-) -> tuple[Joint, ...]:
-    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable.
+def _plain(fix: str | None) -> Kind:
+    """Kind of a mapping that is kept as it is."""
 
-    Each joint of the list ``key`` of the file follows another one of it, or one of ``masters``.
-    """
-    by_name = {joint.name: joint for joint in (*masters, *joints)}
-    resolved = []
-    for i, joint in enumerate(joints):
-        if joint.mimic is None or not joint.mimic.master:
-            resolved.append(joint)
-            continue
-        path, master = f"{key}[{i}].mimic.joint", by_name.get(joint.mimic.master)
-        if master is None:
-            message = f"{joint.name!r} follows {joint.mimic.master!r}, which is not a joint of this robot"
-            source.report(nodes[i], path, message)
-        elif not master.is_variable:
-            kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
-            source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
-        else:
-            unit = units.length if joint.type == "prismatic" else units.angle
-            master_unit = units.length if master.type == "prismatic" else units.angle
-            mimic = Mimic(master.name, joint.mimic.multiplier * (unit / master_unit), joint.mimic.offset * unit)
-            joint = dataclasses.replace(joint, mimic=mimic)
-        resolved.append(joint)
-    return tuple(resolved)
+    def read(source: Source, node: yaml.Node, path: str, _: Units) -> Mapping[str, Any] | None:
+        if not isinstance(node, yaml.MappingNode):
+            source.report(node, path, f"expected keys with values, found {describe(node)}", fix)
+            return None
+        return cast(Mapping[str, Any], source.plain(node, path))
+
+    return read
 
 
-# Read the joints outside the chain of a robot file: what else the arm's links carry and what moves it.
+def _effects(source: Source, node: yaml.Node, path: str, units: Units) -> tuple[Mapping[str, Any], ...]:
+    items = source.items(node, path, "effects")
+    effects = (_plain(None)(source, item, f"{path}[{i}]", units) for i, item in enumerate(items))
+    return tuple(effect for effect in effects if effect is not None)
 
 
-def read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
-    """Return the joints outside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint.
+# Fields of a robot file.
 
-    A joint may follow another one outside the chain, or a joint of the chain.
-    """
-    node, source = top.get("branches"), top.source
-    if node is None:
-        return ()
-    names = {joint.name for joint in joints}
-    branches, nodes = [], []
-    for i, item in enumerate(source.items(node, "branches", "joints outside the chain")):
-        path = f"branches[{i}]"
-        branch = read_branch(source, item, i, units)
-        if branch is None:
-            continue
-        name = branch.joint.name
-        if name in names or name == BASE_LINK:
-            source.report(item, f"{path}.name", f"{name!r} is already the name of a joint or of the base")
-        if branch.parent is not None and branch.parent not in names:
-            message = f"{branch.parent!r} is neither {BASE_LINK} nor a joint in front of it"
-            source.report(item, f"{path}.parent", message, f"there are {', '.join(sorted(names))}")
-        names.add(name)
-        branches.append(branch)
-        nodes.append(item)
-    if len(branches) > MAX_JOINTS:
-        source.report(node, "branches", f"found {len(branches)} joints, expected at most {MAX_JOINTS}")
-    beside = resolve_mimics(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
-    if source.problems:
-        return ()
-    return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
-
-
-FORMAT_VERSION = 1
-
+_SHARE = (
+    lambda value: 0.0 <= value <= 1.0,
+    "expected a share from 0 to 1, found {value:g}",
+    "it is relative: 0.1 for 10 %",
+)
+_ROBOT: dict[str, Kind] = {
+    "base": _frame_with_tolerance,
+    "tool": _frame_with_tolerance,
+    "name": _text,
+    "gravity": _gravity,
+    "payload": _section({"com": _position}, ["com"]),
+    "targets": _frames,
+    "effects": _effects,
+    "base_link": _text,
+    "tip_link": _text,
+    "fitted_to": _digests,
+    "campaign": _section(
+        {
+            "poses": _digests,
+            "before": _section({"base": _frame, "tool": _frame, "targets": _frames}),
+            "effects": _effects,
+        }
+    ),
+    "mass_uncertainty": _number(_SHARE),
+    "fit": _plain("`write_model` writes it"),
+    "identity": _section(dict.fromkeys(IDENTITY, _text)),
+}
 _TOP_KEYS = (
     "robacc",
     "name",
@@ -380,10 +257,215 @@ _TOP_KEYS = (
     "fit",
     "identity",
 )
-_FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
-_DIGEST = re.compile("[0-9a-f]{64}")
-_MAX_GRAVITY = 50.0
-"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
+
+_LINK: dict[str, Kind] = {
+    "mass": _number((lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
+    "com": _position,
+}
+_DRIVE: dict[str, Kind] = {
+    "sign": _number((lambda value: abs(value) == 1, "expected 1 or -1, found {found}", None)),
+    "gear_ratio": _number(
+        (
+            lambda value: value >= 0,
+            "expected a positive number, found {found}",
+            "write sign: -1 where the motor turns the other way",
+        ),
+        (lambda value: value > 0, "expected a positive number, found {found}", None),
+    ),
+    "coupling": _coupling,
+    "passive": _choice("true", "false"),
+}
+_MIMIC: dict[str, Kind] = {"mimic": _section({"joint": _text, "multiplier": _number(), "offset": _number()}, ["joint"])}
+_FIXED_KEYS = ("name", "type", "origin", "link", "mass", "com", "tolerance")
+_DH_KEYS = ("name", "type", *DH_PARAMETERS, "limits", *_DRIVE, "mass", "com", "tolerance")
+_KEYS = {
+    "standard": _DH_KEYS,
+    "modified": _DH_KEYS,
+    "urdf": (*_FIXED_KEYS, "axis", "offset", "mimic", "limits", *_DRIVE),
+}
+_BRANCH_KEYS = (
+    *("name", "parent", "type", "origin", "link", "mass", "com"),
+    *("axis", "offset", "position", "limits", "sign", "mimic"),
+)
+_TYPES = ("revolute", "prismatic", "continuous")
+
+
+def _read_joint(section: YamlSection, index: int, convention: Convention, units: Units) -> Joint | None:
+    """Return the joint of a section, None where it cannot be read."""
+    is_urdf = convention == "urdf"
+    type_of = {"type": _choice(*_TYPES, "fixed") if is_urdf else _choice(*_TYPES)}
+    kind = _read(section, type_of, units, ["type"]).get("type")
+    if kind is None:
+        return None
+    joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
+    has = section.values
+
+    def report(key: str, message: str, fix: str | None = None) -> None:
+        section.source.report(section.get(key) or has.get(key), section.at(key), message, fix)
+
+    for key in has if kind == "fixed" else ():
+        if key not in (*_FIXED_KEYS, "parent"):
+            report(key, "a fixed joint does not have this key")
+    if kind == "continuous" and "limits" in has:
+        report("limits", "a continuous joint has no limits", "make its type revolute")
+    variable = _length if joint_type == "prismatic" else _angle
+    if is_urdf:
+        parameters: dict[str, Kind] = {"origin": _frame, "offset": variable}
+        required = {"axis"} if kind != "fixed" else set()
+    else:
+        # The variable's own parameter is an offset and zero by default, as is beta, which a plain table does not have.
+        parameters = {name: _length if name in LENGTH_PARAMETERS else _angle for name in DH_PARAMETERS}
+        required = set(DH_PARAMETERS) - {"beta", "theta" if joint_type == "revolute" else "d"}
+    moving = {"axis": _axis, "limits": _limits(joint_type)} if kind != "fixed" else {}
+    kinds = {"name": _text, "link": _text, **_LINK, **parameters, **moving, **_DRIVE, **_MIMIC}
+    values = _read(section, kinds, units, required)
+    if section.get("com") and not section.get("mass"):
+        report("com", "a centre of mass needs a mass", "add the link's mass in kg")
+    if "coupling" in values and "mimic" in has:
+        report("coupling", "cannot be combined with mimic", "list the joint here too")
+    is_passive = values.pop("passive", None) == "true"
+    if is_passive and "coupling" not in has:
+        message = "a passive joint moves by its coupling alone, and there is none"
+        report("passive", message, "add coupling, such as {j2: -1.0, j3: -1.0}")
+    names = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
+    origin = values.pop("origin", Frame())
+    found = dict(zip(_FRAME_TOLERANCES, (*origin.xyz, *origin.rpy), strict=True))
+    found |= {name: values.pop(name) for name in names if name in values}
+    lengths = LENGTH_PARAMETERS | ({"offset"} if is_urdf and joint_type == "prismatic" else set())
+    mimic = values.pop("mimic", None)
+    return Joint(
+        type=joint_type,
+        parameters={name: found.get(name, 0.0) for name in names},
+        is_continuous=kind == "continuous",
+        tolerance=units.tolerances(section, names, lengths),
+        is_passive=is_passive,
+        mimic=None if mimic is None else Mimic(mimic.pop("joint", ""), **mimic),
+        **{"name": f"j{index + 1}", **values, "sign": -1 if values.get("sign") == -1 else 1},
+    )
+
+
+def _check_count(source: Source, node: yaml.Node, key: str, count: int) -> bool:
+    """Return whether a list has no more than :data:`MAX_JOINTS` joints; report a longer one."""
+    if count > MAX_JOINTS:
+        source.report(node, key, f"found {count} joints, expected at most {MAX_JOINTS}")
+    return count <= MAX_JOINTS
+
+
+def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:
+    source = top.source
+    node = top.require("joints")
+    if node is None:
+        return ()
+    items = source.items(node, "joints", "joints")
+    if isinstance(node, yaml.SequenceNode) and not items:
+        source.report(node, "joints", "a robot needs at least one joint")
+    if not _check_count(source, node, "joints", len(items)):
+        return ()
+    joints: list[Joint] = []
+    lines: dict[str, int] = {}
+    for i, item in enumerate(items):
+        section = source.section(item, f"joints[{i}]", _KEYS[convention])
+        joint = _read_joint(section, i, convention, units) if section else None
+        if joint is None:
+            continue
+        if joint.name in lines:
+            message = f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}"
+            source.report(item, f"joints[{i}].name", message)
+        lines.setdefault(joint.name, item.start_mark.line + 1)
+        if joint.link and any(joint.link == other.link for other in joints):
+            source.report(item, f"joints[{i}].link", f"an earlier joint already moves {joint.link!r}")
+        joints.append(joint)
+    if len(joints) < len(items):
+        return ()
+    if items and not any(joint.is_variable for joint in joints):
+        source.report(node, "joints", "no joint moves: all are fixed or follow another")
+    joints = _resolve_mimics(source, joints, items, units)
+    variables = {joint.name: joint for joint in joints if joint.is_variable}
+    for i, joint in enumerate(joints):
+        for name in joint.coupling:
+            if name not in variables or name == joint.name:
+                known = ", ".join(key for key in variables if key != joint.name)
+                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
+                source.report(items[i], f"joints[{i}].coupling.{name}", message)
+        ratios = {
+            name: ratio * (units.of_joint(joint.type) / units.of_joint(variables[name].type))
+            for name, ratio in joint.coupling.items()
+            if name in variables
+        }
+        joints[i] = replace(joint, coupling=ratios)
+    return tuple(joints)
+
+
+def _resolve_mimics(
+    source: Source,
+    joints: Sequence[Joint],
+    nodes: Sequence[yaml.Node],
+    units: Units,
+    masters: Sequence[Joint] = (),
+    key: str = "joints",
+) -> list[Joint]:
+    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable.
+
+    Each joint of the list ``key`` of the file follows another one of it, or one of ``masters``.
+    """
+    by_name = {joint.name: joint for joint in (*masters, *joints)}
+    resolved = []
+    for i, joint in enumerate(joints):
+        mimic = joint.mimic
+        if mimic is not None and mimic.master:
+            path, master = f"{key}[{i}].mimic.joint", by_name.get(mimic.master)
+            if master is None:
+                message = f"{joint.name!r} follows {mimic.master!r}, which is not a joint of this robot"
+                source.report(nodes[i], path, message)
+            elif not master.is_variable:
+                kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
+                source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
+            else:
+                unit = units.of_joint(joint.type)
+                ratio = mimic.multiplier * (unit / units.of_joint(master.type))
+                joint = replace(joint, mimic=Mimic(master.name, ratio, mimic.offset * unit))
+        resolved.append(joint)
+    return resolved
+
+
+def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
+    """Return the joints outside the chain of the key ``branches``; each parent must be ``base`` or an earlier joint.
+
+    A joint may follow another one outside the chain, or a joint of the chain.
+    """
+    node, source = top.get("branches"), top.source
+    if node is None:
+        return ()
+    names = {joint.name for joint in joints}
+    branches, nodes = [], []
+    for i, item in enumerate(source.items(node, "branches", "joints outside the chain")):
+        section = source.section(item, f"branches[{i}]", _BRANCH_KEYS)
+        if section is None:
+            continue
+        section.require("name")
+        joint = _read_joint(section, i, "urdf", units)
+        parent = _read(section, {"parent": _text}, units, ["parent"]).get("parent")
+        if joint is None:
+            continue
+        position = 0.0
+        if (place := section.get("position")) is not None and joint.mimic:
+            message = "a joint that follows another has no position of its own"
+            source.report(place, section.at("position"), message)
+        else:
+            kind = _length if joint.type == "prismatic" else _angle
+            position = _read(section, {"position": kind}, units).get("position", 0.0)
+        if joint.name in names or joint.name == BASE_LINK:
+            message = f"{joint.name!r} is already the name of a joint or of the base"
+            source.report(item, section.at("name"), message)
+        if parent not in (None, BASE_LINK) and parent not in names:
+            message = f"{parent!r} is neither {BASE_LINK} nor a joint in front of it"
+            source.report(item, section.at("parent"), message, f"there are {', '.join(sorted(names))}")
+        names.add(joint.name)
+        branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, position))
+        nodes.append(item)
+    _check_count(source, node, "branches", len(branches))
+    beside = _resolve_mimics(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+    return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 
 def parse_robot(document_text: str, file: str) -> Robot:
@@ -402,50 +484,36 @@ def parse_robot(document_text: str, file: str) -> Robot:
         source.finish()
         raise AssertionError("finish() raises where section() returned None")
     _check_version(top)
-    units = _read_units(top)
-    convention = _read_choice(top, "convention", ("standard", "modified", "urdf"))
+    units = read_units(top)
+    node = top.require("convention")
+    convention = node and source.choice(node, "convention", ("standard", "modified", "urdf"))
     if units is None or convention is None:
         # Without them the other keys cannot be checked; any problem reported would be false.
         source.finish()
-    robot = replace(_read_robot(top, cast(Units, units), cast(Convention, convention)), file_text=document_text)
-    if not source.problems:
-        check_likely_units(robot, cast(Units, units), top)
-    source.finish()
-    return robot
-
-
-def file_units(document_text: str, file: str) -> Units:
-    """Return the units of a robot file that :func:`parse_robot` has read before."""
-    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
-    return cast(Units, top and _read_units(top))
-
-
-def _read_robot(top: YamlSection, units: Units, convention: Convention) -> Robot:
+    units, convention = cast(Units, units), cast(Convention, convention)
     joints = _read_joints(top, convention, units)
-    base, base_tolerance = _read_frame(top, "base", units)
-    tool, tool_tolerance = _read_frame(top, "tool", units)
-    return Robot(
-        name=_read_text(top, "name") or Path(top.source.file).stem,
+    branches = _read_branches(top, joints, units)
+    values = _read(top, _ROBOT, units)
+    if "targets" in values and "tool" in top.values:
+        source.report(top.values["targets"], "targets", "cannot be combined with tool", "list the tool as a target")
+    for key in ("base", "tool"):
+        values[key], values[f"{key}_tolerance"] = values.get(key, (Frame(), {}))
+    if (campaign := values.get("campaign")) is not None:
+        before = campaign.pop("before", {})
+        values["campaign"] = Campaign(campaign.pop("poses", ()), **before, **campaign)
+    robot = Robot(
         convention=convention,
         joints=joints,
-        branches=read_branches(top, joints, units),
-        base=base,
-        tool=tool,
-        gravity=_read_gravity(top),
-        payload_com=_read_payload(top, units),
-        targets=_read_targets(top, units),
-        effects=_read_effects(top),
+        branches=branches,
         effect_units=(units.length, units.angle),
-        base_tolerance=base_tolerance,
-        tool_tolerance=tool_tolerance,
-        base_link=_read_text(top, "base_link"),
-        tip_link=_read_text(top, "tip_link"),
-        fitted_to=_read_digests(top, "fitted_to"),
-        campaign=_read_campaign(top, units),
-        mass_uncertainty=_read_mass_uncertainty(top),
-        fit=_read_fit(top),
-        identity=_read_identity(top),
+        payload_com=values.pop("payload", {}).get("com"),
+        file_text=document_text,
+        **{"name": Path(file).stem, **values},
     )
+    if not source.problems:
+        check_likely_units(robot, units, top)
+    source.finish()
+    return robot
 
 
 def _check_version(top: YamlSection) -> None:
@@ -457,176 +525,10 @@ def _check_version(top: YamlSection) -> None:
         top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
 
 
-def _read_units(top: YamlSection) -> Units | None:
-    node = top.require("units")
-    section = node and top.source.section(node, "units", ("length", "angle"))
-    if not section:
-        return None
-    length = _read_choice(section, "length", ("m", "mm"))
-    angle = _read_choice(section, "angle", ("rad", "deg"))
-    return Units.of(length, angle) if length and angle else None
-
-
-def _read_choice(section: YamlSection, key: str, options: Sequence[str]) -> str | None:
-    node = section.require(key)
-    return section.source.choice(node, section.at(key), options) if node else None
-
-
-def _read_text(section: YamlSection, key: str) -> str | None:
-    node = section.get(key)
-    return section.source.text(node, section.at(key)) if node else None
-
-
-def _read_gravity(top: YamlSection) -> Vector:
-    node = top.get("gravity")
-    values = top.source.numbers(node, "gravity", 3) if node else None
-    if values is None:
-        return STANDARD_GRAVITY
-    if sum(value * value for value in values) > _MAX_GRAVITY**2:
-        top.source.report(node, "gravity", f"{list(values)} is too large for gravity", "it is always in m/s^2")
-    return cast(Vector, values)
-
-
-def _read_frame(top: YamlSection, key: str, units: Units) -> tuple[Frame, Mapping[str, float]]:
-    node = top.get(key)
-    section = node and top.source.section(node, key, ("xyz", "rpy", "tolerance"))
-    if not section:
-        return Frame(), {}
-    return units.frame(section), units.tolerances(section, _FRAME_TOLERANCES)
-
-
-def _read_payload(top: YamlSection, units: Units) -> Vector | None:
-    node = top.get("payload")
-    section = node and top.source.section(node, "payload", ("com",))
-    com = section.require("com") if section else None
-    return units.position(top.source, com, "payload.com") if com else None
-
-
-def _read_targets(top: YamlSection, units: Units) -> dict[str, Frame]:
-    node = top.get("targets")
-    if node is None:
-        return {}
-    source = top.source
-    if not isinstance(node, yaml.MappingNode) or not node.value:
-        source.report(node, "targets", f"expected names with xyz, found {describe(node)}")
-        return {}
-    if "tool" in top.values:
-        source.report(node, "targets", "cannot be combined with tool", "list the tool as a target")
-    targets: dict[str, Frame] = {}
-    for name, _, value in source.entries(node, "targets"):
-        section = source.section(value, f"targets.{name}", ("xyz", "rpy"))
-        if section:
-            section.require("xyz")
-            targets[name] = units.frame(section)
-    return targets
-
-
-def _read_mass_uncertainty(top: YamlSection) -> float | None:
-    node = top.get("mass_uncertainty")
-    value = top.source.number(node, "mass_uncertainty") if node else None
-    if value is not None and not 0.0 <= value <= 1.0:
-        fix = "it is relative: 0.1 for 10 %"
-        top.source.report(node, "mass_uncertainty", f"expected a share from 0 to 1, found {value:g}", fix)
-    return value
-
-
-def _read_campaign(top: YamlSection, units: Units) -> Campaign | None:
-    node = top.get("campaign")
-    section = node and top.source.section(node, "campaign", ("poses", "before", "effects"))
-    if not section:
-        return None
-    before_node = section.get("before")
-    before = before_node and top.source.section(before_node, "campaign.before", ("base", "tool", "targets"))
-    frames: dict[str, Frame | None] = {"base": None, "tool": None}
-    for key in frames:
-        frame = before.get(key) if before else None
-        frame_section = frame and top.source.section(frame, f"campaign.before.{key}", ("xyz", "rpy"))
-        if frame_section:
-            frames[key] = units.frame(frame_section)
-    return Campaign(
-        poses=_read_digests(section, "poses"),
-        base=frames["base"],
-        tool=frames["tool"],
-        targets=_read_targets(before, units) if before else {},
-        effects=_read_effects(section),
-    )
-
-
-def _read_digests(top: YamlSection, key: str) -> tuple[str, ...]:
-    node = top.get(key)
-    digests = []
-    for i, item in enumerate(top.source.items(node, top.at(key), "SHA-256 of pose files") if node else ()):
-        # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
-        digest = item.value if isinstance(item, yaml.ScalarNode) else ""
-        if not _DIGEST.fullmatch(digest):
-            message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(item)}"
-            top.source.report(item, f"{top.at(key)}[{i}]", message, "`write_model` writes it; do not change it")
-        digests.append(digest)
-    return tuple(digests)
-
-
-def _read_identity(top: YamlSection) -> dict[str, str]:
-    node = top.get("identity")
-    section = node and top.source.section(node, "identity", tuple(IDENTITY))
-    return read_identity(section) if section else {}
-
-
-def _read_fit(top: YamlSection) -> Mapping[str, Any] | None:
-    node = top.get("fit")
-    if node is None:
-        return None
-    if not isinstance(node, yaml.MappingNode):
-        top.source.report(node, "fit", f"expected keys with values, found {describe(node)}", "`write_model` writes it")
-        return None
-    fit: Mapping[str, Any] = top.source.plain(node, "fit")
-    return fit
-
-
-def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:
-    source = top.source
-    node = top.require("joints")
-    if node is None:
-        return ()
-    items = source.items(node, "joints", "joints")
-    if isinstance(node, yaml.SequenceNode) and not items:
-        source.report(node, "joints", "a robot needs at least one joint")
-    if len(items) > MAX_JOINTS:
-        source.report(node, "joints", f"found {len(items)} joints, expected at most {MAX_JOINTS}")
-        return ()
-    joints: list[Joint] = []
-    lines: dict[str, int] = {}
-    complete = True
-    for i, item in enumerate(items):
-        joint = read_joint(source, item, i, convention, units)
-        if joint is None:
-            complete = False
-            continue
-        if joint.name in lines:
-            message = f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}"
-            source.report(item, f"joints[{i}].name", message)
-        lines.setdefault(joint.name, item.start_mark.line + 1)
-        if joint.link and any(joint.link == other.link for other in joints):
-            source.report(item, f"joints[{i}].link", f"an earlier joint already moves {joint.link!r}")
-        joints.append(joint)
-    if complete and items and not any(joint.is_variable for joint in joints):
-        source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    if not complete:
-        return ()
-    return resolve_couplings(source, resolve_mimics(source, joints, items, units), items, units)
-
-
-def _read_effects(top: YamlSection) -> tuple[Mapping[str, Any], ...]:
-    node = top.get("effects")
-    if node is None:
-        return ()
-    effects: list[Mapping[str, Any]] = []
-    for i, item in enumerate(top.source.items(node, top.at("effects"), "effects")):
-        path = top.at(effect_key(i))
-        if isinstance(item, yaml.MappingNode):
-            effects.append(top.source.plain(item, path))
-        else:
-            top.source.report(item, path, f"expected keys with values, found {describe(item)}")
-    return tuple(effects)
+def file_units(document_text: str, file: str) -> Units:
+    """Return the units of a robot file that :func:`parse_robot` has read before."""
+    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
+    return cast(Units, top and read_units(top))
 
 
 def effect_lines(document_text: str, file: str) -> dict[str, int]:

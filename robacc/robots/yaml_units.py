@@ -121,6 +121,19 @@ SI = Units(1.0, 1.0)
 """m and rad."""
 
 
+def read_units(top: YamlSection) -> Units | None:
+    """Return the units of the key ``units`` of a file; None where they cannot be read."""
+    node = top.require("units")
+    section = node and top.source.section(node, "units", ("length", "angle"))
+    if not section:
+        return None
+    names = []
+    for key, sizes in (("length", _LENGTHS), ("angle", _ANGLES)):
+        entry = section.require(key)
+        names.append(entry and section.source.choice(entry, section.at(key), tuple(sizes)))
+    return Units.of(names[0], names[1]) if names[0] and names[1] else None
+
+
 def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
     """Report a robot without other problems whose numbers were likely written in units other than declared."""
     source, node = top.source, top.values["units"]

@@ -12,14 +12,18 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from robacc.chain import BASE
 from robacc.errors import UsageError
-from robacc.geometry import Array, Poses, exp_so3, rotation_about, rpy_from_rotation
+from robacc.geometry import Array, Poses, exp_so3, rotation_about
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
+
+FULL_TURN = (-2 * np.pi, 2 * np.pi)
+"""Limits of the joints of files that state none, rad."""
 
 # Arm as frames on its joint axes, whatever the convention of its description.
 
@@ -77,28 +81,22 @@ def joint_frames(robot: Robot) -> JointFrames:
     return JointFrames(robot.variables, tuple(frames), base @ at[arm.flange])
 
 
+def joint_at(
+    origin: Frame, name: str, kind: JointType = "revolute", limits: tuple[float, float] | None = FULL_TURN
+) -> Joint:
+    """Return a joint in the URDF convention that turns about, or moves along, the z axis of its origin."""
+    parameters = dict(zip(ORIGIN_PARAMETERS, (*origin.xyz, *origin.rpy, 0.0), strict=True))
+    return Joint(name, kind, parameters, limits=limits)
+
+
 def robot_of(frames: JointFrames, like: Robot) -> Robot:
     """Return a robot in the URDF convention with these joint frames; name, base, tool and gravity as in ``like``."""
-    joints = []
-    for joint, step in zip(frames.joints, frames.steps()[:-1], strict=True):
-        frame = frame_of_poses(step)
-        values = dict(zip(("x", "y", "z"), frame.xyz, strict=True))
-        values |= dict(zip(("roll", "pitch", "yaw"), frame.rpy, strict=True))
-        joints.append(Joint(joint.name, joint.type, {**values, "offset": 0.0}, limits=joint.limits))
-    last = frame_of_poses(frames.steps()[-1] @ pose_of(like.tool))
+    joints = [
+        joint_at(Frame.of(step), joint.name, joint.type, joint.limits)
+        for joint, step in zip(frames.joints, frames.steps()[:-1], strict=True)
+    ]
+    last = Frame.of(frames.steps()[-1] @ like.tool.pose)
     return Robot(like.name, "urdf", tuple(joints), base=like.base, tool=last, gravity=like.gravity)
-
-
-def pose_of(frame: Frame) -> Poses:
-    """Return a frame as a transform."""
-    return Poses.from_xyz_rpy(np.array(frame.xyz), np.array(frame.rpy))
-
-
-def frame_of_poses(pose: Poses) -> Frame:
-    """Return a transform as a frame."""
-    x, y, z = (float(value) + 0.0 for value in pose.translation)
-    roll, pitch, yaw = (float(value) + 0.0 for value in rpy_from_rotation(pose.rotation))
-    return Frame((x, y, z), (roll, pitch, yaw))
 
 
 _NEARLY_PARALLEL = 0.03
@@ -107,8 +105,7 @@ _PARALLEL = 1e-8
 """Sine of the angle between axes, rad, below which they count as parallel."""
 
 
-@dataclass(frozen=True, slots=True)
-class DhRow:
+class DhRow(NamedTuple):
     """Row of a standard table: Rz(theta + q) Tz(d) Tx(a) Rx(alpha) Ry(beta); q is added to d in a prismatic joint."""
 
     theta: float

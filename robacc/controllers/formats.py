@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,14 +16,14 @@ import numpy as np
 import yaml
 
 from robacc.controllers.dh_table import (
+    FULL_TURN,
     DhRow,
     DhTable,
     JointFrames,
     dh_table,
-    frame_of_poses,
+    joint_at,
     joint_frames,
     modified_rows,
-    pose_of,
     robot_of,
 )
 from robacc.controllers.restricted import RemainingError, Restricted, kinematic_part, offsets_only, remaining_error
@@ -75,18 +76,6 @@ def ur_table(arm: str) -> tuple[DhRow, ...]:
     )
 
 
-def nearest_ur_arm(measures: Sequence[float]) -> tuple[str, float]:
-    """Return the arm nearest to d1, a2, a3, d5, d6 (m, without signs), and the largest difference, m."""
-    differences = {
-        arm: max(
-            abs(abs(nominal) - measure) for nominal, measure in zip((*lengths[:3], *lengths[4:]), measures, strict=True)
-        )
-        for arm, lengths in _LENGTHS.items()
-    }
-    best = min(differences, key=differences.__getitem__)
-    return best, differences[best]
-
-
 # Kinematics files of ROS drivers: one origin (x, y, z, roll, pitch, yaw) for each joint.
 #
 # ``ur_description`` reads such a file for an arm of Universal Robots (``default_kinematics.yaml``, or the file that
@@ -95,7 +84,6 @@ def nearest_ur_arm(measures: Sequence[float]) -> tuple[str, float]:
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 _KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
-_TURN = 2 * math.pi
 
 
 def parse_links(text: str, file: str) -> Robot:
@@ -111,23 +99,17 @@ def parse_links(text: str, file: str) -> Robot:
     if node is None:
         fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
         raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
-    origins = {}
+    origins: dict[str, list[float]] = {}
     for name, _, value in source.entries(node, "kinematics"):
-        if name == "hash":
-            continue
-        section = source.section(value, f"kinematics.{name}", _KEYS)
-        nodes = [section.require(key) for key in _KEYS] if section is not None else []
-        numbers = [
-            source.number(item, f"kinematics.{name}.{key}") for key, item in zip(_KEYS, nodes, strict=False) if item
-        ]
-        origins[name] = tuple(number for number in numbers if number is not None)
+        if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
+            nodes = [(section.require(key), section.at(key)) for key in _KEYS]
+            origins[name] = [source.number(item, path) or 0.0 if item else 0.0 for item, path in nodes]
     source.finish()
     names = _names(tuple(origins), file)
     joints = []
     for link, name in names.items():
         x, y, z, roll, pitch, yaw = origins[link]
-        values = {"x": x, "y": y, "z": z, "roll": roll, "pitch": pitch, "yaw": yaw, "offset": 0.0}
-        joints.append(Joint(name, "revolute", values, limits=(-_TURN, _TURN)))
+        joints.append(joint_at(Frame((x, y, z), (roll, pitch, yaw)), name))
     is_ur = tuple(names.values()) == UR_JOINTS
     return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
 
@@ -137,12 +119,12 @@ def links_text(frames: JointFrames, names: Sequence[str], header: str = "", hash
     steps = frames.steps()
     lines = [f"# {line}" for line in header.splitlines()] + ["kinematics:"]
     for name, step in zip(names, steps[:-1], strict=True):
-        frame = frame_of_poses(step)
+        frame = Frame.of(step)
         lines.append(f"  {name}:")
         lines += [f"    {key}: {float(value)!r}" for key, value in zip(_KEYS, (*frame.xyz, *frame.rpy), strict=True)]
     if hash_line:
         lines.append(f"  {hash_line}")
-    return "\n".join([*lines, ""]), frame_of_poses(steps[-1])
+    return "\n".join([*lines, ""]), Frame.of(steps[-1])
 
 
 def link_names(frames: JointFrames, form: str) -> tuple[str, ...]:
@@ -236,27 +218,23 @@ def parse_deltas(text: str, file: str) -> tuple[DhRow, ...]:
 
 def ur_robot(deltas: tuple[DhRow, ...], arm: str) -> Robot:
     """Return the calibrated arm, its joint frames on the axes where the nominal arm has them."""
-    nominal = _frames(ur_table(arm))
-    rows = [
-        DhRow(n.theta + c.theta, n.d + c.d, n.a + c.a, n.alpha + c.alpha)
-        for n, c in zip(ur_table(arm), deltas, strict=True)
-    ]
-    exact = _frames(tuple(rows))
+    table = ur_table(arm)
+    nominal = _frames(table)
+    exact = _frames([DhRow(*map(operator.add, *rows)) for rows in zip(table, deltas, strict=True)])
     pairs = zip(exact.frames[:-1], nominal.frames[:-1], strict=True)
     moved = (*(_beside(frame, near) for frame, near in pairs), exact.frames[-1])
     frames = JointFrames(exact.joints, moved, exact.flange)
     return robot_of(frames, Robot(f"Universal Robots {arm.upper()}, calibrated", "urdf", ()))
 
 
-def _frames(rows: tuple[DhRow, ...]) -> JointFrames:
+def _frames(rows: Sequence[DhRow]) -> JointFrames:
     """Return the joint frames of a table; each stands behind theta and d of its row."""
     current = Poses.identity()
     frames = []
     for row in rows:
         frames.append(current @ DhRow(row.theta, row.d, 0.0, 0.0).pose())
         current = current @ row.pose()
-    turn = 2 * np.pi
-    joints = tuple(Joint(name, "revolute", {}, limits=(-turn, turn)) for name in UR_JOINTS)
+    joints = tuple(Joint(name, "revolute", {}, limits=FULL_TURN) for name in UR_JOINTS)
     return JointFrames(joints, tuple(frames), current)
 
 
@@ -280,8 +258,11 @@ def ur_arm_of(frames: JointFrames) -> str:
         raise UsageError(f"{fix}, which have six revolute joints")
     table = dh_table(frames, last_is_axis=True)
     lengths = [_distance(frames.frames[i], frames.frames[i + 1]) for i in (1, 2)]
-    measures = [abs(table.rows[0].d), *lengths, abs(table.rows[4].d), abs(table.rows[5].d)]
-    arm, difference = nearest_ur_arm(measures)
+    measures = np.abs([table.rows[0].d, *lengths, table.rows[4].d, table.rows[5].d])
+    # d4 and the sign of a length depend on the frames that stand for the axes.
+    known = np.abs(np.delete(list(_LENGTHS.values()), 3, axis=1))
+    differences = np.abs(known - measures).max(axis=1)
+    arm, difference = UR_ARMS[int(differences.argmin())], differences.min()
     if difference > _LARGEST_DIFFERENCE:
         raise UsageError(f"{fix}; the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one")
     return arm
@@ -404,19 +385,16 @@ def export_model(
             raise UsageError(f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}")
         chosen = arm or ur_arm_of(frames)
         text, table = ur_deltas_text(part.robot, chosen, template)
-        deltas = tuple(
-            type(row)(row.theta - base.theta, row.d - base.d, row.a - base.a, row.alpha - base.alpha)
-            for row, base in zip(table.rows, ur_table(chosen), strict=True)
-        )
+        deltas = tuple(DhRow(*map(operator.sub, *rows)) for rows in zip(table.rows, ur_table(chosen), strict=True))
         written = ur_robot(deltas, chosen)
-        base = frame_of_poses(pose_of(robot.base) @ table.base)
-        tool = frame_of_poses(table.tool @ pose_of(robot.tool))
+        base = Frame.of(robot.base.pose @ table.base)
+        tool = Frame.of(table.tool @ robot.tool.pose)
         # The description's last frame stands at the flange of the table.
-        last = frame_of_poses(pose_of(written.tool) @ pose_of(tool))
+        last = Frame.of(written.tool.pose @ tool.pose)
         return _exported(robot, part, text, dataclasses.replace(written, base=base, tool=last), tool, (), chosen)
     header = f"written by robacc {__version__} from {robot.name}"
     text, last = links_text(frames, link_names(frames, form.value), header, hash_line_of(template or ""))
-    tool = frame_of_poses(pose_of(last) @ pose_of(robot.tool))
+    tool = Frame.of(last.pose @ robot.tool.pose)
     return _exported(robot, part, text, part.robot, tool, ())
 
 
@@ -443,14 +421,14 @@ def _modified_robot(robot: Robot) -> Robot:
         Joint(
             joint.name,
             joint.type,
-            {"theta": row.theta, "d": row.d, "a": row.a, "alpha": row.alpha, "beta": row.beta},
+            row._asdict(),
             limits=joint.limits,
             gear_ratio=joint.gear_ratio,
         )
         for joint, row in zip(robot.variables, rows, strict=True)
     )
-    base = frame_of_poses(pose_of(robot.base) @ table.base)
-    tool = frame_of_poses(flange @ pose_of(robot.tool))
+    base = Frame.of(robot.base.pose @ table.base)
+    tool = Frame.of(flange @ robot.tool.pose)
     return Robot(robot.name, "modified", joints, base=base, tool=tool, gravity=robot.gravity)
 
 
@@ -460,18 +438,17 @@ def _document(robot: Robot) -> dict[str, Any]:
     steps = frames.steps()
     table = dh_table(frames)
     modified, flange = modified_rows(table)
-    joints = []
-    for joint, step, row, other in zip(frames.joints, steps, table.rows, modified, strict=False):
-        joints.append(
-            {
-                "name": joint.name,
-                "type": joint.type,
-                "limits": None if joint.limits is None else list(joint.limits),
-                "origin": _plain(frame_of_poses(step)),
-                "dh": {"theta": row.theta, "d": row.d, "a": row.a, "alpha": row.alpha},
-                "modified_dh": {"alpha": other.alpha, "a": other.a, "theta": other.theta, "d": other.d},
-            }
-        )
+    joints = [
+        {
+            "name": joint.name,
+            "type": joint.type,
+            "limits": None if joint.limits is None else list(joint.limits),
+            "origin": _plain(Frame.of(step)),
+            "dh": {"theta": row.theta, "d": row.d, "a": row.a, "alpha": row.alpha},
+            "modified_dh": {"alpha": other.alpha, "a": other.a, "theta": other.theta, "d": other.d},
+        }
+        for joint, step, row, other in zip(frames.joints, steps, table.rows, modified, strict=False)
+    ]
     return {
         "schema": KINEMATICS_SCHEMA,
         "robacc": __version__,
@@ -480,10 +457,10 @@ def _document(robot: Robot) -> dict[str, Any]:
         "gravity": list(robot.gravity),
         "base": _plain(robot.base),
         "joints": joints,
-        "tool": _plain(frame_of_poses(steps[-1] @ pose_of(robot.tool))),
-        "dh_base": _plain(frame_of_poses(pose_of(robot.base) @ table.base)),
-        "dh_tool": _plain(frame_of_poses(table.tool @ pose_of(robot.tool))),
-        "modified_dh_tool": _plain(frame_of_poses(flange @ pose_of(robot.tool))),
+        "tool": _plain(Frame.of(steps[-1] @ robot.tool.pose)),
+        "dh_base": _plain(Frame.of(robot.base.pose @ table.base)),
+        "dh_tool": _plain(Frame.of(table.tool @ robot.tool.pose)),
+        "modified_dh_tool": _plain(Frame.of(flange @ robot.tool.pose)),
     }
 
 
@@ -507,8 +484,6 @@ def _offsets_text(fitted: Robot, nominal: Robot) -> str:
 
 
 # Arms from the files of controllers and of their ROS drivers.
-
-_ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot:
@@ -546,19 +521,11 @@ def _parse_json(text: str, file: str) -> Robot:
     try:
         joints = []
         for entry in document["joints"]:
-            origin = _frame(entry["origin"])
-            values = dict(zip(_ORIGIN, (*origin.xyz, *origin.rpy), strict=True))
             limits = entry.get("limits")
             if entry["type"] not in ("revolute", "prismatic"):
                 raise ValueError(f"type {entry['type']!r}")
-            joints.append(
-                Joint(
-                    str(entry["name"]),
-                    entry["type"],
-                    {**values, "offset": 0.0},
-                    limits=None if limits is None else (float(limits[0]), float(limits[1])),
-                )
-            )
+            limits = None if limits is None else (float(limits[0]), float(limits[1]))
+            joints.append(joint_at(_frame(entry["origin"]), str(entry["name"]), entry["type"], limits))
         gravity = tuple(float(value) for value in document["gravity"])
         x, y, z = gravity
         base, tool = _frame(document["base"]), _frame(document["tool"])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,23 +52,15 @@ def build_chain(robot: Robot) -> Chain:
     Every joint gets two flexures in front of its axis. Joint variables drive the axis with the joint's sign; a mimic
     joint is driven by its master's variable, a coupled joint by those of its coupling too.
     """
-    motions = _frame_motions(robot.base, BASE)
-    drives: list[JointDrive] = []
-    bodies: list[Body] = []
-    joint_axis: list[int] = [0] * len(robot.variables)
     number = {joint.name: i for i, joint in enumerate(robot.variables)}
-    for owner, joint in enumerate(robot.joints):
-        first = len(motions)
-        motions.extend(_joint_motions(joint, owner, robot.convention))
-        if joint.type != "fixed":
-            axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
-            if joint.is_variable:
-                joint_axis[number[joint.name]] = axis
-            drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in _ratios(joint).items()]
-        if joint.mass:
-            bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
-    motions.extend(_frame_motions(robot.tool, TOOL))
-    return Chain(tuple(motions), tuple(drives), len(robot.variables), tuple(bodies), tuple(joint_axis))
+    motions, drives, bodies = _links(_frame_motions(robot.base, BASE), robot.joints, robot.convention, number)
+    own = {(joint.name, i) for i, joint in enumerate(robot.variables)}
+    joint_axis = [0] * len(number)
+    for drive in drives:
+        if (robot.joints[motions[drive.motion].owner].name, drive.joint) in own:
+            joint_axis[drive.joint] = drive.motion
+    motions += _frame_motions(robot.tool, TOOL)
+    return Chain(tuple(motions), tuple(drives), len(number), tuple(bodies), tuple(joint_axis))
 
 
 def branch_chain(path: Sequence[BranchJoint], variables: Sequence[str]) -> Chain:
@@ -77,18 +69,33 @@ def branch_chain(path: Sequence[BranchJoint], variables: Sequence[str]) -> Chain
     Its joint variables are numbered as the names ``variables``, of the branches first and then of the arm, which joints
     of a branch may follow. Each link with a mass is a body.
     """
-    motions: list[Motion] = []
+    number = {name: i for i, name in enumerate(variables)}
+    motions, drives, bodies = _links([], [branch.joint for branch in path], "urdf", number)
+    return Chain(tuple(motions), tuple(drives), len(variables), tuple(bodies))
+
+
+def _links(
+    motions: list[Motion], joints: Sequence[Joint], convention: str, number: Mapping[str, int]
+) -> tuple[list[Motion], list[JointDrive], list[Body]]:
+    """Return ``motions`` and those of joints behind them, what drives these, and the links' masses.
+
+    Args:
+        motions: Motions in front of the first joint.
+        joints: Joints in order; their places are the owners of their motions.
+        convention: Convention of the joints.
+        number: Number of each joint variable, by the name of its joint.
+    """
     drives: list[JointDrive] = []
     bodies: list[Body] = []
-    for owner, branch in enumerate(path):
-        joint, first = branch.joint, len(motions)
-        motions.extend(_joint_motions(joint, owner, "urdf"))
+    for owner, joint in enumerate(joints):
+        first = len(motions)
+        motions.extend(_joint_motions(joint, owner, convention))
         if joint.type != "fixed":
-            axis = next(k for k in range(first, len(motions)) if motions[k].label == variable_label(joint))
-            drives += [JointDrive(axis, variables.index(name), joint.sign * c) for name, c in _ratios(joint).items()]
+            axis = next(k for k in range(first, len(motions)) if motions[k].label == joint.offset_parameter)
+            drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in _ratios(joint).items()]
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
-    return Chain(tuple(motions), tuple(drives), len(variables), tuple(bodies))
+    return motions, drives, bodies
 
 
 def _ratios(joint: Joint) -> dict[str, float]:
@@ -98,23 +105,14 @@ def _ratios(joint: Joint) -> dict[str, float]:
     return ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
 
 
-def variable_label(joint: Joint) -> str:
-    """Return the label of the motion that a joint's variable drives."""
-    if "offset" in joint.parameters:
-        return "offset"
-    return "theta" if joint.type == "revolute" else "d"
-
-
 def _motion(label: str, value: float, owner: int) -> Motion:
     kind = "translation" if label in _LENGTHS else "rotation"
     return Motion(kind, _AXIS_OF[label], float(value), owner, label)  # type: ignore[arg-type]
 
 
 def _frame_motions(frame: Frame, owner: int) -> list[Motion]:
-    values = dict(zip(("x", "y", "z"), frame.xyz, strict=True))
-    values |= dict(zip(("roll", "pitch", "yaw"), frame.rpy, strict=True))
-    motions = [_motion(label, values[label], owner) for label in _FRAME_ORDER]
-    return motions + [_motion(label, 0.0, owner) for label in TURNS]
+    values = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*frame.xyz, *frame.rpy), strict=True))
+    return [_motion(label, values.get(label, 0.0), owner) for label in (*_FRAME_ORDER, *TURNS)]
 
 
 def _joint_motions(joint: Joint, owner: int, convention: str) -> Iterable[Motion]:

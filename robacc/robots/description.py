@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -25,6 +26,21 @@ ORIGIN_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw", "offset")
 LENGTH_PARAMETERS = frozenset({"d", "a", "x", "y", "z"})
 MAX_JOINTS = 100
 """Joints of one chain: three times a snake arm's; the work of a search for effects grows with their square."""
+
+
+_MIN_AXIS = 1e-9
+"""An axis shorter than this has no direction."""
+_UNIT_AXIS = 1e-12
+"""An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
+
+
+def unit_axis(xyz: Sequence[float]) -> Vector | None:
+    """Return an axis with unit length; None for one of no direction."""
+    length = math.hypot(*xyz)
+    if length < _MIN_AXIS:
+        return None
+    x, y, z = xyz if abs(length - 1) < _UNIT_AXIS else (value / length for value in xyz)
+    return x, y, z
 
 
 @dataclass(frozen=True, slots=True)

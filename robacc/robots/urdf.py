@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple, cast
@@ -25,6 +25,7 @@ from robacc.robots.description import (
     Mimic,
     Robot,
     Vector,
+    unit_axis,
 )
 from robacc.robots.urdf_chain import UrdfDocument, UrdfTree, check_sizes, choose_chain, read_document
 from robacc.robots.yaml_units import finite_limits
@@ -32,117 +33,74 @@ from robacc.robots.yaml_units import finite_limits
 # Resolve the mimic joints of a URDF's chain, and of its branches.
 
 
-def resolve_mimics(
-    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[Any], joints: Sequence[Joint]
-) -> list[Joint]:
-    """Return the chain's joints with every mimic made to follow, directly, a joint variable of the chain.
+def _resolve_mimics(
+    tree: UrdfTree, joints: Sequence[Joint], branches: Sequence[BranchJoint]
+) -> tuple[list[Joint], list[BranchJoint]]:
+    """Return the joints with every mimic made to follow, directly, a joint variable of the chain or of a branch.
 
-    Args:
-        document: The URDF, which collects the problems.
-        elements: Each joint's element, by its name.
-        all_joints: Joints of the file, as yourdfpy reads them.
-        joints: Joints of the chain.
-    """
-    return _with_outside_masters(_direct_mimics(document, elements, all_joints, joints))
-
-
-def resolve_branch_mimics(
-    document: UrdfDocument,
-    elements: Mapping[str, Element],
-    all_joints: Sequence[Any],
-    joints: Sequence[Joint],
-    branches: Sequence[BranchJoint],
-) -> tuple[BranchJoint, ...]:
-    """Return the joints outside the chain with every mimic made to follow, directly, a variable of chain or branches.
-
-    A joint that a joint of the chain follows moves as that one tells: ``q_m = (q_a - o_a) / m_a``. A joint that follows
-    one which stands at zero keeps a variable.
-
-    Args:
-        document: The URDF, which collects the problems.
-        elements: Each joint's element, by its name.
-        all_joints: Joints of the file, as yourdfpy reads them.
-        joints: Joints of the chain, whose mimics are not resolved.
-        branches: Joints outside the chain, whose mimics are not resolved.
+    Of the joints of the chain that follow a joint outside of it, the first becomes the variable, and any other, in the
+    chain or outside, follows it: ``q_b = m_b / m_a (q_a - o_a) + o_b``. A joint that follows one which stands at zero
+    keeps a variable.
     """
     inside = {joint.name for joint in joints}
+    known = inside | {branch.joint.name for branch in branches}
+    chain = [_direct_mimic(tree, joint) for joint in joints]
     leaders: dict[str, tuple[str, Mimic]] = {}
-    for joint in _direct_mimics(document, elements, all_joints, joints):
+    for joint in chain:
         if joint.mimic is not None and joint.mimic.master not in inside and joint.mimic.multiplier != 0.0:
             leaders.setdefault(joint.mimic.master, (joint.name, joint.mimic))
-    beside = _direct_mimics(document, elements, all_joints, [branch.joint for branch in branches])
-    known = inside | {joint.name for joint in beside}
-    result = []
-    for branch, joint in zip(branches, beside, strict=True):
-        rule = joint.mimic or Mimic(joint.name)
-        if rule.master in leaders:
-            leader, first = leaders[rule.master]
-            ratio = rule.multiplier / first.multiplier
-            joint = replace(joint, mimic=Mimic(leader, ratio, rule.offset - ratio * first.offset))
-        elif rule.master not in known:
-            joint = replace(joint, mimic=None)
-        result.append(replace(branch, joint=joint))
-    return tuple(result)
 
+    def follower(joint: Joint, rule: Mimic) -> Joint:
+        leader, first = leaders[rule.master]
+        ratio = rule.multiplier / first.multiplier
+        return replace(joint, mimic=Mimic(leader, ratio, rule.offset - ratio * first.offset))
 
-def _direct_mimics(
-    document: UrdfDocument, elements: Mapping[str, Element], all_joints: Sequence[Any], joints: Sequence[Joint]
-) -> list[Joint]:
-    """Return the joints with every mimic made to follow, directly, a joint that moves by itself.
-
-    That joint may be outside the chain.
-    """
-    by_name = {joint.name: joint for joint in all_joints}
-    resolved = []
-    for joint in joints:
-        mimic, visited = joint.mimic, {joint.name}
-        while mimic is not None:
-            master = by_name.get(mimic.master)
-            problem = None
-            if master is None:
-                problem = "which is not a joint of this file"
-            elif master.type == "fixed":
-                problem = "which is fixed"
-            elif master.name in visited:
-                problem = "which follows it in turn: none of these joints moves by itself"
-            if problem or master is None:
-                document.report(elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
-                break
-            visited.add(master.name)
-            if master.mimic is None:
-                joint = replace(joint, mimic=mimic)
-                break
-            # q = m1 (m2 q' + o2) + o1
-            inner = master.mimic
-            offset = mimic.multiplier * inner.offset + mimic.offset
-            mimic = Mimic(inner.joint, mimic.multiplier * inner.multiplier, offset)
-        resolved.append(joint)
-    return resolved
-
-
-def _with_outside_masters(joints: Sequence[Joint]) -> list[Joint]:
-    """Return the joints, with a variable for each joint outside the chain that some of them follow.
-
-    The first follower becomes the variable, and any other follows it:
-    ``q_b = m_b / m_a (q_a - o_a) + o_b``.
-    """
-    inside = {joint.name for joint in joints}
-    leaders: dict[str, tuple[str, Mimic]] = {}
-    result = []
-    for joint in joints:
+    for i, joint in enumerate(chain):
         rule = joint.mimic
         if rule is None or rule.master in inside:
-            result.append(joint)
-        elif rule.multiplier == 0.0:
-            result.append(replace(joint, mimic=None))
-        elif rule.master not in leaders:
-            leaders[rule.master] = joint.name, rule
-            result.append(replace(joint, mimic=None, outside=rule))
+            continue
+        if rule.multiplier == 0.0:
+            chain[i] = replace(joint, mimic=None)
+        elif leaders[rule.master][0] == joint.name:
+            chain[i] = replace(joint, mimic=None, outside=rule)
         else:
-            leader, first = leaders[rule.master]
-            ratio = rule.multiplier / first.multiplier
-            result.append(replace(joint, mimic=Mimic(leader, ratio, rule.offset - ratio * first.offset)))
-    return result
+            chain[i] = follower(joint, rule)
+    beside = []
+    for branch in branches:
+        joint = _direct_mimic(tree, branch.joint)
+        rule = joint.mimic or Mimic(joint.name)
+        if rule.master in leaders:
+            joint = follower(joint, rule)
+        elif rule.master not in known:
+            joint = replace(joint, mimic=None)
+        beside.append(replace(branch, joint=joint))
+    return chain, beside
+
+
+def _direct_mimic(tree: UrdfTree, joint: Joint) -> Joint:
+    """Return the joint with its mimic made to follow, directly, a joint that moves by itself, in the chain or not."""
+    by_name = {other.name: other for other in tree.robot.joints}
+    mimic, visited = joint.mimic, {joint.name}
+    while mimic is not None:
+        master = by_name.get(mimic.master)
+        problem = None
+        if master is None:
+            problem = "which is not a joint of this file"
+        elif master.type == "fixed":
+            problem = "which is fixed"
+        elif master.name in visited:
+            problem = "which follows it in turn: none of these joints moves by itself"
+        if problem or master is None:
+            tree.document.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
+            return joint
+        if master.mimic is None:
+            return replace(joint, mimic=mimic)
+        visited.add(master.name)
+        # q = m1 (m2 q' + o2) + o1
+        inner = master.mimic
+        offset = mimic.multiplier * inner.offset + mimic.offset
+        mimic = Mimic(inner.joint, mimic.multiplier * inner.multiplier, offset)
+    return joint
 
 
 # Masses of a URDF's links outside the chain: grippers, hoses' clamps, cameras, a second arm.
@@ -155,11 +113,11 @@ _MOVING = ("revolute", "continuous", "prismatic")
 
 def with_branches(
     tree: UrdfTree, base: str, joints: Sequence[Joint], read_joint: Callable[[Any], Joint]
-) -> tuple[list[Joint], tuple[BranchJoint, ...]]:
+) -> tuple[list[Joint], list[BranchJoint]]:
     """Return the joints of a chain, each link with the mass that it carries rigidly, and the joints of branches.
 
     A joint outside the chain that moves little mass stands at zero, as if it were fixed. Joints that follow others are
-    not resolved yet (:mod:`.urdf_mimics`). A chain without any mass stays without.
+    not resolved yet. A chain without any mass stays without.
 
     Args:
         tree: The URDF's tree.
@@ -168,7 +126,7 @@ def with_branches(
         read_joint: Returns the description of a joint of the tree.
     """
     if not any(joint.mass for joint in joints):
-        return list(joints), ()
+        return list(joints), []
     beside = _Beside(tree, frozenset(joint.link for joint in joints))
     loaded = []
     branches = list(_branches(beside, beside.carried(base), None, read_joint))
@@ -176,7 +134,7 @@ def with_branches(
         carried = list(beside.carried(joint.link))
         loaded.append(_loaded(joint, carried))
         branches += _branches(beside, carried, joint.name, read_joint)
-    return loaded, tuple(branches)
+    return loaded, branches
 
 
 class _Link(NamedTuple):
@@ -290,10 +248,6 @@ _TYPES: dict[str, JointType] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-_MIN_AXIS = 1e-9
-"""An axis shorter than this has no direction."""
-_UNIT_AXIS = 1e-12
-"""An axis this near to unit length keeps its written numbers."""
 
 
 def parse_urdf(
@@ -336,12 +290,11 @@ def parse_urdf(
     )
     check_sizes(document, tree.elements, [*joints, *(branch.joint for branch in branches)])
     document.finish()
-    branches = resolve_branch_mimics(document, tree.elements, tree.robot.joints, joints, branches)
-    joints = resolve_mimics(document, tree.elements, tree.robot.joints, joints)
+    joints, branches = _resolve_mimics(tree, joints, branches)
     if not any(joint.is_variable for joint in joints):
         document.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     document.finish()
-    return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip, branches=branches)
+    return Robot(tree.robot.name, "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches))
 
 
 def _read_tree(document: UrdfDocument) -> UrdfTree:
@@ -379,26 +332,24 @@ def _read_joint(tree: UrdfTree, joint: Any) -> Joint:
         )
         fix = "choose a chain without it with `base_link` and `tip_link`"
         document.report(element, joint.name, message, fix)
+    axis = None if joint.type == "fixed" else unit_axis([float(value) for value in joint.axis])
+    if axis is None and joint.type != "fixed":
+        document.report(element, joint.name, "the joint's axis is zero and has no direction")
     mass, com = _read_inertial(tree, joint.child)
+    mimic = joint.mimic
     return Joint(
         name=joint.name,
         type=kind or "fixed",
         parameters=_read_origin(element),
-        axis=(0.0, 0.0, 1.0) if joint.type == "fixed" else _read_axis(document, element, joint),
+        axis=axis or (0.0, 0.0, 1.0),
         limits=None if joint.type in ("fixed", "continuous") else _read_limits(document, element, joint),
         is_continuous=joint.type == "continuous",
         mass=mass,
         com=com,
-        mimic=_read_mimic(joint),
+        # A fixed joint does not move, whatever it follows; reduced URDFs leave the element in place.
+        mimic=Mimic(mimic.joint, mimic.multiplier, mimic.offset) if mimic and joint.type != "fixed" else None,
         link=joint.child,
     )
-
-
-def _read_mimic(joint: Any) -> Mimic | None:
-    # A fixed joint does not move, whatever it follows; reduced URDFs leave the element in place.
-    if joint.mimic is None or joint.type == "fixed":
-        return None
-    return Mimic(joint.mimic.joint, joint.mimic.multiplier, joint.mimic.offset)
 
 
 def _read_origin(element: Element) -> dict[str, float]:
@@ -410,15 +361,6 @@ def _read_origin(element: Element) -> dict[str, float]:
         numbers = [float(part) for key in ("xyz", "rpy") for part in origin.get(key, "0 0 0").split()]
         values |= dict(zip(ORIGIN_PARAMETERS, numbers, strict=False))
     return values
-
-
-def _read_axis(document: UrdfDocument, element: Element, joint: Any) -> Vector:
-    x, y, z = (float(value) for value in joint.axis)
-    length = math.hypot(x, y, z)
-    if length < _MIN_AXIS:
-        document.report(element, joint.name, "the joint's axis is zero and has no direction")
-        return (0.0, 0.0, 1.0)
-    return (x, y, z) if abs(length - 1) < _UNIT_AXIS else (x / length, y / length, z / length)
 
 
 def _read_limits(document: UrdfDocument, element: Element, joint: Any) -> tuple[float, float] | None:

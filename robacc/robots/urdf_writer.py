@@ -83,7 +83,7 @@ class _Writer:
             return
         self.link = self.unused_name(MEASURING_FRAME)
         SubElement(self.root, "link", name=self.link)
-        self.connect(self.unused_name(f"{MEASURING_FRAME}_to_base"), "fixed", _frame(robot.base), name)
+        self.connect(self.unused_name(f"{MEASURING_FRAME}_to_base"), "fixed", robot.base.pose, name)
 
     def place_joint(self, joint: Joint, convention: str) -> None:
         """Add a joint of the robot, and its link with its mass."""
@@ -144,7 +144,7 @@ class _Writer:
         flange = self.link
         for name, frame in frames.items():
             self.link = flange
-            self.connect(self.unused_name(f"to_{name}"), "fixed", self.tail @ _frame(frame), self.unused_name(name))
+            self.connect(self.unused_name(f"to_{name}"), "fixed", self.tail @ frame.pose, self.unused_name(name))
 
 
 def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
@@ -172,10 +172,6 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
     if convention == "standard":
         return variable, along(0, values["a"]) @ twist @ tilt
     return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
-
-
-def _frame(frame: Frame) -> Poses:
-    return Poses.from_xyz_rpy(np.array(frame.xyz), np.array(frame.rpy))
 
 
 def _is_identity(poses: Poses) -> bool:

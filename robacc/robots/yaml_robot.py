@@ -28,6 +28,7 @@ from robacc.robots.description import (
     Robot,
     Vector,
     effect_key,
+    unit_axis,
 )
 from robacc.robots.yaml_units import Units, check_likely_units, finite_limits, read_units
 
@@ -43,10 +44,6 @@ _FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
 _DIGEST = re.compile("[0-9a-f]{64}")
 _MAX_GRAVITY = 50.0
 """m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
-_MIN_AXIS = 1e-9
-"""An axis shorter than this has no direction."""
-_UNIT_AXIS = 1e-12
-"""An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
 
 
 def _read(
@@ -125,13 +122,12 @@ def _gravity(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[floa
     return values
 
 
-def _axis(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[float, ...] | None:
+def _axis(source: Source, node: yaml.Node, path: str, _: Units) -> Vector | None:
     values = source.numbers(node, path, 3)
-    length = 1.0 if values is None else math.hypot(*values)
-    if length < _MIN_AXIS:
+    axis = unit_axis(values) if values else None
+    if values and axis is None:
         source.report(node, path, "the axis is zero and has no direction")
-        return None
-    return values if values is None or abs(length - 1) < _UNIT_AXIS else tuple(value / length for value in values)
+    return axis
 
 
 def _limits(joint_type: JointType) -> Kind:

@@ -141,11 +141,16 @@ def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
         first = next(joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute")
         message = f"the limits of every joint (the first: {first} rad) are more than two turns"
         source.report(node, "units.angle", message, "they look like degrees: write angle: deg")
-    angles = [abs(angle) / units.angle for joint in robot.joints for angle in _fixed_angles(joint)]
-    if units.angle != 1.0 and angles and all(_is_right_angle(value) for value in angles):
+    parameters = [item for joint in robot.joints for item in joint.parameters.items()]
+    fixed = [value for name, value in parameters if name not in LENGTH_PARAMETERS and name != "offset" and value]
+    angles = [abs(value) / units.angle for value in fixed]
+    right = (math.pi / 2, math.pi)
+    if units.angle != 1.0 and angles and all(min(abs(value - angle) for angle in right) < 1e-3 for value in angles):
         message = f"the joints' angles ({angles[0]:g} and so on) are multiples of a quarter turn in rad, not in deg"
         source.report(node, "units.angle", message, "they look like radians: write angle: rad")
-    longest = max((abs(value) for joint in robot.joints for value in _lengths(joint)), default=0.0)
+    travels = [value for joint in robot.joints if joint.type == "prismatic" for value in joint.limits or ()]
+    lengths = [value for name, value in parameters if name in LENGTH_PARAMETERS]
+    longest = max(map(abs, (*lengths, *travels)), default=0.0)
     if units.length != 1.0 and 0 < longest < MIN_LENGTH:
         message = f"the longest length of the arm is {longest / units.length:g} mm"
         source.report(node, "units.length", message, "the lengths look like metres: write length: m")
@@ -166,18 +171,3 @@ def limits_likely_degrees(joints: Sequence[Joint]) -> bool:
     limits = [joint.limits for joint in joints if joint.limits and joint.type == "revolute"]
     low, high = _LIMITS_IN_DEGREES
     return bool(limits) and all(low < max(map(abs, pair)) < high for pair in limits)
-
-
-def _fixed_angles(joint: Joint) -> list[float]:
-    names = [name for name in joint.parameters if name not in LENGTH_PARAMETERS and name != "offset"]
-    return [joint.parameters[name] for name in names if joint.parameters[name] != 0.0]
-
-
-def _is_right_angle(value: float) -> bool:
-    quarter = math.pi / 2
-    return abs(value - quarter) < 1e-3 or abs(value - 2 * quarter) < 1e-3
-
-
-def _lengths(joint: Joint) -> list[float]:
-    travel = list(joint.limits or ()) if joint.type == "prismatic" else []
-    return [value for name, value in joint.parameters.items() if name in LENGTH_PARAMETERS] + travel

@@ -47,55 +47,45 @@ def robot_document(robot: Robot, units: Units = SI) -> dict[str, Any]:
     if robot.effects and robot.effect_units != (units.length, units.angle):
         raise ValueError("convert effects to the units of the file before writing them")
     length_name, angle_name = units.names
-    document: dict[str, Any] = {
-        "robacc": 1,
-        "name": robot.name,
-        **({"identity": dict(robot.identity)} if robot.identity else {}),
-        **({"fitted_to": list(robot.fitted_to)} if robot.fitted_to else {}),
-        "convention": robot.convention,
-        "units": {"length": length_name, "angle": angle_name},
-        "gravity": _floats(robot.gravity),
-        "base": _frame(robot.base, robot.base_tolerance, units),
-    }
-    if robot.targets:
-        document["targets"] = {name: _frame(frame, {}, units) for name, frame in robot.targets.items()}
-    else:
-        document["tool"] = _frame(robot.tool, robot.tool_tolerance, units)
-    if robot.payload_com is not None:
-        document["payload"] = {"com": _lengths(robot.payload_com, units)}
-    if robot.mass_uncertainty is not None:
-        document["mass_uncertainty"] = float(robot.mass_uncertainty)
-    if robot.base_link:
-        document["base_link"] = robot.base_link
-    if robot.tip_link:
-        document["tip_link"] = robot.tip_link
     types = {joint.name: joint.type for joint in (*robot.joints, *(branch.joint for branch in robot.branches))}
-    document["joints"] = [_joint(joint, robot.convention == "urdf", units, types) for joint in robot.joints]
-    if robot.branches:
-        document["branches"] = [_branch(branch, units, types) for branch in robot.branches]
-    if robot.effects:
-        document["effects"] = [_plain(effect) for effect in robot.effects]
-    if robot.campaign is not None:
-        document["campaign"] = _campaign(robot.campaign, units)
-    if robot.fit is not None:
-        document["fit"] = _plain(robot.fit)
-    return document
+    targets = {name: _frame(frame, {}, units) for name, frame in robot.targets.items()}
+    payload = robot.payload_com
+    return _given(
+        {
+            "robacc": 1,
+            "name": robot.name,
+            "identity": dict(robot.identity),
+            "fitted_to": list(robot.fitted_to),
+            "convention": robot.convention,
+            "units": {"length": length_name, "angle": angle_name},
+            "gravity": _floats(robot.gravity),
+            "base": _frame(robot.base, robot.base_tolerance, units),
+            "targets": targets,
+            "tool": None if targets else _frame(robot.tool, robot.tool_tolerance, units),
+            "payload": None if payload is None else {"com": _lengths(payload, units)},
+            "mass_uncertainty": None if robot.mass_uncertainty is None else float(robot.mass_uncertainty),
+            "base_link": robot.base_link,
+            "tip_link": robot.tip_link,
+            "joints": [_joint(joint, robot.convention == "urdf", units, types) for joint in robot.joints],
+            "branches": [_branch(branch, units, types) for branch in robot.branches],
+            "effects": [_plain(effect) for effect in robot.effects],
+            "campaign": None if robot.campaign is None else _campaign(robot.campaign, units),
+            "fit": _plain(robot.fit),
+        }
+    )
 
 
 def _campaign(campaign: Campaign, units: Units) -> dict[str, Any]:
-    entry: dict[str, Any] = {"poses": list(campaign.poses)}
-    before: dict[str, Any] = {}
-    if campaign.base is not None:
-        before["base"] = _frame(campaign.base, {}, units)
-    if campaign.tool is not None:
-        before["tool"] = _frame(campaign.tool, {}, units)
-    if campaign.targets:
-        before["targets"] = {name: _frame(frame, {}, units) for name, frame in campaign.targets.items()}
-    if before:
-        entry["before"] = before
-    if campaign.effects:
-        entry["effects"] = [_plain(effect) for effect in campaign.effects]
-    return entry
+    frames = {"base": campaign.base, "tool": campaign.tool}
+    before: dict[str, Any] = {key: _frame(frame, {}, units) for key, frame in frames.items() if frame is not None}
+    before["targets"] = {name: _frame(frame, {}, units) for name, frame in campaign.targets.items()}
+    entry = {"before": _given(before), "effects": [_plain(effect) for effect in campaign.effects]}
+    return {"poses": list(campaign.poses), **_given(entry)}
+
+
+def _given(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries that are there: neither None nor empty."""
+    return {key: value for key, value in entry.items() if value is not None and value not in ({}, [], "")}
 
 
 def rounded_document(value: Any) -> Any:
@@ -128,26 +118,28 @@ def _joint(joint: Joint, is_urdf: bool, units: Units, types: Mapping[str, str]) 
     else:
         entry |= {name: value for name, value in values.items() if name != "beta" or value != 0.0}
     unit = units.of_joint(joint.type)
-    optional = {
-        "limits": joint.limits and [value / unit for value in joint.limits],
-        "sign": -1 if joint.sign < 0 else None,
-        "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
-        "mass": None if joint.mass is None else float(joint.mass),
-        "com": joint.com and _lengths(joint.com, units),
-        "tolerance": _sizes(joint.tolerance, lengths, units) or None,
-        "link": joint.link,
-    }
-    entry |= {key: value for key, value in optional.items() if value is not None}
-    if joint.coupling:
-        entry["coupling"] = {
-            name: ratio * (units.of_joint(types[name]) / unit) for name, ratio in _sizes(joint.coupling, (), SI).items()
+    mimic = joint.mimic
+    return entry | _given(
+        {
+            "limits": joint.limits and [value / unit for value in joint.limits],
+            "sign": -1 if joint.sign < 0 else None,
+            "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
+            "mass": None if joint.mass is None else float(joint.mass),
+            "com": joint.com and _lengths(joint.com, units),
+            "tolerance": _sizes(joint.tolerance, lengths, units),
+            "link": joint.link,
+            "coupling": {
+                str(name): float(ratio) * (units.of_joint(types[name]) / unit) for name, ratio in joint.coupling.items()
+            },
+            "passive": joint.is_passive or None,
+            "mimic": mimic
+            and {
+                "joint": mimic.master,
+                "multiplier": float(mimic.multiplier) * (units.of_joint(types[mimic.master]) / unit),
+                "offset": mimic.offset / unit,
+            },
         }
-    if joint.is_passive:
-        entry["passive"] = True
-    if joint.mimic is not None:
-        multiplier = float(joint.mimic.multiplier) * (units.of_joint(types[joint.mimic.master]) / unit)
-        entry["mimic"] = {"joint": joint.mimic.master, "multiplier": multiplier, "offset": joint.mimic.offset / unit}
-    return entry
+    )
 
 
 def _branch(branch: BranchJoint, units: Units, types: Mapping[str, str]) -> dict[str, Any]:

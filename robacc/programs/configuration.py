@@ -67,6 +67,11 @@ def status_number(configuration: str) -> int | None:
     match = _STATUS.search(configuration)
     if match is None:
         return None
+    return _bits(match)
+
+
+def _bits(match: re.Match[str]) -> int:
+    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones."""
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
 
 
@@ -156,8 +161,7 @@ def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWi
         match = _TURN.search(configuration)
         if match is None:
             return None if status_number(configuration) is None else JointWindow(low, high)
-        text = match[1]
-        turn = int(text[1:], 2) if text[0] in "Bb" else int(text)
+        turn = _bits(match)
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
     if dialect is Dialect.fanuc:

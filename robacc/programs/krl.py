@@ -202,7 +202,7 @@ class _Reader:
     files: Sequence[_File]
     draft: Draft
     frames: dict[str, Frame] = field(default_factory=dict)
-    """Frames of variables."""
+    """Frames of variables, such as ``TOOL_DATA[1]``."""
     data: dict[str, dict[str, str]] = field(default_factory=dict)
     """Numbers of tool and base of each FDAT."""
     fixed: set[str] = field(default_factory=set)
@@ -254,9 +254,7 @@ class _Reader:
                 written = value.written
                 if more or name in file.changes or written is None or written.convention is Convention.joints:
                     continue
-                if (table := _TABLE.match(name)) is not None:
-                    (self.draft.tools if table[1] == "TOOL" else self.draft.bases)[table[2]] = written.frame
-                elif value.type in ("FRAME", "") and not written.configuration:
+                if _TABLE.match(name) or (value.type in ("FRAME", "") and not written.configuration):
                     self.frames[name] = written.frame
 
     def read_targets(self) -> dict[str, int]:
@@ -273,8 +271,7 @@ class _Reader:
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:
         """Return the tool or base of a number."""
-        table = self.draft.tools if kind == "TOOL" else self.draft.bases
-        return ProgramFrame(number, _ORIGIN if number == "0" else table.get(number))
+        return ProgramFrame(number, _ORIGIN if number == "0" else self.frames.get(f"{kind}_DATA[{number}]"))
 
     def resolve(self, text: str) -> ProgramFrame | None:
         """Return the frame of the right-hand side of an assignment; None where it is computed."""

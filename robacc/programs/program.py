@@ -107,38 +107,25 @@ def _decode(data: bytes, file: str) -> tuple[str, str]:
         fix = "export it from the controller as text"
         raise InputError(Problem("is not a text file: it contains a NUL byte", file, line, fix=fix))
     text = data.decode("latin-1")
+    wrong = _not_decoded(data, "utf-8")
+    if wrong is None:
+        return text, "utf-8"
+    # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
+    has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
+    if has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN):
+        line = data.count(b"\n", 0, wrong) + 1
+        message = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
+        raise InputError(Problem(message, file, line, fix="save it in one encoding"))
+    return text, "8-bit"
+
+
+def _not_decoded(data: bytes, encoding: str) -> int | None:
+    """Return the place of the first byte that is not of an encoding; None where all are."""
     try:
-        data.decode("utf-8")
+        data.decode(encoding)
     except UnicodeDecodeError as error:
-        if _has_utf8_line(data) and not _is_east_asian(data):
-            line = data.count(b"\n", 0, error.start) + 1
-            message = f"mixes UTF-8 with another encoding (byte 0x{data[error.start]:02x} is not UTF-8)"
-            raise InputError(Problem(message, file, line, fix="save it in one encoding")) from None
-        return text, "8-bit"
-    return text, "utf-8"
-
-
-def _has_utf8_line(data: bytes) -> bool:
-    """Return whether a line with characters beyond ASCII is valid UTF-8, which text of another encoding rarely is."""
-    for line in data.splitlines():
-        if not line.isascii():
-            try:
-                line.decode("utf-8")
-            except UnicodeDecodeError:
-                continue
-            return True
-    return False
-
-
-def _is_east_asian(data: bytes) -> bool:
-    """Return whether the bytes are text of an East Asian code page."""
-    for encoding in _EAST_ASIAN:
-        try:
-            data.decode(encoding)
-        except UnicodeDecodeError:
-            continue
-        return True
-    return False
+        return error.start
+    return None
 
 
 # Conventions of robot programs for orientations, converted to unit quaternions and back.
@@ -354,20 +341,6 @@ class Program:
     """Motions to ``targets`` in the order of the text; loops and branches are not followed."""
     notes: tuple[ProgramNote, ...] = ()
     """Everything that the program computes at run time or that the reader does not know, by line."""
-    tools: Mapping[str, Frame] = field(default_factory=dict)
-    """Tools that the files define, by name."""
-    bases: Mapping[str, Frame] = field(default_factory=dict)
-    """Base frames that the files define, by name."""
-
-    @property
-    def text(self) -> str:
-        """Text of the program; bytes of an 8-bit encoding appear as the characters of the same numbers."""
-        return self.source.text
-
-    @property
-    def encoding(self) -> str:
-        """Encoding of the file: ``utf-8``, ``utf-16-le``, ``utf-16-be``, or ``8-bit`` for other code pages."""
-        return self.source.encoding
 
 
 # Program put together from what a dialect's reader found: values in SI units, and each target's motions.
@@ -402,8 +375,6 @@ class Draft:
     targets: list[ProgramTarget] = field(default_factory=list)
     moves: list[ProgramMove] = field(default_factory=list)
     notes: list[ProgramNote] = field(default_factory=list)
-    tools: dict[str, Frame] = field(default_factory=dict)
-    bases: dict[str, Frame] = field(default_factory=dict)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
 
@@ -477,7 +448,7 @@ class Draft:
                 )
         notes = tuple(sorted(self.notes, key=lambda note: note.line))
         source = self.source
-        return Program(source.file, self.dialect, source, tuple(targets), moves, notes, self.tools, self.bases)
+        return Program(source.file, self.dialect, source, tuple(targets), moves, notes)
 
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention, list[int]]]:

@@ -130,7 +130,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     text = module.text
     frames = {name: ProgramFrame(name, Frame()) for name in ("tool0", "wobj0")}
     for other in (*map(_Module.of, others), module):
-        _read_frames(other, frames, draft)
+        _read_frames(other, frames)
     targets = _read_targets(module, draft)
     for (routine, name), indices in targets.items():
         if (position := module.change_of(routine, name)) is not None:
@@ -161,7 +161,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     return draft.program()
 
 
-def _read_frames(module: _Module, frames: dict[str, ProgramFrame], draft: Draft) -> None:
+def _read_frames(module: _Module, frames: dict[str, ProgramFrame]) -> None:
     """Add the tools and work objects that a module declares; a frame that it changes is unknown."""
     changed = {name for _, name in module.changes}
     for match in _DECLARATION.finditer(module.text):
@@ -169,8 +169,6 @@ def _read_frames(module: _Module, frames: dict[str, ProgramFrame], draft: Draft)
         if kind in ("tooldata", "wobjdata") and match[5] is not None:
             frame = None if name.lower() in changed else _frame(module.text, match.span(5), kind)
             frames[name.lower()] = ProgramFrame(name, frame)
-            if frame is not None:
-                (draft.tools if kind == "tooldata" else draft.bases)[name] = frame
 
 
 def _read_targets(module: _Module, draft: Draft) -> dict[tuple[int, str], list[int | None]]:

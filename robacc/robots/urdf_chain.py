@@ -84,7 +84,13 @@ def read_document(text: str, file: str) -> UrdfDocument:
         InputError: The text is not well-formed XML, is not a URDF, is xacro, or has wrong names or numbers.
     """
     reader = _UrdfReader(file)
-    reader.read(text)
+    try:
+        reader.parser.Parse(text, True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise InputError(Problem(f"not well-formed XML: {reason}", file, error.lineno)) from None
+    except UnicodeEncodeError:
+        raise InputError(Problem("not well-formed XML: it contains a lone surrogate", file)) from None
     document = UrdfDocument(file, reader.builder.close(), reader.lines)
     _check(document)
     document.finish()
@@ -104,15 +110,6 @@ class _UrdfReader:
         self.parser.StartDoctypeDeclHandler = self._doctype
         self.parser.StartElementHandler = self._start
         self.parser.EndElementHandler = self._end
-
-    def read(self, text: str) -> None:
-        try:
-            self.parser.Parse(text, True)
-        except expat.ExpatError as error:
-            reason = expat.ErrorString(error.code)
-            raise InputError(Problem(f"not well-formed XML: {reason}", self.file, error.lineno)) from None
-        except UnicodeEncodeError:
-            raise InputError(Problem("not well-formed XML: it contains a lone surrogate", self.file)) from None
 
     def _refuse(self, message: str, fix: str | None = None) -> None:
         raise InputError(Problem(message, self.file, self.parser.CurrentLineNumber, fix=fix))
@@ -245,11 +242,6 @@ class UrdfTree:
     elements: dict[str, Element]
     """Element of each joint, by name."""
 
-    @property
-    def roots(self) -> list[str]:
-        """Links that no joint moves."""
-        return [link.name for link in self.robot.links if link.name not in self.parent_joint]
-
     def leaves(self, base: str) -> list[str]:
         """Return the links behind ``base`` that no joint follows."""
         parents = {joint.parent for joint in self.robot.joints}
@@ -280,7 +272,7 @@ def choose_chain(
     N-th joint. Fixed joints behind it belong to the chain up to the flange, but a gripper does not.
     """
     columns = [_UNIT.sub("", name.strip()) for name in joint_columns()] if joint_columns and tip_link is None else []
-    named = _named_joints(tree, columns)
+    named = frozenset(joint.name for joint in tree.robot.joints if _moves(joint)) & frozenset(columns)
     base = _choose_base(tree, base_link)
     if named:
         last = _last_joint(tree, base, named)
@@ -300,18 +292,11 @@ def _moves(joint: Any) -> bool:
     return joint.type != "fixed" and joint.mimic is None
 
 
-def _named_joints(tree: UrdfTree, columns: Sequence[str]) -> frozenset[str]:
-    """Return the moving joints that a column is named after."""
-    return frozenset(joint.name for joint in tree.robot.joints if _moves(joint)) & frozenset(columns)
-
-
 def _last_joint(tree: UrdfTree, base: str, named: frozenset[str]) -> Any | None:
     """Return the joint of ``named`` with all others before it; None where they are on several branches."""
-    for joint in tree.robot.joints:
-        path = tree.path(base, joint.child) if joint.name in named else None
-        if path and named <= {before.name for before in path}:
-            return joint
-    return None
+    joints = [joint for joint in tree.robot.joints if joint.name in named]
+    last = (j for j in joints if named <= {before.name for before in tree.path(base, j.child) or ()})
+    return next(last, None)
 
 
 def _tip_of_length(tree: UrdfTree, base: str, count: int) -> str | None:
@@ -329,7 +314,8 @@ def _flange(tree: UrdfTree, link: str) -> str:
     """Return the link behind the fixed joints that follow ``link``, in front of a gripper and of a fork."""
     while True:
         joints = [joint for joint in tree.robot.joints if joint.parent == link]
-        fixed = [joint.child for joint in joints if joint.type == "fixed" and not _carries_motion(tree, joint.child)]
+        moving = {joint.parent for joint in tree.robot.joints if joint.type != "fixed"}
+        fixed = [joint.child for joint in joints if joint.type == "fixed" and joint.child not in moving]
         named = [name for name in _FLANGES if name in fixed]
         if named:
             return named[0]
@@ -338,41 +324,32 @@ def _flange(tree: UrdfTree, link: str) -> str:
         link = fixed[0]
 
 
-def _carries_motion(tree: UrdfTree, link: str) -> bool:
-    """Return whether a joint directly on the link moves."""
-    return any(joint.parent == link and joint.type != "fixed" for joint in tree.robot.joints)
-
-
 def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
     if base_link is not None:
         return _known_link(tree, base_link, "`base_link`")
-    roots = tree.roots
+    # The links that no joint moves.
+    roots: list[str] = [link.name for link in tree.robot.links if link.name not in tree.parent_joint]
     if len(roots) == 1:
         return roots[0]
-    if not roots:
-        message = (
-            "the joints form a loop: there is no link to start from" if tree.parent_joint else "the file has no links"
-        )
-        raise InputError(Problem(message, tree.document.file))
-    message = f"{len(roots)} links could be the base: {_listing(roots)}"
-    raise InputError(Problem(message, tree.document.file, fix="choose one with `base_link`"))
+    if roots:
+        message = f"{len(roots)} links could be the base: {_listing(roots)}"
+        raise InputError(Problem(message, tree.document.file, fix="choose one with `base_link`"))
+    loop = "the joints form a loop: there is no link to start from"
+    raise InputError(Problem(loop if tree.parent_joint else "the file has no links", tree.document.file))
 
 
 def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None) -> str:
     if tip_link is not None:
         return _known_link(tree, tip_link, "`tip_link`")
-    ranks: dict[tuple[int, int], list[str]] = {}
-    for leaf in tree.leaves(base):
-        path = tree.path(base, leaf) or []
-        moving = sum(joint.type != "fixed" and joint.mimic is None for joint in path)
-        ranks.setdefault((moving, len(path)), []).append(leaf)
-    if not ranks:
+    paths = {leaf: tree.path(base, leaf) or [] for leaf in tree.leaves(base)}
+    if not paths:
         raise InputError(Problem(f"no joint follows the link {base!r}", tree.document.file))
-    best = ranks[max(ranks)]
-    if len(best) == 1:
-        return best[0]
-    leaves = [leaf for rank in sorted(ranks, reverse=True) for leaf in ranks[rank]]
-    message = f"{len(best)} chains are equally long; the tree ends at {_listing(leaves)}"
+    ranks = {leaf: (sum(map(_moves, path)), len(path)) for leaf, path in paths.items()}
+    leaves = sorted(ranks, key=ranks.__getitem__, reverse=True)
+    n_best = sum(rank == ranks[leaves[0]] for rank in ranks.values())
+    if n_best == 1:
+        return leaves[0]
+    message = f"{n_best} chains are equally long; the tree ends at {_listing(leaves)}"
     raise InputError(Problem(message, tree.document.file, fix="choose one with `tip_link`"))
 
 

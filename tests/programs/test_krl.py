@@ -148,3 +148,9 @@ def test_a_component_that_is_computed_makes_no_target(tmp_path: Path) -> None:
     program = read_program(path)
     assert program.targets == ()
     assert sorted(notes(program)) == [2, 3]
+
+
+def test_a_declared_target_with_a_broken_aggregate_is_listed(tmp_path: Path) -> None:
+    path = tmp_path / "a.dat"
+    path.write_bytes(b"DEFDAT a\nDECL E6POS XP1={X 1,Y 2]0,Z 3,A 0,B 0,C 0}\nENDDAT\n")
+    assert notes(read_program(path)) == {2: "XP1 lacks some of the numbers of a target"}

@@ -76,3 +76,23 @@ def test_truncated_scripts_get_one_message(text: str, message: str, tmp_path: Pa
     with pytest.raises(InputError, match=message) as caught:
         read_program(path)
     assert len(caught.value.problems) == 1
+
+
+def test_a_routine_that_sets_the_tcp_through_another_leaves_it_unknown(tmp_path: Path) -> None:
+    path = tmp_path / "calls.script"
+    lines = [
+        "def inner():",
+        "  set_tcp(p[0,0,0.1,0,0,0])",
+        "end",
+        "def outer():",
+        "  inner()",
+        "end",
+        "set_tcp(p[0,0,0.2,0,0,0])",
+        "movel(p[0.1,0,0,0,0,0])",
+        "outer()",
+        "movel(p[0.2,0,0,0,0,0])",
+    ]
+    path.write_text("\n".join(lines), encoding="ascii")
+    first, second = read_program(path).targets
+    assert first.tool is not None
+    assert second.tool is None

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import UsageError
+from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval
 from robacc.statistics.records import ErrorStatistics, Statistic, Unit
 
 if TYPE_CHECKING:
     import yaml
 
+    from robacc.io.yaml_nodes import YamlSection
 
-# Scales of accuracy grades: the record, and its reader from YAML, which reports every problem with its line.
+
+# Scales of accuracy grades: the record, and its reader from YAML.
 
 Quantity = Literal["position", "orientation"]
 
@@ -24,7 +27,6 @@ VERSION = "1"
 STATISTICS: tuple[str, ...] = get_args(Statistic)
 _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
 _STEP_KEYS = ("grade", "position", "orientation")
-_UNITS = {"length": {"m": 1.0, "mm": 1e-3}, "angle": {"rad": 1.0, "deg": math.pi / 180.0}}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,12 @@ class Scale:
         """Return the grade of step ``rank``, 0 for the best; beyond the last step, the name for errors outside all."""
         return self.steps[rank].grade if rank < len(self.steps) else self.otherwise
 
+    def rank_of(self, quantity: Quantity, value: float | None) -> int:
+        """Return the rank of the best step that a value in m or rad meets; an unknown value meets free steps only."""
+        limits = enumerate(step.limit(quantity) for step in self.steps)
+        met = (rank for rank, limit in limits if limit is None or (value is not None and value <= limit))
+        return next(met, len(self.steps))
+
 
 def default_scale() -> Scale:
     """Return the built-in scale: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
@@ -86,173 +94,82 @@ def load_scale(text: str, file: str) -> Scale:
 
 
 def _scale_of(root: yaml.Node | None, file: str) -> Scale:
-    reader = _GradeScaleReader(file)
-    scale = _read(reader, root)
-    if scale is None or reader.problems:
-        raise InputError(reader.problems)
+    from robacc.io.yaml_nodes import Source
+
+    source = Source(file)
+    top = None if root is None else source.section(root, "", _KEYS)
+    scale = None if top is None else _read_scale(top)
+    source.finish()
+    assert scale is not None  # else there is a problem
     return scale
 
 
-@dataclass(frozen=True, slots=True)
-class _GradeScaleReader:
-    """Reader of values from YAML nodes, which know their lines; it collects the problems."""
-
-    file: str
-    problems: list[Problem] = field(default_factory=list)
-
-    def report(self, node: yaml.Node | None, key: str, message: str, fix: str | None = None) -> None:
-        """Record a problem at a node's line."""
-        line = 1 if node is None else node.start_mark.line + 1
-        self.problems.append(Problem(message, self.file, line, key or None, fix))
-
-    def mapping(self, node: yaml.Node | None, key: str, known: tuple[str, ...]) -> dict[str, yaml.Node]:
-        """Return the children of a mapping by name; report unknown and repeated names."""
-        from difflib import get_close_matches
-
-        from yaml import MappingNode
-
-        if not isinstance(node, MappingNode):
-            self.report(node, key, f"expected a mapping with the keys {', '.join(known)}")
-            return {}
-        result: dict[str, yaml.Node] = {}
-        for child, value in node.value:
-            name = str(child.value)
-            if name not in known:
-                near = get_close_matches(name, known, n=1)
-                fix = f"did you mean {near[0]}" if near else f"the keys are {', '.join(known)}"
-                self.report(child, _join(key, name), "unknown key", fix)
-            elif name in result:
-                self.report(child, _join(key, name), "duplicate key", "remove one of them")
-            result.setdefault(name, value)
-        return result
-
-    def text(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> str | None:
-        """Return a word or number as text; report any other node and return None."""
-        from yaml import ScalarNode
-
-        if node is None:
-            self.report(parent, key, "missing key")
-        elif not isinstance(node, ScalarNode) or not node.value.strip() or not node.value.isprintable():
-            self.report(node, key, "expected a single word or number")
-        else:
-            return str(node.value).strip()
-        return None
-
-    def choice(
-        self, node: yaml.Node | None, key: str, parent: yaml.Node | None, allowed: tuple[str, ...]
-    ) -> str | None:
-        """Return one of the ``allowed`` words; report any other."""
-        value = self.text(node, key, parent)
-        if value is not None and value not in allowed:
-            self.report(node, key, f"found {value!r}, expected one of {', '.join(allowed)}")
-            return None
-        return value
-
-    def positive(self, node: yaml.Node | None, key: str, parent: yaml.Node | None) -> float | None:
-        """Return a finite number greater than zero; report any other."""
-        value = self.text(node, key, parent)
-        if value is None:
-            return None
-        try:
-            # float() also takes 1_000 and digits of other scripts.
-            number = float(value) if value.isascii() and "_" not in value else math.nan
-        except ValueError:
-            number = math.nan
-        if not (math.isfinite(number) and number > 0.0):
-            self.report(node, key, f"found {value!r}, expected a number greater than zero")
-            return None
-        return number
-
-
-def _join(key: str, name: str) -> str:
-    return f"{key}.{name}" if key else name
-
-
-def _read(reader: _GradeScaleReader, root: yaml.Node | None) -> Scale | None:
-    top = reader.mapping(root, "", _KEYS)
-    if not top:
-        return None
-    reader.choice(top.get("robacc"), "robacc", root, (VERSION,))
-    name = reader.text(top.get("name"), "name", root)
-    statistic = reader.choice(top.get("statistic"), "statistic", root, STATISTICS)
-    confidence = reader.positive(top.get("confidence"), "confidence", root)
-    if confidence is not None and not 0.5 <= confidence < 1.0:
-        reader.report(top["confidence"], "confidence", f"found {confidence:g}, expected at least 0.5 and less than 1")
-    factors = _read_units(reader, top.get("units"), root)
-    steps = _read_steps(reader, top.get("steps"), root, factors)
-    otherwise = reader.text(top.get("otherwise"), "otherwise", root)
+def _read_scale(top: YamlSection) -> Scale:
+    """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
+    source = top.source
+    _text(top, "robacc", (VERSION,))
+    confidence = _positive(top, "confidence")
+    if confidence < 0.5 or confidence >= 1.0:
+        message = f"found {confidence:g}, expected at least 0.5 and less than 1"
+        source.report(top.values["confidence"], "confidence", message)
+    if (node := top.get("units")) is None:
+        source.report(top.node, "units", "is missing", "add it, for example units: {length: mm, angle: deg}")
+    section = None if node is None else source.section(node, "units", tuple(UNITS))
+    factors = [1.0 if section is None else sizes.get(_text(section, key, sizes), 1.0) for key, sizes in UNITS.items()]
+    steps = tuple(_read_steps(top, *factors))
+    otherwise = _text(top, "otherwise")
     if otherwise in [step.grade for step in steps]:
-        reader.report(
-            top["otherwise"], "otherwise", f"{otherwise!r} is also the grade of a step", "choose another name"
-        )
-    if name is None or statistic is None or confidence is None or otherwise is None:
-        return None
-    return Scale(name, cast("Statistic", statistic), confidence, tuple(steps), otherwise)
+        message = f"{otherwise!r} is also the grade of a step"
+        source.report(top.values["otherwise"], "otherwise", message, "choose another name")
+    statistic = cast("Statistic", _text(top, "statistic", STATISTICS))
+    return Scale(_text(top, "name"), statistic, confidence, steps, otherwise)
 
 
-def _read_units(reader: _GradeScaleReader, node: yaml.Node | None, root: yaml.Node | None) -> tuple[float, float]:
-    """Return metres and radians per unit of the file."""
-    if node is None:
-        reader.report(root, "units", "missing key", "add it, for example units: {length: mm, angle: deg}")
-        return 1.0, 1.0
-    units = reader.mapping(node, "units", tuple(_UNITS))
-    length, angle = (
-        _UNITS[kind].get(reader.choice(units.get(kind), f"units.{kind}", node, tuple(_UNITS[kind])) or "", 1.0)
-        for kind in _UNITS
-    )
-    return length, angle
-
-
-def _read_steps(
-    reader: _GradeScaleReader, node: yaml.Node | None, root: yaml.Node | None, factors: tuple[float, float]
-) -> list[GradeStep]:
-    from yaml import SequenceNode
-
-    if not isinstance(node, SequenceNode) or not node.value:
-        reader.report(node or root, "steps", "expected a list of at least one step")
-        return []
+def _read_steps(top: YamlSection, length: float, angle: float) -> list[GradeStep]:
+    """Read the steps, with limits in units of ``length`` m and ``angle`` rad; report those that contradict others."""
+    source, node = top.source, top.require("steps")
+    items = () if node is None else source.items(node, "steps", "steps")
+    if not items and not source.problems:
+        source.report(node, "steps", "a scale needs at least one step")
     steps: list[GradeStep] = []
-    for index, item in enumerate(node.value):
-        key = f"steps[{index}]"
-        fields = reader.mapping(item, key, _STEP_KEYS)
-        if not fields:
+    for index, item in enumerate(items):
+        section = source.section(item, f"steps[{index}]", _STEP_KEYS)
+        if section is None:
             continue
-        letter = reader.text(fields.get("grade"), f"{key}.grade", item)
-        position = reader.positive(fields.get("position"), f"{key}.position", item)
-        orientation = None
-        if "orientation" in fields:
-            orientation = reader.positive(fields["orientation"], f"{key}.orientation", item)
-        if letter is None or position is None:
-            continue
-        step = GradeStep(letter, position * factors[0], None if orientation is None else orientation * factors[1])
-        _compare(reader, item, key, step, steps)
+        orientation = None if section.get("orientation") is None else _positive(section, "orientation") * angle
+        step = GradeStep(_text(section, "grade"), _positive(section, "position") * length, orientation)
+        if step.grade and step.grade in [earlier.grade for earlier in steps]:
+            source.report(item, section.at("grade"), f"the grade {step.grade!r} is listed twice")
+        if steps:
+            better, fix = steps[-1], "list the best grade first"
+            if step.position <= better.position:
+                message = f"the limit is not wider than that of grade {better.grade}"
+                source.report(item, section.at("position"), message, fix)
+            if orientation is not None and better.orientation is None:
+                message = f"the better grade {better.grade} has no limit of orientation"
+                source.report(item, section.at("orientation"), message)
+            elif orientation is not None and orientation < (better.orientation or 0.0):
+                message = f"the limit is narrower than that of grade {better.grade}"
+                source.report(item, section.at("orientation"), message, fix)
         steps.append(step)
     return steps
 
 
-def _compare(reader: _GradeScaleReader, node: yaml.Node, key: str, step: GradeStep, before: list[GradeStep]) -> None:
-    """Report a step that contradicts the steps ``before`` it."""
-    if step.grade in [earlier.grade for earlier in before]:
-        reader.report(node, f"{key}.grade", f"the grade {step.grade!r} is listed twice")
-    if not before:
-        return
-    last = before[-1]
-    if step.position <= last.position:
-        reader.report(
-            node,
-            f"{key}.position",
-            f"the limit is not wider than that of grade {last.grade}",
-            "list the best grade first",
-        )
-    if last.orientation is None and step.orientation is not None:
-        reader.report(node, f"{key}.orientation", f"the better grade {last.grade} has no limit of orientation")
-    if last.orientation is not None and step.orientation is not None and step.orientation < last.orientation:
-        reader.report(
-            node,
-            f"{key}.orientation",
-            f"the limit is narrower than that of grade {last.grade}",
-            "list the best grade first",
-        )
+def _text(section: YamlSection, key: str, options: Iterable[str] = ()) -> str:
+    """Return a word, one of ``options`` if there are any; report another value and return an empty text."""
+    if (node := section.require(key)) is None:
+        return ""
+    source, path = section.source, section.at(key)
+    return (source.choice(node, path, tuple(options)) if options else source.text(node, path)) or ""
+
+
+def _positive(section: YamlSection, key: str) -> float:
+    """Return a number above zero; report another value and return NaN."""
+    node = section.require(key)
+    value = None if node is None else section.source.number(node, section.at(key))
+    if value is not None and value <= 0.0:
+        section.source.report(node, section.at(key), f"found {value:g}, expected a number greater than zero")
+    return value if value is not None and value > 0.0 else math.nan
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,24 +179,16 @@ class QuantityGrade:
     unit: Unit
     value: float
     """Estimate of the scale's statistic of the error's length."""
-    upper_bound: float | None
-    """One-sided bound at the scale's confidence."""
+    interval: Interval
+    """Interval of ``value`` at the scale's confidence; its upper bound confirms a grade."""
+    n_poses: int
+    """Number of commanded poses."""
     limit: float | None
     """Limit of the awarded grade; None beyond the last step, or where the scale has no limit of this quantity."""
     grade: str
     """Grade by this quantity alone."""
     demonstrated_grade: str | None
     """Best grade whose limit the upper bound meets."""
-    method: str
-    """Method of the upper bound."""
-    why: str | None
-    """Reason why there is no upper bound."""
-    within: tuple[float, ...] | None
-    """Probability that the true statistic is within each step's limit, best step first."""
-    interval: Interval
-    """Interval of ``value``, at the scale's confidence."""
-    n_poses: int
-    """Number of commanded poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,25 +204,77 @@ class NextGrade:
 
 @dataclass(frozen=True, slots=True)
 class Grade:
-    """Grade of position and orientation together, its basis and what limits it."""
+    """Grade of position and orientation together, its basis and what limits it.
 
-    grade: str
+    The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed
+    where the one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can reach a
+    grade without confirming it. The probability of each grade is the confidence between its limits and those of the
+    next better grade (:mod:`robacc.statistics.confidence_curves`), so a confirmed grade or a better one has at least
+    the scale's confidence.
+    """
+
     scale: Scale
-    demonstrated: bool
-    """All upper bounds meet the grade's limits: the grade is confirmed at the scale's confidence."""
-    demonstrated_grade: str | None
-    """Best grade whose limits all upper bounds meet; None where there is none."""
-    position: QuantityGrade
-    orientation: QuantityGrade | None
-    limited_by: tuple[Quantity, ...]
-    """Quantities that prevent a better grade; empty at the best grade."""
-    next: NextGrade | None
-    probabilities: tuple[tuple[str, float], ...]
-    """Probability that each grade of the scale is the true grade, the last for no step met; empty where unknown."""
-    poses_to_demonstrate: int | None
-    """Poses that would confirm the grade with probability 0.9 if the estimate stays as it is; None where the grade is
-    confirmed already, or no number of poses suffices."""
-    reason: str
+    quantities: Mapping[Quantity, QuantityGrade]
+    """Position, and orientation where it was measured."""
+    rank: int
+    """Index of the awarded step, 0 for the best; the number of steps where none is met."""
+    confirmed_rank: int
+    """Index of the best step whose limits all upper bounds meet."""
+
+    @property
+    def grade(self) -> str:
+        """Name of the awarded grade."""
+        return self.scale.name_of(self.rank)
+
+    @property
+    def position(self) -> QuantityGrade:
+        """Grade by position alone."""
+        return self.quantities["position"]
+
+    @property
+    def orientation(self) -> QuantityGrade | None:
+        """Grade by orientation alone; None where it was not measured."""
+        return self.quantities.get("orientation")
+
+    @property
+    def demonstrated(self) -> bool:
+        """All upper bounds meet the grade's limits: the grade is confirmed at the scale's confidence."""
+        return self.confirmed_rank <= self.rank < len(self.scale.steps)
+
+    @property
+    def demonstrated_grade(self) -> str | None:
+        """Best grade whose limits all upper bounds meet; None where there is none."""
+        return _step_name(self.scale, self.confirmed_rank)
+
+    @property
+    def limited_by(self) -> tuple[Quantity, ...]:
+        """Quantities that prevent a better grade; empty at the best grade."""
+        return tuple(name for name, own in self.quantities.items() if own.grade == self.grade and self.rank > 0)
+
+    @property
+    def next(self) -> NextGrade | None:
+        """Next better grade; None at the best."""
+        if self.rank == 0:
+            return None
+        step = self.scale.steps[self.rank - 1]
+        excess = {name: max(0.0, own.value - (step.limit(name) or math.inf)) for name, own in self.quantities.items()}
+        return NextGrade(step.grade, excess["position"], excess.get("orientation"))
+
+    @property
+    def probabilities(self) -> tuple[tuple[str, float], ...]:
+        """Probability that each grade of the scale is the true grade, the last for no step met; empty where unknown.
+
+        Position and orientation count as independent (exact if one decides).
+        """
+        within = [1.0] * len(self.scale.steps)
+        for name, quantity in self.quantities.items():
+            shares = [_within(quantity.interval, step.limit(name)) for step in self.scale.steps]
+            if None in shares:
+                return ()
+            within = [product * (share or 0.0) for product, share in zip(within, shares, strict=True)]
+        names = [*(step.grade for step in self.scale.steps), self.scale.otherwise]
+        edges = zip(names, [0.0, *within], [*within, 1.0], strict=True)
+        return tuple((name, max(high - low, 0.0)) for name, low, high in edges)
 
     @property
     def probability(self) -> float | None:
@@ -323,38 +284,99 @@ class Grade:
     def probability_within(self, name: str) -> float | None:
         """Return the probability that the true grade is ``name`` or better; None if unknown or no step of the scale."""
         names = [step.grade for step in self.scale.steps]
-        if not self.probabilities or name not in names:
+        if not (probabilities := self.probabilities) or name not in names:
             return None
-        return math.fsum(share for _, share in self.probabilities[: names.index(name) + 1])
+        return math.fsum(share for _, share in probabilities[: names.index(name) + 1])
+
+    @property
+    def poses_to_demonstrate(self) -> int | None:
+        """Poses that would confirm the grade with probability 0.9 if the estimate stays as it is.
+
+        None where the grade is confirmed already, or no number of poses suffices.
+        """
+        return None if self.demonstrated else self.poses_needed(self.rank)
 
     def poses_needed(self, rank: int) -> int | None:
         """Return how many poses would confirm step ``rank`` with probability 0.9 if the estimate stays as it is.
 
         The larger number of the two quantities; None where more than a million are needed.
         """
-        return poses_needed(self.scale, rank, {"position": self.position, "orientation": self.orientation})
-
-
-def poses_needed(scale: Scale, rank: int, quantities: Mapping[Quantity, QuantityGrade | None]) -> int | None:
-    """Return the number of :meth:`Grade.poses_needed` for quantities without a grade."""
-    if rank == len(scale.steps):
-        return None
-    largest = 0
-    for name, quantity in quantities.items():
-        limit = scale.steps[rank].limit(name)
-        if limit is None or quantity is None:
-            continue
-        bound, curve = quantity.upper_bound, quantity.interval.curve
-        needed: int | None = quantity.n_poses + 1
-        if bound is None or bound > limit:
-            needed = None if curve is None else curve.poses_for(limit, scale.confidence, quantity.n_poses)
-        if needed is None:
+        if rank == len(self.scale.steps):
             return None
-        largest = max(largest, needed, quantity.n_poses + 1)
-    return largest
+        largest = 0
+        for name, quantity in self.quantities.items():
+            limit = self.scale.steps[rank].limit(name)
+            if limit is None:
+                continue
+            bound, curve = quantity.interval.upper_bound, quantity.interval.curve
+            needed: int | None = quantity.n_poses + 1
+            if bound is None or bound > limit:
+                needed = None if curve is None else curve.poses_for(limit, self.scale.confidence, quantity.n_poses)
+            if needed is None:
+                return None
+            largest = max(largest, needed, quantity.n_poses + 1)
+        return largest
+
+    @property
+    def reason(self) -> str:
+        """Estimates, their limits, the next better grade and the confirmation, in sentences."""
+        scale, following = self.scale, self.next
+        sentences = ["; ".join(self._estimate(name, quantity) for name, quantity in self.quantities.items())]
+        if self.orientation is None:
+            sentences.append("orientation was not measured, so the grade covers position only")
+        if following is not None:
+            excesses = zip(self.quantities.items(), (following.position, following.orientation), strict=False)
+            missing = [f"{_amount(excess, own.unit)} less in {name}" for (name, own), excess in excesses if excess]
+            limited_by = " and ".join(self.limited_by)
+            sentences.append(f"limited by {limited_by}: grade {following.grade} needs {' and '.join(missing)}")
+        at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
+        bounds = ", ".join(
+            f"{name} {_amount(bound, own.unit)}"
+            for name, own in self.quantities.items()
+            if (bound := own.interval.upper_bound) is not None
+        )
+        unbounded = [
+            f"{name} has no upper bound ({own.interval.why})"
+            for name, own in self.quantities.items()
+            if own.interval.upper_bound is None and own.interval.why
+        ]
+        if self.demonstrated:
+            sentences.append(f"{at_confidence}: the upper bound is within the limit ({bounds})")
+        elif unbounded:
+            sentences.append(f"not {at_confidence}: {'; '.join(unbounded)}")
+        elif self.rank == len(scale.steps):
+            sentences.append("no step of the scale is met, so no grade can be confirmed")
+        else:
+            best = (
+                f"grade {self.demonstrated_grade} is confirmed" if self.demonstrated_grade else "no grade is confirmed"
+            )
+            sentences.append(f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}")
+        return ". ".join(sentences)
+
+    def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
+        limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]
+        text = f"{name}: {_NAMES[self.scale.statistic]} {_beside(quantity.value, limits, quantity.unit)}"
+        if quantity.limit is not None:
+            return f"{text}, within {_amount(quantity.limit, quantity.unit)}"
+        if self.rank < len(self.scale.steps) or name not in self.limited_by:
+            return text
+        last = self.scale.steps[-1]
+        return f"{text}, beyond the limit of {last.grade}, {_amount(last.limit(name) or math.inf, quantity.unit)}"
 
 
-# Sentences that explain a grade: the estimates, their limits, the confirmation, and the next better grade.
+def _step_name(scale: Scale, rank: int) -> str | None:
+    return scale.steps[rank].grade if rank < len(scale.steps) else None
+
+
+def _within(interval: Interval, limit: float | None) -> float | None:
+    """Return the probability that the true value is within a limit; None where it is unknown."""
+    if limit is None:
+        return 1.0
+    if interval.curve is not None:
+        return interval.curve.below(limit)
+    # Without scatter a limit is met with probability 0 or 1.
+    return None if interval.upper_bound is None else float(interval.upper_bound <= limit)
+
 
 _NAMES: dict[Statistic, str] = {
     "rms": "rms error",
@@ -364,67 +386,6 @@ _NAMES: dict[Statistic, str] = {
 }
 _DIGITS = 3
 _MOST_DIGITS = 6
-
-
-def grade_reason(
-    scale: Scale,
-    rank: int,
-    quantities: dict[Quantity, QuantityGrade],
-    limited_by: tuple[Quantity, ...],
-    following: NextGrade | None,
-    demonstrated: bool,
-    demonstrated_grade: str | None,
-) -> str:
-    """Explain a grade in sentences."""
-    statistic = _NAMES[scale.statistic]
-    estimates = []
-    for name, quantity in quantities.items():
-        limits = [limit for step in scale.steps if (limit := step.limit(name)) is not None]
-        text = f"{name}: {statistic} {_beside(quantity.value, limits, quantity.unit)}"
-        if quantity.limit is not None:
-            text += f", within {_amount(quantity.limit, quantity.unit)}"
-        elif rank == len(scale.steps) and name in limited_by:
-            last = scale.steps[-1].limit(name)
-            text += f", beyond the limit of {scale.steps[-1].grade}, {_amount(last or math.inf, quantity.unit)}"
-        estimates.append(text)
-    sentences = ["; ".join(estimates)]
-    if "orientation" not in quantities:
-        sentences.append("orientation was not measured, so the grade covers position only")
-    if following is not None:
-        by_quantity: tuple[tuple[str, Unit, float | None], ...] = (
-            ("position", "m", following.position),
-            ("orientation", "rad", following.orientation),
-        )
-        missing = [f"{_amount(excess, unit)} less in {name}" for name, unit, excess in by_quantity if excess]
-        sentences.append(
-            f"limited by {' and '.join(limited_by)}: grade {following.grade} needs {' and '.join(missing)}"
-        )
-    sentences.append(_confirmation(scale, rank, quantities, demonstrated, demonstrated_grade))
-    return ". ".join(sentences)
-
-
-def _confirmation(
-    scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade], demonstrated: bool, confirmed: str | None
-) -> str:
-    confidence = f"{100 * scale.confidence:g} %"
-    at_confidence = f"at {confidence} confidence"
-    if demonstrated:
-        return f"confirmed {at_confidence}: the upper bound is within the limit ({_bounds(quantities)})"
-    missing = [f"{name} has no upper bound ({quantity.why})" for name, quantity in quantities.items() if quantity.why]
-    if missing:
-        return f"not confirmed {at_confidence}: {'; '.join(missing)}"
-    if rank == len(scale.steps):
-        return "no step of the scale is met, so no grade can be confirmed"
-    best = f"grade {confirmed} is confirmed" if confirmed else "no grade is confirmed"
-    return f"not confirmed {at_confidence}: the upper bound is beyond a limit ({_bounds(quantities)}); {best}"
-
-
-def _bounds(quantities: dict[Quantity, QuantityGrade]) -> str:
-    return ", ".join(
-        f"{name} {_amount(quantity.upper_bound, quantity.unit)}"
-        for name, quantity in quantities.items()
-        if quantity.upper_bound is not None
-    )
 
 
 def _beside(value: float, limits: Sequence[float], unit: Unit) -> str:
@@ -444,15 +405,6 @@ def _amount(value: float, unit: Unit, digits: int = _DIGITS) -> str:
     return f"{float(f'{shown:.{digits}g}'):.{max(digits, 6)}g}{' mm' if unit == 'm' else '°'}"
 
 
-# Accuracy grade: the step of a scale that the errors meet, and whether the data confirm it.
-#
-# The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed
-# where the one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can reach a
-# grade without confirming it. The probability of each grade is the confidence between its limits and those of the
-# next better grade (:mod:`robacc.statistics.confidence_curves`), so a confirmed grade or a better one has at least
-# the scale's confidence. :mod:`robacc.accuracy.grade` reads the scales.
-
-
 def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale: Scale) -> Grade:
     """Grade the errors on ``scale``; by position alone where no orientation was measured.
 
@@ -464,104 +416,28 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
     Raises:
         UsageError: The confidence of the statistics differs from that of the scale.
     """
-    graded: list[tuple[Quantity, ErrorStatistics]] = [("position", position)]
+    graded: dict[Quantity, ErrorStatistics] = {"position": position}
     if orientation is not None:
-        graded.append(("orientation", orientation))
-    for name, statistics in graded:
+        graded["orientation"] = orientation
+    for name, statistics in graded.items():
         if statistics.confidence != scale.confidence:
             raise UsageError(
                 f"the {name} statistics have a confidence of {statistics.confidence:g}, "
                 f"but the scale {scale.name} requires {scale.confidence:g}"
             )
-    ranks = {name: _rank(scale, name, statistics.estimate(scale.statistic)[0]) for name, statistics in graded}
-    confirmed_ranks = {
-        name: _rank(scale, name, statistics.estimate(scale.statistic)[1].upper_bound) for name, statistics in graded
-    }
-    rank, confirmed_rank = max(ranks.values()), max(confirmed_ranks.values())
+    estimates = {name: statistics.estimate(scale.statistic) for name, statistics in graded.items()}
+    ranks = {name: scale.rank_of(name, value) for name, (value, _) in estimates.items()}
+    confirmed = {name: scale.rank_of(name, interval.upper_bound) for name, (_, interval) in estimates.items()}
+    rank = max(ranks.values())
     quantities = {
-        name: _quantity(scale, name, statistics, rank, ranks[name], confirmed_ranks[name])
-        for name, statistics in graded
+        name: QuantityGrade(
+            graded[name].unit,
+            *estimates[name],
+            n_poses=graded[name].n_poses,
+            limit=scale.steps[rank].limit(name) if rank < len(scale.steps) else None,
+            grade=scale.name_of(ranks[name]),
+            demonstrated_grade=_step_name(scale, confirmed[name]),
+        )
+        for name in graded
     }
-    limited_by = tuple(name for name, _ in graded if ranks[name] == rank and rank > 0)
-    following = _next(scale, rank, quantities)
-    demonstrated = rank < len(scale.steps) and confirmed_rank <= rank
-    demonstrated_grade = scale.steps[confirmed_rank].grade if confirmed_rank < len(scale.steps) else None
-    return Grade(
-        grade=scale.name_of(rank),
-        scale=scale,
-        demonstrated=demonstrated,
-        demonstrated_grade=demonstrated_grade,
-        position=quantities["position"],
-        orientation=quantities.get("orientation"),
-        limited_by=limited_by,
-        next=following,
-        probabilities=_probabilities(scale, quantities),
-        poses_to_demonstrate=None if demonstrated else poses_needed(scale, rank, quantities),
-        reason=grade_reason(scale, rank, quantities, limited_by, following, demonstrated, demonstrated_grade),
-    )
-
-
-def _rank(scale: Scale, name: Quantity, value: float | None) -> int:
-    """Return the index of the best step that ``value`` meets, or the number of steps if there is none.
-
-    An unknown value meets only steps without a limit.
-    """
-    for rank, step in enumerate(scale.steps):
-        limit = step.limit(name)
-        if limit is None or (value is not None and value <= limit):
-            return rank
-    return len(scale.steps)
-
-
-def _quantity(
-    scale: Scale, name: Quantity, statistics: ErrorStatistics, rank: int, quantity_rank: int, confirmed_rank: int
-) -> QuantityGrade:
-    value, interval = statistics.estimate(scale.statistic)
-    return QuantityGrade(
-        unit=statistics.unit,
-        value=value,
-        upper_bound=interval.upper_bound,
-        limit=scale.steps[rank].limit(name) if rank < len(scale.steps) else None,
-        grade=scale.name_of(quantity_rank),
-        demonstrated_grade=scale.steps[confirmed_rank].grade if confirmed_rank < len(scale.steps) else None,
-        method=interval.method,
-        why=interval.why if interval.upper_bound is None else None,
-        within=_within(scale, name, interval),
-        interval=interval,
-        n_poses=statistics.n_poses,
-    )
-
-
-def _within(scale: Scale, name: Quantity, interval: Interval) -> tuple[float, ...] | None:
-    limits = [step.limit(name) for step in scale.steps]
-    curve = interval.curve
-    if curve is None:
-        # Without scatter a limit is met with probability 0 or 1; a step without a limit is always met.
-        bound = interval.upper_bound
-        if bound is None:
-            return (1.0,) * len(limits) if all(limit is None for limit in limits) else None
-        return tuple(1.0 if limit is None or bound <= limit else 0.0 for limit in limits)
-    return tuple(1.0 if limit is None else curve.below(limit) for limit in limits)
-
-
-def _probabilities(scale: Scale, quantities: dict[Quantity, QuantityGrade]) -> tuple[tuple[str, float], ...]:
-    """Return each grade's probability; position and orientation count as independent (exact if one decides)."""
-    within = [1.0] * len(scale.steps)
-    for quantity in quantities.values():
-        if quantity.within is None:
-            return ()
-        within = [product * share for product, share in zip(within, quantity.within, strict=True)]
-    shares = [high - low for low, high in zip([0.0, *within], [*within, 1.0], strict=True)]
-    names = [*(step.grade for step in scale.steps), scale.otherwise]
-    return tuple((name, max(share, 0.0)) for name, share in zip(names, shares, strict=True))
-
-
-def _next(scale: Scale, rank: int, quantities: dict[Quantity, QuantityGrade]) -> NextGrade | None:
-    if rank == 0:
-        return None
-    step = scale.steps[rank - 1]
-    excess: dict[Quantity, float] = {}
-    for name, quantity in quantities.items():
-        limit = step.limit(name)
-        excess[name] = 0.0 if limit is None else max(0.0, quantity.value - limit)
-    return NextGrade(step.grade, excess["position"], excess.get("orientation"))
+    return Grade(scale, quantities, rank, max(confirmed.values()))

@@ -332,8 +332,8 @@ def _quantity(quantity: QuantityGrade) -> Document:
         "grade": quantity.grade,
         "demonstrated_grade": quantity.demonstrated_grade,
         f"value_{unit}": quantity.value,
-        f"upper_bound_{unit}": quantity.upper_bound,
+        f"upper_bound_{unit}": quantity.interval.upper_bound,
         f"limit_{unit}": quantity.limit,
-        "method": quantity.method,
-        "why": quantity.why,
+        "method": quantity.interval.method,
+        "why": quantity.interval.why if quantity.interval.upper_bound is None else None,
     }

@@ -130,7 +130,7 @@ def test_reasons_in_words() -> None:
 def test_one_pose_gives_a_grade_and_confirms_nothing() -> None:
     result = grade(error_statistics(np.full((3, 1), 1e-5), "m"), None, default_scale())
     assert (result.grade, result.demonstrated, result.demonstrated_grade) == ("A", False, None)
-    assert result.position.why == "1 pose: too few for a 95th percentile"
+    assert result.position.interval.why == "1 pose: too few for a 95th percentile"
     assert "1 pose: too few for a 95th percentile" in result.reason
 
 
@@ -154,7 +154,7 @@ def test_the_scale_says_which_statistic(statistic: str) -> None:
     statistics = error_statistics(1e-4 * np.random.default_rng(0).normal(size=(3, 100)), "m")
     result = grade(statistics, None, dataclasses.replace(SCALE, statistic=statistic))
     assert result.position.value == getattr(statistics, statistic)
-    assert result.position.upper_bound == getattr(statistics.intervals, statistic).upper_bound
+    assert result.position.interval.upper_bound == getattr(statistics.intervals, statistic).upper_bound
 
 
 def test_confidence_must_agree() -> None:
@@ -205,34 +205,34 @@ def problems(text: str) -> list[str]:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("robacc: 1", "robacc: 2", "s.yaml:1, robacc: found '2', expected one of 1"),
-        ("name: mine\n", "", "s.yaml:1, name: missing key"),
-        ("name: mine", "name:", "s.yaml:2, name: expected a single word or number"),
-        ("name: mine", "name: [a]", "s.yaml:2, name: expected a single word or number"),
+        ("robacc: 1", "robacc: 2", "s.yaml:1, robacc: expected 1, found '2'"),
+        ("name: mine\n", "", "s.yaml:1, name: is missing"),
+        ("name: mine", "name:", "s.yaml:2, name: is missing"),
+        ("name: mine", "name: [a]", "s.yaml:2, name: expected a name, found a list of 1"),
         (
             "statistic: rms",
             "statistic: p99",
-            "s.yaml:3, statistic: found 'p99', expected one of rms, mean_error, p95, max",
+            "s.yaml:3, statistic: expected rms or mean_error or p95 or max, found 'p99'; did you mean 'p95'?",
         ),
         ("0.9", "95", "s.yaml:4, confidence: found 95, expected at least 0.5 and less than 1"),
-        ("0.9", "high", "s.yaml:4, confidence: found 'high', expected a number greater than zero"),
+        ("0.9", "high", "s.yaml:4, confidence: expected a number, found 'high'"),
         (
             "units: {length: m, angle: rad}\n",
             "",
-            "s.yaml:1, units: missing key; add it, for example units: {length: mm, angle: deg}",
+            "s.yaml:1, units: is missing; add it, for example units: {length: mm, angle: deg}",
         ),
-        ("length: m,", "length: inch,", "s.yaml:5, units.length: found 'inch', expected one of m, mm"),
-        (", angle: rad", "", "s.yaml:5, units.angle: missing key"),
-        ("position: 3e-4", "position: -3e-4", "s.yaml:8, steps[1].position: found '-3e-4', expected a number greater"),
-        ("position: 3e-4", "position: .inf", "s.yaml:8, steps[1].position: found '.inf', expected a number greater"),
-        ("position: 3e-4", "postion: 3e-4", "s.yaml:8, steps[1].postion: unknown key; did you mean position"),
+        ("length: m,", "length: inch,", "s.yaml:5, units.length: expected m or mm or um, found 'inch'"),
+        (", angle: rad", "", "s.yaml:5, units.angle: is missing"),
+        ("position: 3e-4", "position: -3e-4", "s.yaml:8, steps[1].position: found -0.0003, expected a number greater"),
+        ("position: 3e-4", "position: .inf", "s.yaml:8, steps[1].position: expected a finite number, found .inf"),
+        ("position: 3e-4", "postion: 3e-4", "s.yaml:8, steps[1].postion: unknown key; did you mean 'position'?"),
         (
             "position: 3e-4",
             "position: 1e-4",
             "s.yaml:8, steps[1].position: the limit is not wider than that of grade A",
         ),
         ("{grade: B,", "{grade: A,", "s.yaml:8, steps[1].grade: the grade 'A' is listed twice"),
-        ("{grade: B,", "{", "s.yaml:8, steps[1].grade: missing key"),
+        ("{grade: B,", "{", "s.yaml:8, steps[1].grade: is missing"),
         (
             "3e-4}",
             "3e-4, orientation: 1e-3}",
@@ -243,17 +243,17 @@ def problems(text: str) -> list[str]:
         (
             "otherwise: C",
             "otherwise: C\nname: twice",
-            "s.yaml:10, name: duplicate key; remove one of them",
+            "s.yaml:10, name: is given twice, first in line 2",
         ),
         (
             "otherwise: C",
             "otherwise: C\nxyzzy: 1",
-            "s.yaml:10, xyzzy: unknown key; the keys are robacc, name",
+            "s.yaml:10, xyzzy: unknown key; known keys: robacc, name",
         ),
         (
             "  - {grade: B, position: 3e-4}",
             "  - B",
-            "s.yaml:8, steps[1]: expected a mapping with the keys grade, position",
+            "s.yaml:8, steps[1]: expected keys with values (grade, position, orientation), found 'B'",
         ),
         ("name: mine", "name: [", "s.yaml:4: cannot be read as YAML: "),
         ("name: mine", "name: \x07", "s.yaml:2: cannot be read as YAML: "),
@@ -274,7 +274,7 @@ def test_an_orientation_limit_after_none() -> None:
 
 
 def test_a_file_without_a_mapping() -> None:
-    assert problems("- a\n")[0].startswith("s.yaml:1: expected a mapping with the keys robacc, name, statistic")
+    assert problems("- a\n")[0].startswith("s.yaml:1: expected keys with values (robacc, name, statistic")
     assert problems("") == problems("# nothing\n") == ["s.yaml: the file is empty"]
 
 
@@ -284,15 +284,21 @@ def test_a_scale_is_read_as_carefully_as_a_robot_file() -> None:
     assert problems(GOOD.replace("3e-4", "&a 3e-4")) == [
         "s.yaml:8: cannot be read as YAML: anchors (&) and aliases (*) are not supported"
     ]
-    assert "found '3_00', expected a number greater than zero" in problems(GOOD.replace("3e-4", "3_00"))[0]
-    assert "expected a single word or number" in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
+    assert "expected a number, found '3_00'" in problems(GOOD.replace("3e-4", "3_00"))[0]
+    assert "expected a name, found " in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
 
 
-@pytest.mark.parametrize("steps", ["steps: []", "steps: A", ""])
-def test_a_scale_without_steps(steps: str) -> None:
+@pytest.mark.parametrize(
+    ("steps", "message"),
+    [
+        ("steps: []", "s.yaml:6, steps: a scale needs at least one step"),
+        ("steps: A", "s.yaml:6, steps: expected a list of steps, found 'A'"),
+        ("", "s.yaml:1, steps: is missing"),
+    ],
+)
+def test_a_scale_without_steps(steps: str, message: str) -> None:
     head, tail = GOOD.split("steps:")
-    text = head + steps + "\notherwise" + tail.split("otherwise")[1]
-    assert any("expected a list of at least one step" in problem for problem in problems(text))
+    assert problems(head + steps + "\notherwise" + tail.split("otherwise")[1]) == [message]
 
 
 def test_all_problems_at_once() -> None:

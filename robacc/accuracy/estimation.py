@@ -23,6 +23,7 @@ from robacc.accuracy.pose_errors import (
     commanded_poses,
     lengths,
     pose_errors,
+    pose_metrics,
     registered_poses,
 )
 from robacc.errors import InputError, RobaccError, UsageError
@@ -213,7 +214,7 @@ def estimate(
     """
     check_confidence(confidence)
     commanded = commanded_poses(data, robot)
-    chosen = _choose_frame(frame, commanded)
+    chosen = frame or ("tool" if commanded.oriented else "base")
     errors = pose_errors(data, commanded, chosen)
     raw = rms_length(errors.position)
     needed = frames_to_register(data, robot, raw) if align is None and _moves(data) else ()
@@ -268,12 +269,6 @@ def check_confidence(confidence: float) -> None:
         raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
 
-def _choose_frame(frame: ErrorFrame | None, commanded: Commanded) -> ErrorFrame:
-    if frame is not None:
-        return frame
-    return "tool" if commanded.oriented else "base"
-
-
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
     """Return the poses with the longest ``vectors`` ``(3, N)``, descending; equal lengths in the order of rows."""
     size = lengths(vectors)
@@ -303,8 +298,6 @@ def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ..
     names, index = np.unique(data.target, return_inverse=True)
     if names.size < 2:
         return ()
-    from robacc.accuracy.pose_errors import pose_metrics
-
     return tuple(
         TargetErrors(str(name), int(np.sum(index == i)), pose_metrics(errors.position[:, index == i]).position)
         for i, name in enumerate(names)

@@ -190,6 +190,11 @@ class QuantityGrade:
     demonstrated_grade: str | None
     """Best grade whose limit the upper bound meets."""
 
+    @property
+    def why(self) -> str | None:
+        """Reason why there is no upper bound."""
+        return self.interval.why if self.interval.upper_bound is None else None
+
 
 @dataclass(frozen=True, slots=True)
 class NextGrade:
@@ -335,11 +340,7 @@ class Grade:
             for name, own in self.quantities.items()
             if (bound := own.interval.upper_bound) is not None
         )
-        unbounded = [
-            f"{name} has no upper bound ({own.interval.why})"
-            for name, own in self.quantities.items()
-            if own.interval.upper_bound is None and own.interval.why
-        ]
+        unbounded = [f"{name} has no upper bound ({own.why})" for name, own in self.quantities.items() if own.why]
         if self.demonstrated:
             sentences.append(f"{at_confidence}: the upper bound is within the limit ({bounds})")
         elif unbounded:

@@ -52,12 +52,8 @@ class PoseMetrics:
 
 def pose_metrics(residual: Array) -> PoseMetrics:
     """Return the metrics of residuals ``(3 or 6, N)`` in m and rad."""
-    orientation = _error_metrics(residual[3:]) if residual.shape[0] == 6 else None
-    return PoseMetrics(_error_metrics(residual[:3]), orientation)
-
-
-def _error_metrics(errors: Array) -> ErrorMetrics:
-    return length_metrics(np.sqrt(np.sum(np.square(errors), axis=0)))
+    orientation = length_metrics(lengths(residual[3:])) if residual.shape[0] == 6 else None
+    return PoseMetrics(length_metrics(lengths(residual[:3])), orientation)
 
 
 def length_metrics(length: Array) -> ErrorMetrics:

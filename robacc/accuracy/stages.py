@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,14 +105,6 @@ def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confiden
 # Comparison of two fits to the same poses: nominal, before and after, fitted and held out.
 
 
-class Registered(NamedTuple):
-    """Residuals ``(M, N)`` of the nominal model with its base and tool frames fitted."""
-
-    fitted: Array
-    held_out: Array | None
-    """Residuals of held-out poses: of each fold, or of the validation poses; None where no pose is held out."""
-
-
 def before_and_after(
     robot: Robot,
     data: Measurements,
@@ -128,34 +119,29 @@ def before_and_after(
     residuals before and after by models fitted without the poses that ``how`` holds out; None where there are none.
     """
     unregistered = residuals(data, predict(robot, data))
-    registered = registered_residuals(robot, data, how)
-    calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual)
-    fitted = (unregistered, registered.fitted, before.residual, after.residual)
-    inliers = after.inliers
+    registered, apart_registered = registered_residuals(robot, data, how)
+    fitted = (unregistered, registered, before.residual, after.residual)
+    inliers, poses = after.inliers, how.validation
     if held_out is None:
         stages = [_stage(errors, inliers, None, None) for errors in fitted]
-        return BeforeAfter(stages[0], stages[1], stages[2], stages[3], None, calibration, None)
-    if (poses := how.validation) is None:
-        nominal = registered.fitted if registered.held_out is None else registered.held_out
-        apart = (unregistered, nominal, *held_out)
-        calibration = Residuals(unregistered, registered.fitted, before.residual, after.residual, nominal, *held_out)
-        validation, judged, groups = None, inliers, places(data)
-    else:
-        unregistered = residuals(poses, predict(robot, poses))
-        nominal = unregistered if registered.held_out is None else registered.held_out
-        apart = (unregistered, nominal, *held_out)
-        validation, judged, groups = (
-            Residuals(*apart),
-            np.ones(poses.n, dtype=bool),
-            places(poses),
-        )
+        return BeforeAfter(stages[0], stages[1], stages[2], stages[3], None, Residuals(*fitted), None)
+    raw, nominal = unregistered, registered
+    if poses is not None:
+        raw = nominal = residuals(poses, predict(robot, poses))
+    apart = (raw, nominal if apart_registered is None else apart_registered, *held_out)
+    judged, groups = (inliers, places(data)) if poses is None else (np.ones(poses.n, dtype=bool), places(poses))
     stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
     gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
+    calibration = Residuals(*fitted, *(apart[1:] if poses is None else ()))
+    validation = None if poses is None else Residuals(*apart)
     return BeforeAfter(stages[0], stages[1], stages[2], stages[3], gain, calibration, validation)
 
 
-def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> Registered:
-    """Return residuals of the nominal model with base and tool fitted to the poses, as far as these allow.
+def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> tuple[Array, Array | None]:
+    """Return residuals ``(M, N)`` of the nominal model with base and tool fitted to the poses, as far as these allow.
+
+    The second element are residuals of held-out poses: of each fold, or of the validation poses; None where no pose
+    is held out.
 
     Coordinates of the frames that the poses do not determine keep their nominal values. If the poses are too few, the
     model is not registered.
@@ -165,8 +151,8 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> Regi
     try:
         registered = fit(Model.of(robot, frames), data, Options(tolerance=1e-6))
     except InputError:
-        return Registered(residuals(data, predict(robot, data)), None)
-    return Registered(registered.residual, how.residuals(registered)[0])
+        return residuals(data, predict(robot, data)), None
+    return registered.residual, how.residuals(registered)[0]
 
 
 def _stage(fitted: Array, inliers: NDArray[np.bool_], apart: Array | None, judged: NDArray[np.bool_] | None) -> Stage:

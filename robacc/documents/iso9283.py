@@ -12,8 +12,9 @@ from typing import Any
 from robacc.documents.parts import interval_document, parameters_document
 from robacc.geometry import quaternion_from_rotation
 from robacc.iso_9283.cube import Proposal
-from robacc.iso_9283.records import Characteristic, CriterionFigure, Iso9283Result, IsoCriterion
+from robacc.iso_9283.records import Characteristic, Iso9283Result, IsoCriterion
 from robacc.iso_9283.visits import CommandedPose
+from robacc.statistics.intervals import EstimateOrReason
 
 Document = dict[str, Any]
 
@@ -104,7 +105,7 @@ def _characteristic(characteristic: Characteristic) -> Document:
     }
 
 
-def _criterion(place: IsoCriterion[CriterionFigure]) -> Document:
+def _criterion(place: IsoCriterion[EstimateOrReason]) -> Document:
     document: Document = {
         "pose": "–".join(place.poses),
         "poses": list(place.poses),
@@ -123,7 +124,7 @@ def _criterion(place: IsoCriterion[CriterionFigure]) -> Document:
     return {**document, "intervals": intervals}
 
 
-def _interval(figure: CriterionFigure) -> Document:
+def _interval(figure: EstimateOrReason) -> Document:
     return interval_document(figure.interval)
 
 

@@ -17,9 +17,9 @@ from robacc.measurements import Measurements
 from robacc.modelling.validity import OutsideValidity
 from robacc.robots.arm import Arm, skeleton, typical_pose
 from robacc.robots.description import Robot
-from robacc.statistics.intervals import Interval
+from robacc.statistics.intervals import EstimateOrReason, Interval
 from robacc.statistics.multivariate import AssumptionTest
-from robacc.statistics.records import ErrorStatistics, MatrixInterval, Radius
+from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
 if TYPE_CHECKING:
     from robacc.fitting.parameters import FittedParameter, ParameterCovariance
@@ -312,7 +312,7 @@ def _matrix_interval(interval: MatrixInterval) -> Document:
     }
 
 
-def _radius(radius: Radius, unit: str) -> Document:
+def _radius(radius: EstimateOrReason, unit: str) -> Document:
     return {f"radius_{unit}": radius.value, "interval": interval_document(radius.interval), "why": radius.why}
 
 
@@ -335,5 +335,5 @@ def _quantity(quantity: QuantityGrade) -> Document:
         f"upper_bound_{unit}": quantity.interval.upper_bound,
         f"limit_{unit}": quantity.limit,
         "method": quantity.interval.method,
-        "why": quantity.interval.why if quantity.interval.upper_bound is None else None,
+        "why": quantity.why,
     }

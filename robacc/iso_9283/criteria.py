@@ -21,8 +21,9 @@ from robacc.iso_9283.estimates import (
     student,
     threefold_std,
 )
-from robacc.iso_9283.records import Characteristic, CriterionFigure, IsoCriterion, Symbol
+from robacc.iso_9283.records import Characteristic, IsoCriterion, Symbol
 from robacc.iso_9283.visits import CommandedPose, wrapped
+from robacc.statistics.intervals import EstimateOrReason
 
 # Characteristics from the estimates at each place: every place's figures, and the largest of them.
 
@@ -51,12 +52,12 @@ def characteristic(
     """Return the criterion over ``places``; without any, it has no value, and ``why`` is the reason."""
     clause, no_angle = _CRITERIA[symbol]
     if not places:
-        missing = CriterionFigure.missing(confidence, why)
+        missing = EstimateOrReason.missing(confidence, why)
         return Characteristic(symbol, clause, missing, None, missing, None, ())
     several_files = len({place.source for place in places}) > 1
     labels = ["–".join(place.poses) + (f" of {place.source}" if several_files else "") for place in places]
     largest, position = largest_figure([magnitude(place.position) for place in places], confidence)
-    angle, angle_at = CriterionFigure.missing(confidence, no_angle), None
+    angle, angle_at = EstimateOrReason.missing(confidence, no_angle), None
     angles = [
         (f"{label}, {letter}", magnitude(estimate))
         for place, label in zip(places, labels, strict=True)
@@ -66,7 +67,7 @@ def characteristic(
         worst, angle = largest_figure([estimate for _, estimate in angles], confidence)
         angle_at = angles[worst][0]
 
-    def figures(parts: Sequence[IntervalEstimate] | None) -> tuple[CriterionFigure, ...] | None:
+    def figures(parts: Sequence[IntervalEstimate] | None) -> tuple[EstimateOrReason, ...] | None:
         return None if parts is None else tuple(part.figure(confidence) for part in parts)
 
     criteria = tuple(
@@ -283,9 +284,19 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
             continue
         why, why_accuracy = "every pair of commanded poses was visited once: RD needs cycles", NO_COMMAND
         place = (pose_a.label, pose_b.label), pose_a.source, int(rows_a.size)
-        length, axes, angles = _distances_between(pose_a, pose_b, rows_a, rows_b)
-        if is_commanded:
-            accurate.append(IsoCriterion(*place, *_distance_accuracy(pose_a, pose_b, length, axes, angles)))
+        differences = pose_a.attained[:, rows_a] - pose_b.attained[:, rows_b]
+        length, axes, angles, turned = np.sqrt(np.sum(np.square(differences), axis=0)), np.abs(differences), None, None
+        if not (pose_a.turn is None or pose_b.turn is None or pose_a.at_pole or pose_b.at_pole):
+            assert pose_a.reference is not None
+            assert pose_b.reference is not None
+            turned = wrapped(pose_a.reference - pose_b.reference)
+            # Relative to the references' difference, so that poses half a turn apart do not flip sign.
+            angles = np.abs(turned[:, None] + pose_a.turn[:, rows_a] - pose_b.turn[:, rows_b])
+        if pose_a.commanded is not None and pose_b.commanded is not None and is_commanded:
+            offset = pose_a.commanded - pose_b.commanded
+            commanded_angles = _less(angles, turned) if pose_a.oriented and pose_b.oriented else None
+            distance_error = estimates.mean(length, float(np.linalg.norm(offset)))
+            accurate.append(IsoCriterion(*place, distance_error, _less(axes, offset), commanded_angles))
         if rows_a.size > 1:
             repeated = None if angles is None else tuple(map(threefold_std, angles))
             repeatable.append(IsoCriterion(*place, threefold_std(length), tuple(map(threefold_std, axes)), repeated))
@@ -305,43 +316,11 @@ def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArr
     return rows, rows
 
 
-def _distances_between(
-    pose_a: CommandedPose, pose_b: CommandedPose, rows_a: NDArray[np.int64], rows_b: NDArray[np.int64]
-) -> tuple[Array, Array, Array | None]:
-    """Return distances ``(n,)``, their components along the axes ``(3, n)`` and of the angles ``(3, n)``."""
-    differences = pose_a.attained[:, rows_a] - pose_b.attained[:, rows_b]
-    angles = None
-    if pose_a.turn is not None and pose_b.turn is not None and not (pose_a.at_pole or pose_b.at_pole):
-        # Relative to the references' difference, so that poses half a turn apart do not flip sign.
-        angles = np.abs(
-            _reference_difference(pose_a, pose_b)[:, None] + pose_a.turn[:, rows_a] - pose_b.turn[:, rows_b]
-        )
-    return np.sqrt(np.sum(np.square(differences), axis=0)), np.abs(differences), angles
-
-
-def _reference_difference(pose_a: CommandedPose, pose_b: CommandedPose) -> Array:
-    assert pose_a.reference is not None
-    assert pose_b.reference is not None
-    return wrapped(pose_a.reference - pose_b.reference)
-
-
-def _distance_accuracy(
-    pose_a: CommandedPose, pose_b: CommandedPose, length: Array, axes: Array, angles: Array | None
-) -> tuple[IntervalEstimate, tuple[IntervalEstimate, ...], tuple[IntervalEstimate, ...] | None]:
-    """Return AD_p, AD along the axes and AD of the angles, from what :func:`_distances_between` returns."""
-    assert pose_a.commanded is not None
-    assert pose_b.commanded is not None
-
-    def less(distances: Array, commanded: Array) -> tuple[IntervalEstimate, ...]:
-        return tuple(
-            estimates.mean(row, float(offset)) for row, offset in zip(distances, np.abs(commanded), strict=True)
-        )
-
-    commanded = pose_a.commanded - pose_b.commanded
-    commanded_angles = None
-    if angles is not None and pose_a.oriented and pose_b.oriented:
-        commanded_angles = less(angles, _reference_difference(pose_a, pose_b))
-    return estimates.mean(length, float(np.linalg.norm(commanded))), less(axes, commanded), commanded_angles
+def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEstimate, ...] | None:
+    """Return the mean of each row of ``distances`` ``(3, n)`` less the commanded one; None where they are not known."""
+    if distances is None or commanded is None:
+        return None
+    return tuple(estimates.mean(row, offset) for row, offset in zip(distances, np.abs(commanded).tolist(), strict=True))
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.

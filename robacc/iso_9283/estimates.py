@@ -14,9 +14,8 @@ from functools import lru_cache
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.iso_9283.records import CriterionFigure
 from robacc.statistics.distributions import normal_quantile, student_quantile
-from robacc.statistics.intervals import Interval, chi2_interval, interpolated, tails
+from robacc.statistics.intervals import EstimateOrReason, Interval, chi2_interval, interpolated, tails
 from robacc.statistics.multivariate import principal_axes
 from robacc.statistics.quadratic_form import length_probability
 
@@ -45,9 +44,9 @@ class IntervalEstimate:
         """Return the lower limit of the interval at a confidence."""
         return self.interval_at(confidence).lower if self.lower_at is None else self.lower_at(confidence)
 
-    def figure(self, confidence: float) -> CriterionFigure:
+    def figure(self, confidence: float) -> EstimateOrReason:
         """Return the number with its interval at a confidence."""
-        return CriterionFigure(self.value, self.interval_at(confidence))
+        return EstimateOrReason(self.value, self.interval_at(confidence))
 
 
 def without_interval(value: float, reason: str) -> IntervalEstimate:
@@ -118,27 +117,25 @@ def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimat
     value = after.value - before.value
 
     def interval_at(confidence: float) -> Interval:
-        after_interval, before_interval = after.interval_at(confidence), before.interval_at(confidence)
-        if (
-            after_interval.lower is None
-            or after_interval.upper is None
-            or before_interval.lower is None
-            or before_interval.upper is None
-        ):
-            return after_interval if after_interval.lower is None else before_interval
-        lower = value - math.hypot(after.value - after_interval.lower, before_interval.upper - before.value)
-        upper = value + math.hypot(after_interval.upper - after.value, before.value - before_interval.lower)
-        if after_interval.upper_bound is None:
+        later, earlier = after.interval_at(confidence), before.interval_at(confidence)
+        for interval in (later, earlier):
+            if interval.lower is None or interval.upper is None:
+                return interval
+        if later.upper_bound is None:
             return Interval.missing(confidence, FEW_VISITS)
+
+        def apart(rise: float | None, fall: float | None) -> float:
+            return math.hypot((rise or 0.0) - after.value, before.value - (fall or 0.0))
+
         # The lower limit at twice the tail is the one-sided bound.
         two_sided = before.interval_at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
-        bound = value + math.hypot(after_interval.upper_bound - after.value, before.value - (two_sided or 0.0))
-        return Interval(lower, upper, bound, confidence, MOVER)
+        lower, upper = value - apart(later.lower, earlier.upper), value + apart(later.upper, earlier.lower)
+        return Interval(lower, upper, value + apart(later.upper_bound, two_sided), confidence, MOVER)
 
     return IntervalEstimate(value, interval_at)
 
 
-def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, CriterionFigure]:
+def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, EstimateOrReason]:
     """Return the index of the largest estimate, and the figure of the largest of the true values.
 
     The largest upper limit needs no correction: it is at least the upper limit of the estimate whose true value is
@@ -150,12 +147,12 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
     intervals = [estimate.interval_at(confidence) for estimate in estimates]
     missing = next((interval for interval in intervals if interval.upper is None), None)
     if missing is not None or len(estimates) == 1:
-        return largest, CriterionFigure(value, missing or intervals[0])
+        return largest, EstimateOrReason(value, missing or intervals[0])
     lower = _lower_of_largest(estimates, confidence)
     upper = max(interval.upper or 0.0 for interval in intervals)
     upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
     method = f"{intervals[largest].method}; largest of {len(estimates)}"
-    return largest, CriterionFigure(value, Interval(lower, upper, upper_bound, confidence, method))
+    return largest, EstimateOrReason(value, Interval(lower, upper, upper_bound, confidence, method))
 
 
 def _lower_of_largest(estimates: Sequence[IntervalEstimate], confidence: float) -> float:
@@ -238,7 +235,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         return solve(0.5 * (1.0 - confidence), True)
 
     if not np.any(variances > 0.0):
-        return IntervalEstimate(value, lambda confidence: Interval(value, value, value, confidence, "no scatter"))
+        return IntervalEstimate(value, lambda confidence: Interval.exact(value, confidence))
     return IntervalEstimate(value, interval_at, lower_at)
 
 
@@ -304,7 +301,7 @@ def position_repeatability(residuals: Array, seed: tuple[int, ...]) -> IntervalE
     if n < 3:
         return without_interval(value, FEW_VISITS)
     if not np.any(lengths > 0.0):
-        return IntervalEstimate(0.0, lambda confidence: Interval(0.0, 0.0, 0.0, confidence, "no scatter"))
+        return IntervalEstimate(0.0, lambda confidence: Interval.exact(0.0, confidence))
     if n > _MAX_FOR_BOOTSTRAP:
         # Influence of a visit on mean + 3 S: its length, and 3 times its part of dS = d(S^2) / (2 S).
         influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / length_std if length_std > 0.0 else lengths

@@ -11,23 +11,10 @@ from typing import Generic, Literal, TypeVar
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array
 from robacc.iso_9283.visits import CommandedPose
-from robacc.statistics.intervals import Interval
+from robacc.statistics.intervals import EstimateOrReason
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
 Status = Literal["met", "not met", "unknown"]
-
-
-@dataclass(frozen=True, slots=True)
-class CriterionFigure:
-    """A number, m or rad, and its interval; the interval gives the reason if there is no number."""
-
-    value: float | None
-    interval: Interval
-
-    @classmethod
-    def missing(cls, confidence: float, reason: str) -> CriterionFigure:
-        """Return a figure without a number, and the reason."""
-        return cls(None, Interval.missing(confidence, reason))
 
 
 Figure = TypeVar("Figure")
@@ -66,15 +53,15 @@ class Characteristic:
     symbol: Symbol
     clause: str
     """Clause of ISO 9283:1998."""
-    position: CriterionFigure
+    position: EstimateOrReason
     """Largest value, m; largest absolute value of a signed criterion."""
     position_at: str | None
     """Place of the largest value."""
-    angle: CriterionFigure
+    angle: EstimateOrReason
     """Largest of a, b, c, rad."""
     angle_at: str | None
     """Place and letter of the largest angle."""
-    places: tuple[IsoCriterion[CriterionFigure], ...]
+    places: tuple[IsoCriterion[EstimateOrReason], ...]
     notes: tuple[str, ...] = ()
 
 
@@ -112,8 +99,4 @@ class Iso9283Result:
 
     def characteristic(self, symbol: Symbol) -> Characteristic:
         """Return the characteristic with ``symbol``."""
-        return next(
-            characteristic_entry
-            for characteristic_entry in self.characteristics
-            if characteristic_entry.symbol == symbol
-        )
+        return next(entry for entry in self.characteristics if entry.symbol == symbol)

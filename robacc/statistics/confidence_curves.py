@@ -146,20 +146,6 @@ class RootCurve:
         return self.square.poses_for(limit * limit, confidence, n)
 
 
-@dataclass(frozen=True, slots=True)
-class Tail:
-    """Distribution of lengths beyond the sample: their squares are a multiple of chi-square."""
-
-    radius: float
-    """The ``p`` quantile of all lengths."""
-    dof: float
-    p: float
-
-    def share_within(self, limit: float) -> float:
-        """Return the share of all lengths within ``limit``."""
-        return chi2_cdf(chi2_quantile(self.p, self.dof) * (limit / self.radius) ** 2, self.dof)
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class PercentileCurve:
     """Confidence curve of the ``p`` quantile of lengths: order statistics, and beyond the largest a fitted Gaussian."""
@@ -171,7 +157,10 @@ class PercentileCurve:
     p: float
     model: ConfidenceCurve | None
     """Curve of the fitted Gaussian's quantile."""
-    tail: Tail | None
+    radius: float | None
+    """The ``p`` quantile of the fitted Gaussian, which scales the lengths beyond the sample."""
+    dof: float | None
+    """Degrees of freedom of the chi-square that the squares of these lengths follow; None without scatter."""
     by_model: bool
     """The interval is the Gaussian's, because the poses are too few for order statistics."""
 
@@ -192,15 +181,18 @@ class PercentileCurve:
             if poses is None or self.p**poses > 0.5 * (1.0 - confidence):
                 return poses  # still too few for order statistics, so the model's interval stays in use
         share = self._level(limit)
-        if self.tail is not None and (self.by_model or share * (self.n + 1.0) >= self.n):
-            beyond = min(self.tail.share_within(limit), 1.0)
+        if self.radius and self.dof is not None and (self.by_model or share * (self.n + 1.0) >= self.n):
+            beyond = chi2_cdf(chi2_quantile(self.p, self.dof) * (limit / self.radius) ** 2, self.dof)
             share = beyond if self.by_model else max(share, beyond)
         if share <= self.p:
             return None
 
         def suffices(poses: int) -> bool:
             # The bound is the length of this rank, so at least as many lengths must be within the limit.
-            rank = _bounding_rank(poses, self.p, confidence)
+            normal = self.p * poses + normal_quantile(confidence) * math.sqrt(poses * self.p * (1.0 - self.p))
+            rank = smallest_sufficient(
+                lambda k: percentile_confidence(k, poses, self.p) >= confidence, normal, 0, poses
+            )
             return rank is not None and beta_cdf(share, float(rank), poses + 1.0 - rank) >= ASSURANCE
 
         quantile_std = normal_quantile(confidence) * math.sqrt(self.p * (1.0 - self.p))
@@ -236,18 +228,6 @@ def percentile_confidence(rank: float, n: int, p: float) -> float:
     at_high = beta_cdf(p, low + 1.0, float(n - low))
     share = 1.0 / (1.0 + (1.0 / between - 1.0) * (n - low) * p / (low * (1.0 - p)))
     return 1.0 - at_low + share * (at_low - at_high)
-
-
-def _bounding_rank(n: int, p: float, confidence: float) -> int | None:
-    """Return the lowest rank of n that bounds the ``p`` quantile from above; None if n is too small."""
-    if p**n > 1.0 - confidence:
-        return None
-    rank = min(max(math.floor(p * n + normal_quantile(confidence) * math.sqrt(n * p * (1.0 - p))), 1), n)
-    while rank < n and percentile_confidence(rank, n, p) < confidence:
-        rank += 1
-    while rank > 1 and percentile_confidence(rank - 1, n, p) >= confidence:
-        rank -= 1
-    return rank
 
 
 def smallest_sufficient(

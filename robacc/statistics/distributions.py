@@ -197,16 +197,7 @@ def student_quantile(probability: float, dof: float) -> float:
     tail = 2.0 * (1.0 - probability)
     if tail >= 1.0:
         return 0.0
-    # The two-sided tail falls monotonically with t: bisection cannot fail, and costs a millisecond once.
-    low, high = 1e-9, 10.0
-    while f_sf(high * high, 1.0, dof) > tail:
-        low, high = high, 10.0 * high
-    for _ in range(200):
-        middle = 0.5 * (low + high)
-        if middle in (low, high):
-            break
-        low, high = (middle, high) if f_sf(middle * middle, 1.0, dof) > tail else (low, middle)
-    return 0.5 * (low + high)
+    return math.sqrt(f_critical(tail, 1.0, dof))
 
 
 # Noncentral F distribution: the probability that a test finds an effect of a given size.
@@ -269,8 +260,7 @@ def needed_noncentrality(power: float, level: float, dof1: float, dof2: float) -
 
 
 def _bisected(below: Callable[[float], bool], low: float, high: float) -> float:
-    """Bisect, to nine digits, for the point between ``low`` and ``high`` from which ``below`` is false."""
-    while high - low > 1e-9 * high:
-        middle = 0.5 * (low + high)
+    """Bisect, to the last digit, for the point between ``low`` and ``high`` from which ``below`` is false."""
+    while low < (middle := 0.5 * (low + high)) < high:
         low, high = (middle, high) if below(middle) else (low, middle)
-    return 0.5 * (low + high)
+    return middle

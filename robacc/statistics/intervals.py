@@ -15,8 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +70,11 @@ class Interval:
         """Return an interval without limits, and the reason."""
         return cls(None, None, None, confidence, "none", why)
 
+    @classmethod
+    def exact(cls, value: float, confidence: float, why: str = "no scatter") -> Interval:
+        """Return the interval of a value without uncertainty, and the reason as its method."""
+        return cls(value, value, value, confidence, why)
+
     def root(self) -> Interval:
         """Return the interval of the square root of a quantity that cannot be negative."""
         lower, upper, bound = (
@@ -95,6 +99,24 @@ class EstimatedValue:
 
     value: float
     interval: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class EstimateOrReason:
+    """A number with its interval, or the reason why there is none."""
+
+    value: float | None
+    interval: Interval
+
+    @classmethod
+    def missing(cls, confidence: float, why: str) -> EstimateOrReason:
+        """Return an estimate without a number, and the reason."""
+        return cls(None, Interval.missing(confidence, why))
+
+    @property
+    def why(self) -> str | None:
+        """Reason why there is no number."""
+        return self.interval.why if self.value is None else None
 
 
 def tails(confidence: float) -> tuple[float, float, float]:
@@ -191,12 +213,11 @@ class PoseSampling:
     seed: int = 0
     share: float = 1.0
     """Share of the measured components that frames fitted to them leave as degrees of freedom."""
-    _cache: dict[str, Any] = field(init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def n_groups(self) -> int:
         """Number of commanded poses."""
-        return self.n if self.groups is None else int(self.sizes().size)
+        return self.n if self.groups is None else int(self.sizes.size)
 
     @property
     def n_independent(self) -> float:
@@ -225,13 +246,10 @@ class PoseSampling:
             return interval
         return interval.wider(self.mean_interval(values, confidence, positive=True))
 
+    @cached_property
     def sizes(self) -> Array:
-        """Return the number of repetitions of each commanded pose, ``(n_groups,)``."""
-        if "sizes" not in self._cache:
-            sizes = np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
-            self._cache["sizes"] = sizes
-        result: Array = self._cache["sizes"]
-        return result
+        """Number of repetitions of each commanded pose, ``(n_groups,)``."""
+        return np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
 
     def sums(self, values: Array) -> Array:
         """Sum ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
@@ -262,7 +280,7 @@ class PoseSampling:
             return Interval.missing(confidence, why)
         error = self.standard_error(values)
         if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
-            return Interval(mean, mean, mean, confidence, "no scatter")
+            return Interval.exact(mean, confidence)
         below, above, bound = tails(confidence)
         t_above, t_bound = student_quantile(above, count - 1.0), -student_quantile(bound, count - 1.0)
         t_below, method, resampled = -t_above, f"Student's t over {self.described}", None
@@ -282,7 +300,7 @@ class PoseSampling:
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
-        counts, sizes = self.counts(), self.sizes()
+        counts, sizes = self.counts(), self.sizes
         sums = self.sums(values - mean)
         size = self.n_groups
         totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -265,22 +265,13 @@ _NEGLIGIBLE = 40.0
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 
 
-@dataclass(frozen=True, slots=True)
-class LengthShape:
-    """Distribution of the length of a Gaussian vector, up to its scale."""
+class LengthShape(NamedTuple):
+    """Gaussian vector whose length has the distribution, up to its scale."""
 
     mean: Array
     """``(3,)`` in principal axes."""
     variances: Array
     """``(3,)``"""
-
-    def share(self, length: float) -> float:
-        """Return the share of lengths up to ``length``."""
-        return length_probability(length, self.mean, self.variances)
-
-    def quantile(self, share: float) -> float:
-        """Return the length that ``share`` of all lengths do not exceed."""
-        return length_quantile(share, self.mean, self.variances)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -299,11 +290,13 @@ class _Interpolated:
     @classmethod
     def of(cls, shape: LengthShape) -> _Interpolated:
         """Interpolate between the quantiles :data:`_LEAST` and :data:`_MOST`."""
-        shortest, longest = shape.quantile(_LEAST), shape.quantile(_MOST)
+        shortest, longest = length_quantile(_LEAST, *shape), length_quantile(_MOST, *shape)
         constant = math.sqrt(float(np.sum(np.square(shape.mean[shape.variances == 0.0]))))
 
         def logit(logarithms: Array) -> Array:
-            shares = np.array([shape.share(math.hypot(math.exp(0.5 * x), constant)) for x in logarithms.tolist()])
+            shares = np.array(
+                [length_probability(math.hypot(math.exp(0.5 * x), constant), *shape) for x in logarithms.tolist()]
+            )
             # Lengths that are equal to the last digits have no other share.
             shares = np.clip(shares, 0.5 * _LEAST, 1.0 - 0.5 * (1.0 - _MOST))
             return np.asarray(np.log(shares) - np.log1p(-shares))
@@ -362,7 +355,7 @@ class ScaledPercentileCurve:
     @classmethod
     def of(cls, value: float, n: int, p: float, shape: LengthShape) -> ScaledPercentileCurve:
         """Return the curve of the percentile ``value`` of ``n`` lengths."""
-        return cls(value, n, p, shape.quantile(p), _Interpolated.of(shape))
+        return cls(value, n, p, length_quantile(p, *shape), _Interpolated.of(shape))
 
     def below(self, value: float) -> float:
         """See :class:`robacc.statistics.confidence_curves.ConfidenceCurve`."""
@@ -399,10 +392,3 @@ class ScaledPercentileCurve:
             middle = length, self.lengths.share_below(length, n, self.p)
             low, high = (middle, high) if middle[1] < level else (low, middle)
         return on_chord() / self.true
-
-
-def shape_of(mean: Array, variances: Array) -> LengthShape | None:
-    """Return the shape of a Gaussian; None without scatter."""
-    if not math.isfinite(float(np.sum(variances))) or not np.any(variances):
-        return None
-    return LengthShape(mean, variances)

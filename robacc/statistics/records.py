@@ -11,9 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.intervals import Interval, PoseSampling, chi2_interval, covariance_element, interpolated, tails
+from robacc.statistics.intervals import (
+    EstimateOrReason,
+    Interval,
+    PoseSampling,
+    chi2_interval,
+    covariance_element,
+    interpolated,
+    tails,
+)
 from robacc.statistics.multivariate import BLOCK, NIL, AssumptionTests, PoseStructure, principal_axes
-from robacc.statistics.quadratic_form import LengthShape, length_quantile, shape_of, squared_quantile_gradient
+from robacc.statistics.quadratic_form import LengthShape, length_quantile, squared_quantile_gradient
 
 Unit = Literal["m", "rad"]
 Statistic = Literal["rms", "mean_error", "p95", "max"]
@@ -40,17 +48,6 @@ class Ellipsoid:
     sd: Array
     """``(3,)`` principal standard deviations, m or rad"""
     intervals: tuple[Interval, Interval, Interval]
-
-
-@dataclass(frozen=True, slots=True)
-class Radius:
-    """Radius of the sphere about zero that contains 95 % of poses under a fitted Gaussian."""
-
-    value: float | None
-    interval: Interval
-    why: str | None = None
-    shape: LengthShape | None = None
-    """Distribution of the lengths under that Gaussian; None without scatter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +89,10 @@ class ErrorStatistics:
     """Share of all poses whose error is below ``max`` with ``confidence``; ``max`` itself has no interval."""
     intervals: Intervals
     ellipsoid: Ellipsoid
-    radius95_zero_mean: Radius
-    """Radius of N(0, covariance)."""
-    radius95_fitted_mean: Radius
-    """Radius of N(mean, centred_covariance)."""
+    radius95_zero_mean: EstimateOrReason
+    """Radius of the sphere about zero that contains 95 % of N(0, covariance)."""
+    radius95_fitted_mean: EstimateOrReason
+    """Radius of the sphere about zero that contains 95 % of N(mean, centred_covariance)."""
     tests: AssumptionTests
     structure: PoseStructure
     assumption: str
@@ -243,7 +240,7 @@ def satterthwaite(covariance: Array, n: float, confidence: float) -> Interval:
     """
     trace = float(np.trace(covariance))
     if trace == 0.0:
-        return Interval(0.0, 0.0, 0.0, confidence, "no scatter")
+        return Interval.exact(0.0, confidence)
     dof = n / _concentration(float(np.sum(np.square(covariance))) / trace**2, n)
     return chi2_interval(trace, dof, confidence, _METHOD)
 
@@ -275,8 +272,10 @@ def _shrunk_to_mean(variances: Array, n: float) -> Array:
 
 def radius95(
     errors: Array, mean: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float
-) -> Radius:
-    """Return the radius about zero that contains 95 % of N(``mean``, ``covariance``).
+) -> tuple[EstimateOrReason, LengthShape | None]:
+    """Return the radius about zero that contains 95 % of N(``mean``, ``covariance``), and the shape of the lengths.
+
+    The shape is None without scatter.
 
     Args:
         errors: ``(3, N)``.
@@ -291,17 +290,18 @@ def radius95(
     fewest = 3 if about_zero else 4
     if n < fewest:
         why = f"{sampling.described}: scatter in three directions needs at least {fewest}"
-        return Radius(None, Interval.missing(confidence, why), why)
+        return EstimateOrReason.missing(confidence, why), None
     variances, axes = principal_axes(covariance)
     along = axes.T @ mean
     variances = np.where(variances > NIL * (variances[0] + along @ along), variances, 0.0)
     radius = length_quantile(PROBABILITY, along, variances)
     if not np.any(variances):
-        return Radius(radius, Interval(radius, radius, radius, confidence, "no scatter"))
+        return EstimateOrReason(radius, Interval.exact(radius, confidence)), None
     shrunk = _shrunk_to_mean(variances, n)
+    shape = LengthShape(along, shrunk)
     squared = _gaussian_interval(along, shrunk, n, confidence) if gaussian else None
     if squared is not None and sampling.share == 1.0:
-        return Radius(radius, squared.root(), shape=shape_of(along, shrunk))
+        return EstimateOrReason(radius, squared.root()), shape
     by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
     influence = np.empty(errors.shape[1])
     for start in range(0, influence.size, BLOCK):
@@ -311,7 +311,7 @@ def radius95(
     influence += radius**2 - float(np.diag(by_covariance) @ variances)
     resampled = sampling.mean_interval(influence, confidence, positive=True)
     interval = resampled if squared is None else squared.wider(resampled)
-    return Radius(radius, interval.root(), shape=shape_of(along, shrunk))
+    return EstimateOrReason(radius, interval.root()), shape
 
 
 def _gaussian_interval(along: Array, variances: Array, n: float, confidence: float) -> Interval:
@@ -385,7 +385,7 @@ def _percentile_difference(
 ) -> tuple[float, tuple[Interval, ...]]:
     value = interpolated(first, [0.95 * (sampling.n - 1)])[0] - interpolated(second, [0.95 * (sampling.n - 1)])[0]
     if np.array_equal(first, second):
-        return 0.0, tuple(Interval(0.0, 0.0, 0.0, confidence, "no difference") for confidence in confidences)
+        return 0.0, tuple(Interval.exact(0.0, confidence, "no difference") for confidence in confidences)
     if sampling.n_groups < FEWEST_FOR_P95:
         why = f"{sampling.n_groups} poses: too few to resample a 95th percentile"
         return value, tuple(Interval.missing(confidence, why) for confidence in confidences)

@@ -20,7 +20,7 @@ def test_folds_that_cannot_be_fitted_do_not_undo_the_registration() -> None:
     rms = [
         float(
             np.sqrt(
-                np.mean(np.sum(registered_residuals(robot, data, HoldOut.of(data, None, folds, 0)).fitted ** 2, axis=0))
+                np.mean(np.sum(registered_residuals(robot, data, HoldOut.of(data, None, folds, 0))[0] ** 2, axis=0))
             )
         )
         for folds in (2, 6)

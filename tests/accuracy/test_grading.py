@@ -84,9 +84,7 @@ def test_the_worse_of_position_and_orientation_decides() -> None:
     result = graded(0.5e-4, 0.9e-4, 3e-3, 6e-3)
     assert (result.grade, result.limited_by, result.demonstrated) == ("C", ("orientation",), False)
     assert (result.position.grade, result.position.demonstrated_grade, result.position.limit) == ("A", "A", 5e-4)
-    assert result.orientation is not None
     assert (result.orientation.grade, result.orientation.demonstrated_grade) == ("C", None)
-    assert result.next is not None
     assert (result.next.grade, result.next.position, result.next.orientation) == ("B", 0.0, pytest.approx(1e-3))
     both = graded(1.5e-4, 1.6e-4, 1.5e-3, 1.6e-3)
     assert both.limited_by == ("position", "orientation")
@@ -100,7 +98,6 @@ def test_nothing_limits_the_best_grade() -> None:
 def test_beyond_the_last_step() -> None:
     result = graded(9e-4, 1e-3)
     assert (result.grade, result.demonstrated, result.position.limit) == ("D", False, None)
-    assert result.next is not None
     assert (result.next.grade, result.next.position) == ("C", pytest.approx(4e-4))
 
 
@@ -192,7 +189,6 @@ def test_a_free_orientation_limits_nothing() -> None:
     scale = dataclasses.replace(load_scale(GOOD, "mine.yaml"), confidence=0.95)
     result = grade(errors_of(2e-4, 2.5e-4), errors_of(0.5, None, "rad", "few"), scale)
     assert (result.grade, result.demonstrated, result.demonstrated_grade) == ("B", True, "B")
-    assert result.orientation is not None
     assert result.orientation.limit is None
 
 
@@ -342,7 +338,6 @@ def test_a_confirmed_grade_has_the_scales_confidence(statistic: str, n: int, kin
         interval = error_statistics(1e-4 * vectors, "m", groups=groups, confidence=confidence).estimate(statistic)[1]
         if interval.upper_bound is None:
             continue
-        assert interval.curve is not None
         assert interval.curve.below(interval.upper_bound) == pytest.approx(confidence, abs=2e-3)
         assert interval.lower is not None
         assert interval.curve.below(interval.lower) == pytest.approx(0.5 - 0.5 * confidence, abs=2e-3)
@@ -373,8 +368,6 @@ def test_position_and_orientation_together() -> None:
         grade(error_statistics(errors_like(500, 1e-6), "m"), orientation, SCALE),
     )
     first, second, joint = (result.probability_within("A") for result in (by_position, by_orientation, combined))
-    assert first is not None
-    assert second is not None
     assert joint == pytest.approx(first * second, rel=1e-6)
 
 
@@ -388,7 +381,6 @@ def test_free_orientation_is_met_for_certain() -> None:
 def test_number_of_poses_that_would_confirm_the_grade() -> None:
     result = grade(error_statistics(errors_like(30, 1.85e-4), "m"), None, SCALE)
     assert (result.grade, result.demonstrated) == ("B", False)
-    assert result.poses_to_demonstrate is not None
     assert result.poses_to_demonstrate > 30
     assert grade(error_statistics(errors_like(300, 1.2e-4), "m"), None, SCALE).poses_to_demonstrate is None
     assert grade(error_statistics(errors_like(30, 1.0), "m"), None, SCALE).poses_to_demonstrate is None
@@ -399,7 +391,6 @@ def test_number_of_poses_for_a_variance_is_the_fewest(share: float) -> None:
     """Chi-square: the bound meets the limit with probability 0.9 at the number given, and with less at one fewer."""
     curve, limit = ChiSquareCurve(1.0, 50.0), 1.0 / share
     poses = curve.poses_for(limit, 0.95, 50)
-    assert poses is not None
 
     def chance(n: int) -> float:
         return float(chi2.cdf(chi2.ppf(0.05, n) * limit, n))
@@ -422,10 +413,8 @@ def test_the_number_of_poses_is_enough(statistic: str) -> None:
     truth = error_statistics(vectors, "m").estimate(statistic)[0]
     pilot = error_statistics(vectors[:, :400], "m", bootstrap=300)
     value, interval = pilot.estimate(statistic)
-    assert interval.curve is not None
     limit = 1.08 * value
     poses = interval.curve.poses_for(limit, 0.95, 400)
-    assert poses is not None
     assert 50 < poses < 2500
     met = 0
     for _ in range(150):

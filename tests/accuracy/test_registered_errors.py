@@ -74,7 +74,6 @@ def measured(arm: Arm, q: Any, rng: np.random.Generator, turned: bool) -> Measur
 
 def true_rms(result: EstimateResult, arm: Arm, rng: np.random.Generator) -> tuple[float, float]:
     """Rms of position and orientation error of the registered nominal model at fresh poses."""
-    assert result.alignment is not None
     q = rng.uniform(LOW, HIGH, (6, 1500))
     base, tool = result.alignment.robot.base, result.alignment.robot.tool
     place, turn = NOMINAL.poses(q)

@@ -43,7 +43,6 @@ def joints(
     change: Callable[[np.ndarray], np.ndarray], row: int | list[int] | None = None
 ) -> Callable[[Measurements], Measurements]:
     def changed(data: Measurements) -> Measurements:
-        assert data.q is not None
         q = data.q.copy()
         at = slice(None) if row is None else row
         q[at] = change(q[at])
@@ -106,7 +105,6 @@ def test_each_mistake_is_named(which: str, orientation: bool) -> None:
     if not orientation and which in ("mirrored", "x and z"):
         name = "the positions seem to be in a left-handed frame"
     mistake = find_mistake(arm("puma560").robot, change(good(orientation)))
-    assert mistake is not None
     assert mistake.name == name
     assert mistake.after < mistake.before / 8
     assert mistake.text.startswith(f"{name}: with base and tool registered, the median error is ")
@@ -174,7 +172,6 @@ def test_the_command_line_exits_with_3(tmp_path: Path, command: tuple[str, ...])
     robot: Robot = arm("puma560").robot
     (tmp_path / "arm.yaml").write_text(robot_to_yaml(robot), encoding="utf-8")
     data = MISTAKES["sign of j6"][0](good(False))
-    assert data.q is not None
     lines = ["q1,q2,q3,q4,q5,q6,x,y,z"]
     lines += [",".join(f"{value:.9f}" for value in (*data.q[:, i], *data.position[:, i])) for i in range(data.n)]
     (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")

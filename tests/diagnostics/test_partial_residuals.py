@@ -87,7 +87,6 @@ def payload_moment(data: Measurements) -> np.ndarray:
 
     # Gravity pulls along -z: what sinks is turned that way.
     rise: np.ndarray = (height(1e-5) - height(-1e-5)) / 2e-5
-    assert data.payload is not None
     return -9.81 * data.payload * rise
 
 
@@ -118,7 +117,6 @@ def test_a_joints_effect_is_told_as_its_own_angle(name: str, oriented: bool) -> 
 @pytest.mark.parametrize("name", ["gear_ratio", "joint_coupling", "transmission_error", "joint_correction"])
 def test_the_line_is_the_effect_between_the_poses(name: str) -> None:
     one = curve(name)
-    assert one.grid is not None
     assert one.value is not None
     assert (one.grid[0], one.grid[-1]) == (one.x.min(), one.x.max())
     sure = np.isfinite(one.sd) & (one.sd < 20 * np.nanmedian(one.sd))
@@ -151,7 +149,6 @@ def test_the_reading_is_the_least_squares_angle_by_finite_differences() -> None:
 
 def test_the_spectrum_shows_the_order_and_nothing_after() -> None:
     spectrum = curve("transmission_error").spectrum
-    assert spectrum is not None
     strongest = int(np.argmax(spectrum.before))
     assert spectrum.orders[strongest] == 7.5
     # The simulated amplitude is that of 1.2 and 1.6: 2, of 1e-4.
@@ -165,11 +162,9 @@ def test_a_cause_of_no_joint_is_told_along_the_way_it_moves_the_target() -> None
     warm = curve("thermal_expansion")
     _, _, data = fitted("thermal_expansion")
     assert (warm.joint, warm.unit, warm.driver, warm.driver_unit) == (None, "m", "temperature_c", "°C")
-    assert data.temperature is not None
     assert np.array_equal(np.sign(warm.effect), np.sign(data.temperature - 20.0))
     drift = curve("frame_drift")
     # The base moves along x by 0.3 mm in half the time: at every pose the same line through its middle.
-    assert data.time is not None
     assert drift.effect == pytest.approx(3e-4 * (data.time - 1800) / 1800, abs=1e-5)
     scale = curve("instrument_scale")
     assert scale.driver == "distance"
@@ -192,5 +187,4 @@ def test_every_effect_of_a_joint_has_a_driver() -> None:
             default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
             effect = next(iter(cls.candidates(robot_arm, data)), default)
             driver = effect.driver(robot_arm, data, effect.joints[0])
-            assert driver is not None, name
             assert driver.values.shape == (40,)

@@ -116,8 +116,6 @@ def test_an_export_with_both_has_both(tmp_path: pytest.TempPathFactory) -> None:
     rows = "\n".join(f"{i},{2 * i},{i + 0.01},{2 * i + 0.02},{100 + i},{i},{2 * i}" for i in range(10, 20))
     path.write_text("J1 cmd [deg],J2 cmd [deg],J1 actual [deg],J2 actual [deg],X [mm],Y [mm],Z [mm]\n" + rows + "\n")
     data = read_poses(path)
-    assert data.q is not None
-    assert data.read_back is not None
     np.testing.assert_allclose(np.degrees(data.read_back - data.q), np.tile([[0.01], [0.02]], 10), atol=1e-9)
 
 
@@ -144,7 +142,6 @@ def test_rounding_is_named_and_counts_as_scatter() -> None:
     (text,) = [warning for warning in result.warnings if "rounded" in warning]
     assert text.startswith("the joint variables are rounded to 0.1 degrees")
     expected = evident_rounding(fitted(data), data)
-    assert expected is not None
     np.testing.assert_allclose(expected.std, np.radians(0.1) / np.sqrt(12.0))
     moved = positions(data.q) - positions(POSES.q) if data.q is not None else np.zeros((3, N))
     assert expected.position == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=0)))), rel=0.15)
@@ -196,7 +193,6 @@ def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
 def test_joints_read_back_that_a_real_arm_did_not_follow_are_no_finding(series: str) -> None:
     """Random readings, and readings that lag behind the last motion, beside a residual full of other errors."""
     arm, data = recorded(series)
-    assert data.q is not None
     model = Model(arm, free=build(parse_requests(DECLARED), arm, data))
     rng = np.random.default_rng(0)
     motion = np.sign(np.diff(data.q, axis=1, prepend=data.q[:, :1]))

@@ -45,7 +45,6 @@ def test_rows_are_grouped_by_their_load(loads: tuple[float, ...]) -> None:
     number = np.random.default_rng(3).integers(0, len(loads), N)
     turn = deflections(11, np.array(loads)[number])
     found = groups_of(turn, 11, DECLARED + ",joint_compliance[j2,j3]")
-    assert found is not None
     assert len(found.rows) == len(loads)
     right = sum(np.count_nonzero(number[rows] == i) for i, rows in enumerate(found.rows))
     assert right >= 0.95 * N

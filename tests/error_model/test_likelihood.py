@@ -35,7 +35,6 @@ def linearised(orientation: bool = False, n: int = 24) -> Linearised:
     robot = dataclasses.replace(arm("irb1600").robot, effects=())
     data = simulate(robot, Plan(n, seed=3, noise_position=NOISE, orientation=orientation, time_step=20.0)).data
     visit = np.repeat(np.arange(n // 3), 3)
-    assert data.q is not None
     q = data.q[:, 6 * (np.arange(n) // 6)]
     data = dataclasses.replace(data, q=q, visit=visit.astype(str), pose=(visit // 2).astype(str))
     model = Model.of(robot)

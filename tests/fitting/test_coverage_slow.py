@@ -36,8 +36,6 @@ class Count:
         self.note(f"{name}, upper bound", truth <= interval.upper_bound)
 
     def matrix(self, name: str, interval: MatrixInterval, truth: np.ndarray) -> None:
-        assert interval.lower is not None
-        assert interval.upper is not None
         held = (interval.lower <= truth) & (truth <= interval.upper)
         for i, j in ((0, 0), (1, 1), (2, 2)):
             self.note(f"{name} diagonal", held[i, j])

@@ -64,16 +64,13 @@ def calibrated(form: str, compliance: float = SOFT, known: bool = False) -> Cali
 def test_the_form_of_a_soft_arm_is_the_one_its_poses_have(form: str, known: bool) -> None:
     found = calibrated(form, known=known)
     chosen = found.deflection
-    assert chosen is not None
     assert chosen.form == form
-    assert chosen.gain is not None
     assert (chosen.gain > BETTER) == (form == "rigid")
     # Micrometres of two millimetres; where the data have no other error, the gain is about the squared separation.
     assert 3e-6 < chosen.difference < 1e-5
     assert abs(chosen.gain) == pytest.approx(chosen.separation**2, rel=0.6)
     values = {one.name: one for one in found.parameters}
     one = values["lateral_compliance.j4"]
-    assert one.std is not None
     assert one.value == pytest.approx(SOFT, abs=4 * one.std)
     assert {e.settings().get("deflection", "equilibrium") for e in found.effects if e.name.startswith("lat")} == {form}
 
@@ -85,7 +82,6 @@ def test_the_likelihood_picks_the_right_form_whatever_the_noise() -> None:
         for seed in range(8):
             data = measured(form, seed=seed)
             found, original, chosen = choose_deflection(fit(model, data), model, data, Options())
-            assert chosen is not None
             assert chosen.form == form, seed
             assert found.model.free == original.free == with_deflection(model.free, chosen.form)
 
@@ -95,7 +91,6 @@ def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pyt
     monkeypatch.setattr(robacc.fitting.masses, "fit", lambda *args: fits.append(args))
     found = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests(ASKED), n_folds=2)
     assert not fits
-    assert found.deflection is not None
     assert (found.deflection.form, found.deflection.gain) == ("equilibrium", None)
     assert found.deflection.difference < 1e-10
     rigid = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests("base_frame,tool_frame"))
@@ -119,7 +114,6 @@ def test_each_fold_decides_for_itself_and_so_does_a_file_of_its_own(monkeypatch:
     assert asked == [{}] * 5
     assert chosen == [{"deflection": "rigid"}] * 5
     found = calibrate(arm("puma560").robot, data, parse_requests(ASKED), holdout=apart)
-    assert found.after.held_out is not None
     error = np.sum(np.square(apart.position - predict(found.robot, apart).translation), axis=0)
     # Poses held out are predicted by a fit to a part in a million of the residual, the model by one to 1e-8.
     assert found.after.held_out.position.rms == pytest.approx(np.sqrt(np.mean(error)), rel=1e-5)
@@ -149,7 +143,6 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors()
         model = Model.of(arm("puma560").robot, effects)
         found = fit(model, data, options)
         other, _, chosen = choose_deflection(found, model, data, options)
-        assert chosen is not None
         assert chosen.gain is not None
         return chosen.gain, found, other
 
@@ -194,7 +187,6 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
     assert said in " ".join(stream.getvalue().split())
     document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document
-    assert found.deflection is not None
     assert document == {
         "form": form,
         "difference_rms_m": found.deflection.difference,
@@ -223,11 +215,8 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert [(one.effect, one.joints, one.settings) for one in found.findings] == [
         ("lateral_compliance", ("j4",), settings)
     ]
-    assert found.deflection is not None
     assert found.deflection.form == form
     finding = found.findings[0]
-    assert finding.held_out_before is not None
-    assert finding.held_out_after is not None
     assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
     again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
@@ -250,7 +239,6 @@ def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> Non
     declared = (REGISTRY["base_frame"](), REGISTRY["tool_frame"](), REGISTRY["lateral_compliance"](("j4",)))
     found = trace(Model.of(arm("puma560").robot, declared), data, n_folds=2, empirical=False)
     assert [one.effect for one in found.findings] == ["gear_ratio"]
-    assert found.deflection is not None
     assert found.deflection.form == "rigid"
     assert {"deflection": "rigid"} in [effect.settings() for effect in found.fit.model.free]
     clean = trace(Model.of(arm("puma560").robot, declared), measured("rigid"), n_folds=2, empirical=False)

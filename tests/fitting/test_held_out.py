@@ -65,7 +65,6 @@ def test_a_model_without_an_effect_is_fitted_again_without_it() -> None:
     found = fitted(data, robust=False)
     how = HoldOut.of(data, None, None, 0)
     (lacking,) = how.residuals(found, [[4]])
-    assert lacking is not None
     reference = refitted(data, how.groups, FIT.partition(",joint_compliance")[0], found)
     size = np.sqrt(np.mean(np.square(reference[:3])))
     assert size > 3 * NOISE
@@ -103,7 +102,6 @@ def test_a_model_without_coefficients_predicts_every_pose_as_it_is() -> None:
 def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose() -> None:
     # Only the last pose turns j1, so that only it separates its gear ratio from a turn of the base.
     data = measured(30, orientation=False)
-    assert data.q is not None
     q = data.q.copy()
     q[0, :-1] = 0.3
     one = arm("puma560")
@@ -116,7 +114,6 @@ def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose()
     alone: list[list[int]] = []
     (poses,) = held_out_poses(found, moved, np.arange(moved.n), undetermined=lambda rows: alone.append(rows.tolist()))
     assert alone == [[29]]
-    assert poses is not None
     # The base explains the others; a nominal gear ratio leaves the whole error at the last pose.
     error = np.linalg.norm(moved.position - poses.translation, axis=0)
     assert error[:-1].max() < 1e-6

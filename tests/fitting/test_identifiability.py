@@ -150,7 +150,6 @@ def test_the_number_kept_is_the_rank_that_numpy_finds(name: str) -> None:
 def test_poses_too_much_alike_lose_coefficients() -> None:
     # A joint that never moved is part of a link: 4 R + 6 of an arm of one joint fewer.
     data = poses("puma560", 60)
-    assert data.q is not None
     q = data.q.copy()
     q[3] = 0.3
     still = dataclasses.replace(data, q=q)

@@ -40,9 +40,7 @@ def test_random_outliers_have_no_pattern() -> None:
 
 def test_rows_at_large_angles_of_a_joint_are_named() -> None:
     data = sample(150, 1)
-    assert data.q is not None
     pattern = outlier_pattern(data, data.q[1] > 1.3, NAMES)
-    assert pattern is not None
     assert (pattern.quantity, pattern.side, pattern.inside) == ("j2", "above", pattern.outliers)
     assert 1.3 < pattern.limit < 1.4
     assert "have a common cause" in pattern.text
@@ -53,7 +51,6 @@ def test_rows_at_one_time_are_named() -> None:
     outliers = np.zeros(100, dtype=bool)
     outliers[95:] = True
     pattern = outlier_pattern(data, outliers, NAMES)
-    assert pattern is not None
     assert pattern.quantity in ("time", "row number")
 
 

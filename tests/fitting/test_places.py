@@ -39,7 +39,6 @@ def test_repetitions_with_measured_joints_are_one_place(jitter: float) -> None:
     assert [len(set(place[truth == k])) for k in range(25)] == [1] * 25
     assert len(set(place)) == 25
     assigned = HoldOut.of(data, None, 5, 0).groups
-    assert assigned is not None
     assert all(len(set(assigned[truth == k])) == 1 for k in range(25))
     (warning,) = places_warning(data)
     assert warning.startswith("poses.csv: 100 poses lie in 25 places")

@@ -56,7 +56,6 @@ def test_calibrate_separates_scatter_from_noise_and_covers_the_truth() -> None:
     hits, shares = [], []
     for seed in range(6):
         result = calibrate(robot, scattered(robot, 60, seed), parse_requests("joint_offset[j2,j3,j4,j5]"))
-        assert result.repeatability is not None
         assert result.noise.noise.position == pytest.approx(NOISE, rel=0.15)
         stds = [std for _, std in result.repeatability.joints if std is not None]
         assert stds
@@ -91,7 +90,6 @@ def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
     near = {name: Frame((1e-5, 0.0, z), (0.0, 0.0, 0.0)) for name, z in zip("abc", (0.1, 0.2, 0.3), strict=True)}
     robot = dataclasses.replace(robot, targets=near)
     result = calibrate(robot, scattered(robot, 60, 1), parse_requests("joint_offset[j2,j3]"))
-    assert result.repeatability is not None
     joints = dict(result.repeatability.joints)
     assert joints["j6"] is None
     assert joints["j2"] == pytest.approx(SCATTER, rel=0.4)
@@ -116,17 +114,14 @@ def test_an_error_that_the_model_lacks_is_no_scatter() -> None:
     robot = three_targets()
     data = scattered(robot, 60, 3)
     # The sag of the arm from joint 2 on, on a shelf that carries it at both ends of its way.
-    assert data.q is not None
     sagging = data.q.copy()
     sagging[1] += 6e-4 * np.cos(2 * data.q[1])
     sag = predict(robot, dataclasses.replace(data, q=sagging)).translation - predict(robot, data).translation
     missing = dataclasses.replace(data, position=data.position + sag)
     requests = parse_requests("base_frame,joint_offset,link_geometry")
     alone, beside = (calibrate(robot, d, requests, shrink=False) for d in (data, missing))
-    assert alone.repeatability is not None
     assert not any("a trace searches" in warning for warning in alone.warnings)
     assert any("a trace searches" in warning for warning in beside.warnings)
-    assert beside.repeatability is not None
     # The scatter is that of the arm, not the sag: 0.6 mrad of one joint, 0.1 of each.
     assert beside.repeatability.position == pytest.approx(alone.repeatability.position, rel=0.3)
     errors = [(a.std, b.std) for a, b in zip(alone.parameters, beside.parameters, strict=True) if a.std and b.std]

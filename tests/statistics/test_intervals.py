@@ -52,7 +52,6 @@ def test_share_below_maximum() -> None:
 @pytest.mark.parametrize("n", [72, 100, 999])
 def test_percentile_levels_lie_between_the_binomial_ranks(n: int) -> None:
     for level, below in zip(percentile_levels(n, 0.95, 0.95), (0.975, 0.025, 0.05), strict=True):
-        assert level is not None
         k = int(level * (n + 1) + 1e-9)
         # At whole ranks: the binomial probability that at least that many lie below the percentile.
         assert stats.binom.sf(k - 1, n, 0.95) >= below >= stats.binom.sf(k, n, 0.95)
@@ -61,7 +60,6 @@ def test_percentile_levels_lie_between_the_binomial_ranks(n: int) -> None:
 def test_interpolation_for_the_median_is_that_of_hettmansperger_and_sheather() -> None:
     n = 23
     lower, _, _ = percentile_levels(n, 0.5, 0.95)
-    assert lower is not None
     rank = lower * (n + 1)
     r = int(rank)
     share = (stats.binom.sf(r - 1, n, 0.5) - 0.975) / stats.binom.pmf(r, n, 0.5)
@@ -149,7 +147,6 @@ def test_same_seed_same_limits_and_another_seed_others() -> None:
 
 def test_a_positive_quantity_keeps_positive_limits() -> None:
     interval = PoseSampling(3, None).mean_interval(np.array([0.0, 0.0, 1.0]), 0.95, positive=True)
-    assert interval.lower is not None
     assert interval.lower >= 0.0
 
 

@@ -58,7 +58,6 @@ def test_the_promised_number_of_poses_suffices() -> None:
     true = curve.true
     percentiles = np.percentile(np.linalg.norm(rng.normal(size=(4000, needed, 3)), axis=2), 95.0, axis=1) / true
     ratio = ScaledPercentileCurve.of(1.0, needed, 0.95, shape).interval(0.95, "m").upper_bound
-    assert ratio is not None
     # Assured in nine of ten sets, 0.5 % of standard error.
     assert np.mean(percentiles * ratio <= 1.3) == pytest.approx(0.9, abs=0.03)
 
@@ -70,9 +69,6 @@ def test_between_two_ranks_the_interval_is_no_wider_than_needed(n: int) -> None:
     rng = np.random.default_rng(n)
     percentiles = np.percentile(np.linalg.norm(rng.normal(size=(40_000, n, 3)), axis=2), 95.0, axis=1)
     interval = ScaledPercentileCurve.of(1.0, n, 0.95, shape).interval(0.95, "m")
-    assert interval.lower is not None
-    assert interval.upper is not None
-    assert interval.upper_bound is not None
     truth = length_quantile(0.95, *shape)
     inside = np.mean((percentiles * interval.lower <= truth) & (truth <= percentiles * interval.upper))
     assert inside == pytest.approx(0.95, abs=0.005)

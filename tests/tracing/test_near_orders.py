@@ -22,7 +22,6 @@ def test_a_wave_that_grows_with_the_angle_is_no_pair_of_large_waves() -> None:
     """Two orders close together describe it as well, with amplitudes ten times as large that cancel each other."""
     robot = dataclasses.replace(arm("irb1600").robot, effects=())
     poses = simulate(robot, Plan(400, seed=5, noise_position=0.0, orientation=False)).data
-    assert poses.q is not None
     rng, q = np.random.default_rng(0), poses.q.copy()
     q[1] = rng.uniform(-RANGE / 2, RANGE / 2, poses.n)
     turned = q.copy()

@@ -121,18 +121,13 @@ def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
     assert finding.p_value < 1e-6
     assert not finding.warnings
     for parameter, value in zip(finding.parameters, effect["values"].values(), strict=True):
-        assert parameter.std is not None
         if which == "wave":  # its order is fitted too, which moves its phase
             continue
         assert abs(parameter.value - value) < 4 * parameter.std
-    assert finding.held_out_before is not None
-    assert finding.held_out_after is not None
     assert finding.held_out_after < 0.7 * finding.held_out_before
-    assert found.before.held_out is not None
     assert found.after.held_out is not None
     # The only finding: without it is before.
     assert finding.held_out_before == pytest.approx(found.before.held_out.position.rms, rel=0.02)
-    assert found.gain is not None
     assert 0 < found.gain.low < found.gain.value < found.gain.high
 
 
@@ -140,8 +135,6 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     (finding,) = case("wave")[1].findings
     (line,) = finding.harmonics
     # The truth is 2e-4 and -1e-4; three standard errors hold nearly always, and are a small part of the amplitude.
-    assert line.amplitude_std is not None
-    assert line.phase_std is not None
     assert abs(line.amplitude - math.hypot(2e-4, 1e-4)) < 3 * line.amplitude_std < 0.3 * line.amplitude
     assert abs(line.phase - math.atan2(-1, 2)) < 3 * line.phase_std < 0.3
     assert line.order == pytest.approx(12.5, abs=0.05)
@@ -177,8 +170,6 @@ def test_several_effects_at_once() -> None:
     ]
     # Each finding's part in the whole: without it the poses held out are worse.
     for finding in found.findings:
-        assert finding.held_out_after is not None
-        assert finding.held_out_before is not None
         assert finding.held_out_after < finding.held_out_before
 
 
@@ -191,8 +182,6 @@ def test_the_order_of_rows_does_not_matter() -> None:
     assert other.findings[0].p_value == pytest.approx(found.findings[0].p_value, rel=1e-3)
     for mine, yours in zip(other.findings[0].parameters, found.findings[0].parameters, strict=True):
         assert mine.value == pytest.approx(yours.value, rel=1e-6)
-    assert found.after.held_out is not None
-    assert other.after.held_out is not None
     assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=1e-4)
 
 
@@ -202,8 +191,6 @@ def test_the_seed_moves_held_out_figures_by_noise_alone() -> None:
     other = traced(arm("irb1600").robot, data, seed=12)
     assert named(other) == named(found)
     assert other.after.fitted == found.after.fitted
-    assert found.after.held_out is not None
-    assert other.after.held_out is not None
     assert other.after.held_out != found.after.held_out
     assert other.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=0.15)
 
@@ -284,7 +271,6 @@ def test_a_row_of_the_table_that_is_wrong_is_told_with_its_joint() -> None:
     data = simulate(dataclasses.replace(robot, effects=(wrong,)), plan).data
     found = traced(robot, data, "base_frame,tool_frame")
     assert {("link_geometry", ("j2",))} == set(named(found))
-    assert found.after.held_out is not None
     assert found.after.held_out.position.rms < 1.2 * np.sqrt(3) * NOISE
 
 
@@ -383,7 +369,6 @@ def test_poses_of_their_own_judge_instead_of_folds() -> None:
     assert judged.n_folds == 0
     assert named(judged) == named(found)
     residual = apart.position - predict(judged.robot, apart).translation
-    assert judged.after.held_out is not None
     rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=0))))
     assert judged.after.held_out.position.rms == pytest.approx(rms, rel=1e-2)
 
@@ -422,13 +407,10 @@ def test_a_finding_states_the_held_out_orientation_where_it_is_measured() -> Non
     found = traced(arm("scara").robot, data, "base_frame")
     finding = next(finding for finding in found.findings if finding.joints == ("j1",))
     before, after = finding.held_out_turn
-    assert before is not None
-    assert after is not None
     # The error of the joint turns the tool by up to 2 mrad; without it, noise remains.
     assert before > 5e-4
     assert after < 0.5 * before
     size, largest = finding.turn_at_tool
     assert size == pytest.approx(before, rel=0.3)
-    assert largest is not None
     assert 1.5e-3 < largest < 2.5e-3
     assert " and turns it by up to 0.1" in _at_tool(_finding(finding), None)

@@ -22,7 +22,6 @@ SCATTER = Repeatability((("j1", 3e-5),), 8.6e-5, "residual", 0.0)
 
 def test_the_verdict_presumes_what_the_residual_alone_tells() -> None:
     noise_alone = assumption_of("explained", ESTIMATED, None)
-    assert noise_alone is not None
     assert noise_alone.startswith("explained if the measurement noise is 0.02 mm along each axis")
     both = assumption_of("explained", ESTIMATED, SCATTER)
     assert both is not None

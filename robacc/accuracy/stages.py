@@ -22,6 +22,7 @@ from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import student_quantile
+from robacc.statistics.intervals import PoseSampling
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,16 +90,15 @@ def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confiden
     stages share cancels.
     """
     squares = np.stack([np.sum(np.square(residual[:3]), axis=0) for residual in (before, after)])
-    count = int(groups.max(initial=-1)) + 1
-    sums = np.stack([np.bincount(groups, weights=square, minlength=count) for square in squares])
-    n = squares.shape[1]
-    rms = np.sqrt(sums.sum(axis=1) / n)
+    rms = np.sqrt(squares.mean(axis=1))
     value = float(rms[0] - rms[1])
-    if count < 3 or rms.min() <= 0:
+    # Rows that are left out leave gaps in the numbers of the groups.
+    sampling = PoseSampling(squares.shape[1], np.unique(groups, return_inverse=True)[1])
+    if sampling.n_groups < 3 or rms.min() <= 0:
         return Gain(value, float("nan"), float("nan"), confidence)
-    influence = (sums[0] - sums[0].mean()) / (2 * rms[0] * n) - (sums[1] - sums[1].mean()) / (2 * rms[1] * n)
-    gain_std = float(np.sqrt(np.sum(np.square(influence)) * count / (count - 1)))
-    half_width = student_quantile(0.5 + confidence / 2, count - 1.0) * gain_std
+    influence = squares / (2 * rms[:, None])
+    gain_std = sampling.standard_error(influence[0] - influence[1])
+    half_width = student_quantile(0.5 + confidence / 2, sampling.n_groups - 1.0) * gain_std
     return Gain(value, value - half_width, value + half_width, confidence)
 
 

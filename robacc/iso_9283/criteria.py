@@ -346,7 +346,12 @@ def drift(
 
     Poses with fewer than three visits in each window are left out.
     """
-    divided = [(pose, window_rows) for pose in poses if (window_rows := _window_rows(pose, windows)) is not None]
+    counts = [(pose, windows or min(max(pose.n // USUAL_WINDOW_VISITS, 2), MAX_WINDOWS)) for pose in poses]
+    divided = [
+        (pose, np.array_split(np.arange(pose.n), count))
+        for pose, count in counts
+        if pose.n >= MIN_WINDOW_VISITS * count
+    ]
     needed = MIN_WINDOW_VISITS * (windows or 2)
     why = f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
     notes = [_window_note(*entry) for entry in divided[:1]]
@@ -360,11 +365,6 @@ def drift(
         characteristic("dRP", repeated, confidence, why, notes),
         characteristic("shift", shifted, confidence, why, notes),
     )
-
-
-def _window_rows(pose: CommandedPose, requested: int | None) -> list[NDArray[np.int64]] | None:
-    count = requested or min(max(pose.n // USUAL_WINDOW_VISITS, 2), MAX_WINDOWS)
-    return None if pose.n < MIN_WINDOW_VISITS * count else np.array_split(np.arange(pose.n), count)
 
 
 def _window_note(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> str:

@@ -66,6 +66,12 @@ def protocol(
         return ("unknown", missing) if any(value is None for value in values) else judge(values)
 
     no_sigma = "no columns sigma_x, sigma_y, sigma_z"
+    n_poses = sorted({len(file_poses) for file_poses in poses_by_file})
+    n_visits = sorted({pose.n for pose in poses})
+    five_poses = f"{' and '.join(map(str, n_poses))} commanded pose{'s' * (n_poses != [1])}"
+    cycles = f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
+    if len(n_visits) == 1:
+        cycles = f"{n_visits[0]} visit{'s' * (n_visits[0] > 1)} of each commanded pose"
     diagonal, corner_distance = _cube(poses_by_file[0], robot)
     findings: tuple[tuple[str, str, Finding], ...] = (
         ("warm-up", "6.2", _warm_up(shift)),
@@ -73,10 +79,10 @@ def protocol(
         ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
         ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
         ("rated velocity", "6.7", logged("speed", "no speed columns", lambda speeds: _velocity(files, speeds))),
-        ("five poses", "6.8", _five_poses(poses_by_file)),
+        ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not met", five_poses)),
         ("diagonal plane", "6.8", diagonal),
         ("10 % from the corners", "6.8", corner_distance),
-        ("30 cycles", "6.9", _cycles(poses)),
+        ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not met", cycles)),
         ("one approach", "7.2", logged("direction", _NO_DIRECTION, lambda _: _one_approach(poses))),
         ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
@@ -161,12 +167,6 @@ def _rated_share(share: float, steps: tuple[float, ...], description: str, quant
     )
 
 
-def _five_poses(files: Sequence[Sequence[CommandedPose]]) -> Finding:
-    counts = sorted({len(poses) for poses in files})
-    count_text = f"{' and '.join(map(str, counts))} commanded pose{'s' * (counts != [1])}"
-    return "met" if counts == [_POSE_COUNT] else "not met", count_text
-
-
 def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding, Finding]:
     """Return the conditions on the diagonal plane and on the distance from the corners."""
     points = [pose.commanded for pose in poses if pose.commanded is not None]
@@ -188,16 +188,6 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
         return plane, ("met", f"{100 * fit.from_corner:.1f} % in {edge}")
     return plane, ("unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
-
-
-def _cycles(poses: Sequence[CommandedPose]) -> Finding:
-    smallest, largest = min(pose.n for pose in poses), max(pose.n for pose in poses)
-    count_text = (
-        f"{largest} visit{'s' * (largest > 1)} of each commanded pose"
-        if smallest == largest
-        else f"{smallest} to {largest} visits of a commanded pose"
-    )
-    return "met" if smallest >= CYCLES else "not met", count_text
 
 
 def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
@@ -246,7 +236,12 @@ def iso9283(
         InputError: The data lack something that the call needs.
     """
     check_confidence(confidence)
-    _check_arguments(files, windows, rated_load)
+    if not files:
+        raise UsageError("no file of measured poses is given; give at least one")
+    if windows is not None and windows < 2:
+        raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
+    if rated_load is not None and not 0.0 < rated_load < np.inf:
+        raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
     sources = _file_names(files)
     # Without a robot and without commands in a file, the commanded poses are not known.
     commands = [
@@ -292,15 +287,6 @@ def iso9283(
         notes=_notes(poses, alignments, robot, files, shift),
         warnings=_warnings(files, poses_by_file, bool(alignments)),
     )
-
-
-def _check_arguments(files: Sequence[Measurements], windows: int | None, rated_load: float | None) -> None:
-    if not files:
-        raise UsageError("no file of measured poses is given; give at least one")
-    if windows is not None and windows < 2:
-        raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
-    if rated_load is not None and not 0.0 < rated_load < np.inf:
-        raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
 
 
 def _file_names(files: Sequence[Measurements]) -> list[str]:

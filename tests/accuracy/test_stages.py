@@ -1,13 +1,20 @@
-"""The gain of paired fits against NumPy's sample standard deviation."""
+"""Stages of a fit: the gain and the registration of the nominal model."""
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
+from arms import arm
 
-from robacc.accuracy.stages import paired_gain
+from robacc.accuracy.stages import paired_gain, registered_residuals
+from robacc.fitting.held_out import HoldOut
+from robacc.simulation.simulate import Plan, simulate
 
 T = {3: 4.302652729911275, 5: 2.7764451051977987, 40: 2.0226909200367604}
+
+
 """Student's quantile of 0.975 with n - 1 degrees of freedom, from tables."""
 
 
@@ -45,3 +52,19 @@ def test_two_poses_have_a_gain_without_interval() -> None:
     assert gain.value == pytest.approx(np.sqrt(3) * 9e-4)
     assert np.isnan(gain.low)
     assert np.isnan(gain.high)
+
+
+def test_folds_that_cannot_be_fitted_do_not_undo_the_registration() -> None:
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    data = simulate(robot, Plan(6, seed=1, noise_position=1e-5, orientation=False)).data
+    data = dataclasses.replace(data, position=data.position + np.array([[0.3], [-0.2], [0.1]]))
+    rms = [
+        float(
+            np.sqrt(
+                np.mean(np.sum(registered_residuals(robot, data, HoldOut.of(data, None, folds, 0))[0] ** 2, axis=0))
+            )
+        )
+        for folds in (2, 6)
+    ]
+    assert rms[0] == pytest.approx(rms[1], rel=1e-6)
+    assert rms[0] < 1e-3

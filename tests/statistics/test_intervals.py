@@ -1,4 +1,4 @@
-"""Confidence intervals against closed forms, scipy and a plain resampling loop."""
+"""Confidence intervals and resamples against closed forms, scipy, NumPy and a plain resampling loop."""
 
 from __future__ import annotations
 
@@ -13,8 +13,10 @@ from robacc.statistics.intervals import (
     covariance_element,
     interpolated,
     percentile_levels,
+    resampled_counts,
     share_below_maximum,
 )
+from robacc.statistics.records import _resampled_percentile
 
 
 def test_chi_square_interval_is_the_textbook_one() -> None:
@@ -158,3 +160,30 @@ def test_intervals_without_scatter_or_poses() -> None:
     assert (constant.lower, constant.upper) == pytest.approx((0.3, 0.3))
     assert constant.method == "no scatter"
     assert alone.root() == alone
+
+
+def test_each_resample_has_as_many_poses_as_the_sample_and_each_pose_once_on_average() -> None:
+    counts = resampled_counts(20, 4000, 3)
+    assert counts.shape == (4000, 20)
+    assert np.all(counts.sum(axis=1) == 20)
+    # Five standard errors of a mean of 4,000 binomial counts of variance 0.95.
+    assert counts.mean(axis=0) == pytest.approx(np.ones(20), abs=5 * np.sqrt(0.95 / 4000))
+
+
+def test_resamples_are_read_only_and_repeat_with_their_seed() -> None:
+    counts = resampled_counts(5, 10, (1, 2))
+    assert np.array_equal(counts, resampled_counts(5, 10, (1, 2)))
+    assert not np.array_equal(counts, resampled_counts(5, 10, (1, 3)))
+    with pytest.raises(ValueError, match="read-only"):
+        counts[0, 0] = 1.0
+
+
+@pytest.mark.parametrize("n", [10, 37, 200])
+def test_each_resample_has_the_percentile_of_its_rows(n: int) -> None:
+    rng = np.random.default_rng(n)
+    lengths, drawn = rng.exponential(size=n), rng.integers(n, size=(40, n))
+    counts = np.array([np.bincount(rows, minlength=n) for rows in drawn])
+    # The same two numbers and the same fraction between them: rounding only.
+    np.testing.assert_allclose(
+        _resampled_percentile(lengths, counts), np.percentile(lengths[drawn], 95, axis=1), rtol=1e-12
+    )

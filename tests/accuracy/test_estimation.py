@@ -208,40 +208,49 @@ def test_frame_follows_the_commanded_orientation() -> None:
     assert estimate(full, frame="base").errors.frame == "base"
 
 
-def test_measuring_uncertainty_is_mentioned() -> None:
-    data = Measurements(
-        position=np.zeros((3, 2)),
-        commanded_position=np.zeros((3, 2)),
-        sigma_position=np.full((3, 2), 2e-5 / np.sqrt(3)),
-    )
-    assert any("0.02 mm rms" in note for note in estimate(data).notes)
-
-
-def test_effects_of_the_robot_file_are_named() -> None:
-    robot = dh_robot(effects=({"effect": "joint_offset", "joints": ["j1"], "values": {"j1": 0.01}},))
-    data = Measurements(position=np.ones((3, 2)), q=np.zeros((3, 2)))
-    assert any("effects of the robot file are applied: joint_offset" in note for note in estimate(data, robot).notes)
-
-
-def test_usage_errors() -> None:
+@pytest.mark.parametrize(
+    ("changes", "robot", "note"),
+    [
+        ({"sigma_position": np.full((3, 2), 2e-5 / np.sqrt(3))}, None, "0.02 mm rms"),
+        (
+            {"q": np.zeros((3, 2)), "commanded_position": None},
+            dh_robot(effects=({"effect": "joint_offset", "joints": ["j1"], "values": {"j1": 0.01}},)),
+            "effects of the robot file are applied: joint_offset",
+        ),
+    ],
+)
+def test_notes_of_uncertainty_and_effects(changes: dict[str, Any], robot: Robot | None, note: str) -> None:
     data = Measurements(position=np.zeros((3, 2)), commanded_position=np.zeros((3, 2)))
-    with pytest.raises(UsageError, match="frame tool needs the commanded orientation"):
-        estimate(data, frame="tool")
-    with pytest.raises(UsageError, match="the poses have no commanded positions: give `commanded`, a robot program"):
-        estimate(Measurements(position=np.zeros((3, 2))))
-    with pytest.raises(UsageError, match="the poses have no commanded positions: give `robot`"):
-        estimate(Measurements(position=np.zeros((3, 2)), q=np.zeros((3, 2))))
-    with pytest.raises(UsageError, match="cannot align backlash; choose among base_frame, tool_frame"):
-        estimate(dataclasses.replace(data, q=np.zeros((3, 2))), dh_robot(), align=("backlash",))
-    with pytest.raises(UsageError, match=r"add the columns cmd_qw.*or use `align` with base_frame alone"):
-        estimate(data, align=("base_frame", "tool_frame"))
-    with pytest.raises(UsageError, match="cannot align backlash"):
-        estimate(data, align=("backlash",))
-    for wrong in (0.3, 1.0, float("nan")):
-        with pytest.raises(UsageError, match=r"at least 0\.5 and less than 1"):
-            estimate(data, confidence=wrong)
-    with pytest.raises(InputError, match=r"no columns of commanded joints .* omit `robot`"):
-        estimate(data, dh_robot())
+    assert any(note in text for text in estimate(dataclasses.replace(data, **changes), robot).notes)
+
+
+ZERO = Measurements(position=np.zeros((3, 2)), commanded_position=np.zeros((3, 2)))
+JOINTS = np.zeros((3, 2))
+
+
+@pytest.mark.parametrize(
+    ("changes", "robot", "options", "message"),
+    [
+        ({}, None, {"frame": "tool"}, "frame tool needs the commanded orientation"),
+        ({"commanded_position": None}, None, {}, "no commanded positions: give `commanded`, a robot program"),
+        ({"commanded_position": None, "q": JOINTS}, None, {}, "the poses have no commanded positions: give `robot`"),
+        ({"q": JOINTS}, dh_robot(), {"align": ("backlash",)}, "cannot align backlash; choose among base_frame, tool_f"),
+        (
+            {},
+            None,
+            {"align": ("base_frame", "tool_frame")},
+            r"add the columns cmd_qw.*or use `align` with base_frame a",
+        ),
+        ({}, None, {"align": ("backlash",)}, "cannot align backlash"),
+        *(({}, None, {"confidence": wrong}, r"at least 0\.5 and less than 1") for wrong in (0.3, 1.0, float("nan"))),
+        ({}, dh_robot(), {}, r"no columns of commanded joints .* omit `robot`"),
+    ],
+)
+def test_calls_that_do_not_fit(
+    changes: dict[str, Any], robot: Robot | None, options: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError if robot and not options else UsageError, match=message):
+        estimate(dataclasses.replace(ZERO, **changes), robot, **options)
 
 
 def test_a_correction_used_outside_its_validity_range_gives_a_warning() -> None:
@@ -466,24 +475,42 @@ def test_intervals_of_registered_poses_hold(n: int, turned: bool) -> None:
     assert np.mean(found[:, 3] >= 1.0) >= 0.92 - 0.03
 
 
-def test_too_few_components_are_an_error() -> None:
-    rng = np.random.default_rng(7)
-    q = rng.uniform(LOW, HIGH, (6, 4))
-    for n in (1, 2, 3):
-        data = measured(NOMINAL, q[:, :n], rng, False)
-        message = rf"{n} commanded positions?, {3 * n} numbers measured: the 9 .* need 12; measure at least 4 positions"
-        with pytest.raises(InputError, match=message):
-            estimate(data, ROBOT, align=FRAMES)
-    with pytest.raises(InputError, match=r"at least 3 poses, register base_frame alone, or state .* omit `align`"):
-        estimate(measured(NOMINAL, q[:, :2], rng, True), ROBOT, align=FRAMES)
-    # Repetitions add no components.
-    with pytest.raises(InputError, match=r"2 commanded positions, 6 numbers .* at least 3 positions, or state"):
-        estimate(measured(NOMINAL, q[:, [0, 1, 0, 1, 1]], rng, False), ROBOT, align=("base_frame",))
-    with pytest.raises(InputError, match="the other poses do not determine the fitted frames without the pose of line"):
-        estimate(measured(NOMINAL, q[:, :3], rng, False), ROBOT, align=("base_frame",))
-    commanded = Measurements(position=q[:3, :2], commanded_position=q[:3, :2])
+Q = np.random.default_rng(7).uniform(LOW, HIGH, (6, 4))
+BASE = ("base_frame",)
+
+
+@pytest.mark.parametrize(
+    ("rows", "turned", "frames", "message"),
+    [
+        (
+            [0],
+            False,
+            FRAMES,
+            "1 commanded position, 3 numbers measured: the 9 .* need 12; measure at least 4 positions",
+        ),
+        ([0, 1], False, FRAMES, "2 commanded positions, 6 numbers .*: the 9 .* need 12; measure at least 4 positions"),
+        (
+            [0, 1, 2],
+            False,
+            FRAMES,
+            "3 commanded positions, 9 numbers .*: the 9 .* need 12; measure at least 4 positions",
+        ),
+        ([0, 1], True, FRAMES, "at least 3 poses, register base_frame alone, or state .* omit `align`"),
+        # Repetitions add no components.
+        ([0, 1, 0, 1, 1], False, BASE, "2 commanded positions, 6 numbers .* at least 3 positions, or state"),
+        ([0, 1, 2], False, BASE, "the other poses do not determine the fitted frames without the pose of line"),
+    ],
+)
+def test_too_few_components_are_an_error(rows: list[int], turned: bool, frames: tuple[str, ...], message: str) -> None:
+    data = measured(NOMINAL, Q[:, rows], np.random.default_rng(7), turned)
+    with pytest.raises(InputError, match=message):
+        estimate(data, ROBOT, align=frames)
+
+
+def test_too_few_commands_without_a_robot_are_an_error() -> None:
+    commanded = Measurements(position=Q[:3, :2], commanded_position=Q[:3, :2])
     with pytest.raises(InputError, match=r"2 commanded positions, 6 numbers measured: the 6 parameters"):
-        estimate(commanded, align=("base_frame",))
+        estimate(commanded, align=BASE)
 
 
 def test_four_positions_have_figures_without_intervals() -> None:

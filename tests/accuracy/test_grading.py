@@ -90,15 +90,12 @@ def test_the_worse_of_position_and_orientation_decides() -> None:
     assert both.limited_by == ("position", "orientation")
 
 
-def test_nothing_limits_the_best_grade() -> None:
-    result = graded(0.5e-4, 0.9e-4, 0.5e-3, 0.6e-3)
-    assert (result.grade, result.limited_by, result.next, result.demonstrated) == ("A", (), None, True)
-
-
-def test_beyond_the_last_step() -> None:
-    result = graded(9e-4, 1e-3)
-    assert (result.grade, result.demonstrated, result.position.limit) == ("D", False, None)
-    assert (result.next.grade, result.next.position) == ("C", pytest.approx(4e-4))
+def test_the_best_grade_and_beyond_the_last_step() -> None:
+    best = graded(0.5e-4, 0.9e-4, 0.5e-3, 0.6e-3)
+    assert (best.grade, best.limited_by, best.next, best.demonstrated) == ("A", (), None, True)
+    worst = graded(9e-4, 1e-3)
+    assert (worst.grade, worst.demonstrated, worst.position.limit) == ("D", False, None)
+    assert (worst.next.grade, worst.next.position) == ("C", pytest.approx(4e-4))
 
 
 def test_reasons_in_words() -> None:

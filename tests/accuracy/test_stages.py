@@ -13,8 +13,6 @@ from robacc.fitting.held_out import HoldOut
 from robacc.simulation.simulate import Plan, simulate
 
 T = {3: 4.302652729911275, 5: 2.7764451051977987, 40: 2.0226909200367604}
-
-
 """Student's quantile of 0.975 with n - 1 degrees of freedom, from tables."""
 
 
@@ -39,11 +37,12 @@ def test_half_width_is_the_sample_standard_error(n: int) -> None:
     assert gain.value - gain.low == pytest.approx(T[n] * standard_error, rel=1e-9)
 
 
-def test_repeats_of_a_pose_count_once() -> None:
+@pytest.mark.parametrize("numbers", [np.arange(8), 3 * np.arange(8)], ids=["all", "with gaps"])
+def test_repeats_of_a_pose_count_once_and_absent_poses_not_at_all(numbers: np.ndarray) -> None:
     rng = np.random.default_rng(1)
     before, after = 1e-3 * rng.standard_normal((3, 8)), 2e-4 * rng.standard_normal((3, 8))
     single = paired_gain(before, after, np.arange(8))
-    repeated = paired_gain(np.repeat(before, 3, axis=1), np.repeat(after, 3, axis=1), np.repeat(np.arange(8), 3))
+    repeated = paired_gain(np.repeat(before, 3, axis=1), np.repeat(after, 3, axis=1), np.repeat(numbers, 3))
     assert (repeated.value, repeated.low, repeated.high) == pytest.approx((single.value, single.low, single.high))
 
 

@@ -67,11 +67,6 @@ def test_distance_that_is_all_scatter_may_be_zero() -> None:
     assert (none.lower, none.upper) == (0.0, estimate.upper)
 
 
-def test_distance_without_scatter_is_exact() -> None:
-    estimate = distance(np.array([3.0, 4.0, 0.0]), np.zeros((3, 3)), 5).interval_at(0.95)
-    assert (estimate.lower, estimate.upper, estimate.upper_bound) == (5.0, 5.0, 5.0)
-
-
 @pytest.mark.parametrize("variances", [(1.0, 1.0, 1.0), (1.0, 0.25, 0.0), (1.0, 0.0, 0.0)])
 def test_mean_length_of_a_gaussian(variances: tuple[float, float, float]) -> None:
     """Against sqrt(8/pi) for three alike, sqrt(2/pi) for one, and an elliptic integral for two."""

@@ -104,44 +104,51 @@ def test_load_against_the_rated_one(rated: float, status: str, why: str) -> None
     assert why in result.why
 
 
-def test_speeds_from_the_order_of_rows_do_not_say_how_fast() -> None:
-    q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
-    direction, speed = motion_between_rows(q)
-    data = cycles(q=q, direction=direction, speed=speed)
-    result = condition("rated velocity", data)
-    assert result.status == "unknown"
-    assert "they are relative, not absolute" in result.why
-    assert condition("one approach", data).status == "met"
+Q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
+IN_ORDER = dict(zip(("direction", "speed"), motion_between_rows(Q), strict=True), q=Q)
+FEW = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
+UPRIGHT = cycles(3, points=np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2)
+UNKNOWN = cycles(commanded_position=None)
+SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
 
 
-def test_several_approaches_are_named() -> None:
-    direction = np.where(np.arange(N) < 75, 1.0, -1.0)[None]
-    result = condition("one approach", cycles(direction=direction))
-    assert result.status == "not met"
-    assert result.why == "P1, P2, P3 … approached from several directions: AP and RP include vAP"
-
-
-def test_too_few_cycles_and_other_poses() -> None:
-    few = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
-    assert condition("30 cycles", few).why == "4 visits of each commanded pose"
-    assert condition("30 cycles", few).status == "not met"
-    assert condition("five poses", few).status == "not met"
-    assert condition("diagonal plane", few).why == "needs five commanded poses"
-    unequal = cycles(4).subset(np.arange(19))
-    assert condition("30 cycles", unequal).why == "3 to 4 visits of a commanded pose"
-
-
-def test_a_plane_that_stands_upright_and_a_cube_of_no_preferred_size() -> None:
-    upright = np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2
-    result = condition("diagonal plane", cycles(3, points=upright))
-    assert result.status == "not met"
-    assert "the diagonal plane is upright" in result.why
-    preferred_size = condition("10 % from the corners", cycles(3, points=upright))
-    assert preferred_size.status == "unknown"
-    assert (
-        preferred_size.why
-        == "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
-    )
+@pytest.mark.parametrize(
+    ("name", "data", "status", "why"),
+    [
+        ("rated velocity", cycles(**IN_ORDER), "unknown", "they are relative, not absolute"),
+        ("one approach", cycles(**IN_ORDER), "met", "has the same approach direction"),
+        (
+            "one approach",
+            cycles(direction=np.where(np.arange(N) < 75, 1.0, -1.0)[None]),
+            "not met",
+            "P1, P2, P3 … approached from several directions: AP and RP include vAP",
+        ),
+        ("30 cycles", FEW, "not met", "4 visits of each commanded pose"),
+        ("30 cycles", cycles(4).subset(np.arange(19)), "not met", "3 to 4 visits of a commanded pose"),
+        ("five poses", FEW, "not met", "6 commanded poses"),
+        ("diagonal plane", FEW, "not met", "needs five commanded poses"),
+        ("diagonal plane", UPRIGHT, "not met", "the diagonal plane is upright"),
+        ("10 % from the corners", UPRIGHT, "unknown", SIZES),
+        ("diagonal plane", UNKNOWN, "unknown", "the commanded positions are not known"),
+        ("10 % from the corners", UNKNOWN, "unknown", "the commanded positions are not known"),
+        (
+            "warm-up",
+            cycles(position=cycles().position + np.linspace(0, 3e-4, N)),
+            "unknown",
+            "moved 0.3",
+        ),
+        (
+            "measuring uncertainty",
+            cycles(1, sigma_position=np.full((3, 5), 1e-6)),
+            "unknown",
+            "there is no RP to compare it with",
+        ),
+    ],
+)
+def test_conditions_of_other_data(name: str, data: Measurements, status: str, why: str) -> None:
+    result = condition(name, data)
+    assert result.status == status
+    assert why in result.why
 
 
 def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
@@ -155,26 +162,6 @@ def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
         [data], poses, robot, characteristic("RP", [], 0.95, ""), characteristic("shift", [], 0.95, ""), None
     )
     assert next(entry for entry in conditions if entry.name == "diagonal plane").status == "met"
-
-
-def test_commands_that_are_not_known() -> None:
-    data = cycles(commanded_position=None)
-    for name in ("diagonal plane", "10 % from the corners"):
-        assert condition(name, data).status == "unknown"
-        assert condition(name, data).why == "the commanded positions are not known"
-
-
-def test_warm_up_condition_reports_drift() -> None:
-    data = cycles()
-    drifting = data.position + np.linspace(0, 3e-4, N)
-    result = condition("warm-up", dataclasses.replace(data, position=drifting))
-    assert result.status == "unknown"
-    assert "moved 0.3" in result.why
-
-
-def test_one_visit_has_no_repeatability_to_compare_the_instrument_with() -> None:
-    result = condition("measuring uncertainty", cycles(1, sigma_position=np.full((3, 5), 1e-6)))
-    assert (result.status, result.why) == ("unknown", "there is no RP to compare it with")
 
 
 def test_several_files_are_judged_together() -> None:

@@ -66,11 +66,6 @@ class CalibrationPlan:
         names = [term.name for effect in effects for term in effect.terms(arm, data)]
         return dataclasses.replace(options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
 
-    @property
-    def all_joint_constants(self) -> tuple[str, ...]:
-        """Names of constants that are requested for all joints."""
-        return tuple(request.name for request in self.requests if request.name in _CONSTANTS and request.joints is None)
-
     def unshrunk(
         self, effects: tuple[Effect, ...], data: Measurements, options: Options, near: Fit | None = None
     ) -> tuple[Fit, DeflectionChoice | None]:
@@ -89,7 +84,8 @@ class CalibrationPlan:
         """Return the fit with constants shrunk to nominal, unless there are priors or the plan has no shrinkage."""
         if self.priors or not self.shrink:
             return chosen, ()
-        return shrink_to_nominal(chosen, data, options, self.all_joint_constants)
+        requested = (request.name for request in self.requests if request.joints is None)
+        return shrink_to_nominal(chosen, data, options, [name for name in requested if name in _CONSTANTS])
 
 
 def is_searched(request: Request) -> bool:

@@ -112,8 +112,11 @@ def _commanded_pose(
     commanded_position = None if commanded is None else commanded[0][:, rows]
     commanded_rotation = None if commanded is None or commanded[1] is None else commanded[1][..., rows]
     reference, turn, at_pole = _turns(data, rows, commanded_rotation)
+    label = f"pose {index + 1}" if data.pose is None else str(data.pose[rows[0]])
+    if data.target is not None and np.unique(data.target).size > 1:
+        label += f" {data.target[rows[0]]}"
     return CommandedPose(
-        label=_label(data, int(rows[0]), index),
+        label=label,
         source=source,
         number=number,
         rows=rows,
@@ -128,12 +131,6 @@ def _commanded_pose(
         time=None if data.time is None else data.time[rows],
         direction=None if data.direction is None else data.direction[:, rows],
     )
-
-
-def _label(data: Measurements, row: int, index: int) -> str:
-    name = f"pose {index + 1}" if data.pose is None else str(data.pose[row])
-    several_targets = data.target is not None and np.unique(data.target).size > 1
-    return f"{name} {data.target[row]}" if several_targets and data.target is not None else name
 
 
 def _turns(

@@ -80,8 +80,9 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
     """
     method = "Hotelling's T-squared: the mean is zero"
     p = values.size
+    directions = "one direction" if rank == 1 else f"{rank or 3} directions"
     if n <= rank or n < 2:
-        return AssumptionTest(method, None, None, p, f"{_poses(n)}: too few for scatter in {_directions(rank)}")
+        return AssumptionTest(method, None, None, p, f"{_poses(n)}: too few for scatter in {directions}")
     if rank == 0:
         return AssumptionTest(method, None, None, 0, "every error is zero")
     if p < rank:
@@ -134,10 +135,6 @@ def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[fl
         fourth += float(square @ square)
     n = errors.shape[1]
     return float(np.sum(np.square(third / n))), fourth / n
-
-
-def _directions(rank: int) -> str:
-    return "one direction" if rank == 1 else f"{rank or 3} directions"
 
 
 def _poses(n: int) -> str:

@@ -106,12 +106,7 @@ class ErrorStatistics:
                 f"{100 * self.share_below_max:.3g} % of poses are below the largest of these {self.n_poses}"
             )
             return self.max, Interval.missing(self.confidence, why)
-        values = {
-            "rms": (self.rms, self.intervals.rms),
-            "mean_error": (self.mean_error, self.intervals.mean_error),
-            "p95": (self.p95, self.intervals.p95),
-        }
-        return values[statistic]
+        return getattr(self, statistic), getattr(self.intervals, statistic)
 
 
 # Intervals of a covariance's elements and of its principal standard deviations.
@@ -136,27 +131,19 @@ def matrix_interval(
     if (why := sampling.too_few) is not None:
         return MatrixInterval(None, None, confidence, "none", why)
     lower, upper = np.empty((3, 3)), np.empty((3, 3))
-    method = "Wishart (chi-square)"
-    for i in range(3):
-        for j in range(i, 3):
-            if dof is None:
-                interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
-                method, limits = interval.method, (interval.lower, interval.upper)
-            elif i == j:
-                variance = _unbiased(covariance[i, i], sampling, dof)
-                interval = chi2_interval(variance, dof, confidence, "Wishart (chi-square)")
-                interval = sampling.cautious(interval, np.square(errors[i]), confidence)
-                method = interval.method
-                limits = (interval.lower, interval.upper)
-            else:
-                first, second, cross = (_unbiased(covariance[k], sampling, dof) for k in ((i, i), (j, j), (i, j)))
-                limits = covariance_element(first, second, cross, dof, confidence)
-            lower[i, j], upper[i, j] = lower[j, i], upper[j, i] = limits
-    return MatrixInterval(lower, upper, confidence, method)
-
-
-def _unbiased(value: float, sampling: PoseSampling, dof: float) -> float:
-    return float(value) * sampling.n_independent / dof
+    method, unbiased = "Wishart (chi-square)", covariance * (1.0 if dof is None else sampling.n_independent / dof)
+    for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        if dof is None:
+            interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+        elif i == j:
+            interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
+            interval = sampling.cautious(interval, np.square(errors[i]), confidence)
+        else:
+            limits = covariance_element(unbiased[i, i], unbiased[j, j], unbiased[i, j], dof, confidence)
+            interval = Interval(*limits, None, confidence, method)
+        lower[i, j] = lower[j, i] = interval.lower
+        upper[i, j] = upper[j, i] = interval.upper
+    return MatrixInterval(lower, upper, confidence, interval.method)
 
 
 def ellipsoid(errors: Array, covariance: Array, gaussian: bool, sampling: PoseSampling, confidence: float) -> Ellipsoid:

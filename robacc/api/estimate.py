@@ -63,7 +63,8 @@ class Estimate(Result, EstimateResult):
         from robacc.documents.estimate import payload, pose_payload
 
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
-        return {**payload(self), **pose_payload(self.data, self.robot, statistics)}
+        registered = None if self.alignment is None else self.alignment.robot
+        return {**payload(self), **pose_payload(self.data, self.robot, registered, statistics)}
 
     def draw(self, stream: TextIO) -> None:
         """Write the short report."""

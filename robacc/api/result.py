@@ -233,12 +233,10 @@ class Result(ABC):
             UsageError: The result has no such chart, or the extra ``report`` is not installed.
         """
         from robacc.render.plots.canvas import as_figure, need
-        from robacc.render.plots.catalogue import chart_of, charts_of
+        from robacc.render.plots.catalogue import chart_of
 
         need("matplotlib")
-        document = self._plain()
-        charts = charts_of(document)
-        chart = charts[0] if kind is None and charts else chart_of(document, kind or "", number)
+        chart = chart_of(self._plain(), kind or "", number)
         figure = as_figure(chart.draw, chart.size)
         if path is not None:
             figure.savefig(path)

@@ -57,12 +57,15 @@ def payload(result: EstimateResult) -> dict[str, Any]:
 
 
 def pose_payload(
-    data: Measurements, robot: Robot | None, by_frame: Mapping[ErrorFrame, FrameStatistics]
+    data: Measurements,
+    robot: Robot | None,
+    registered: Robot | None,
+    by_frame: Mapping[ErrorFrame, FrameStatistics],
 ) -> dict[str, Any]:
     """Return the keys of the data: measurement noise, robot, every pose, and position errors in both frames."""
     return {
         "noise": _noise(data),
-        "robot": robot_document(robot, data.q),
+        "robot": robot_document(robot, data.q, registered),
         "poses": pose_document(data, data.position - by_frame["base"].errors),
         "position_by_frame": {
             frame: {

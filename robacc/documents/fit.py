@@ -130,7 +130,7 @@ def judged_keys(
         "deflection": _deflection_document(result.deflection),
         "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
         "warnings": list(result.warnings),
-        "robot": robot_document(robot, data.q),
+        "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
         "poses": poses(data, result.residuals, result.fit.inliers),
         "poses_apart": None if apart is None or result.holdout is None else poses(apart, result.holdout, None),
     }

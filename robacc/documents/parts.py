@@ -58,11 +58,14 @@ def outside_document(outside: OutsideValidity | None) -> dict[str, Any]:
 _DECIMALS = 12
 
 
-def robot_document(robot: Robot | None, q: Array | None) -> dict[str, Any] | None:
-    """Return the robot's name, joints, and outline at a typical pose of ``q`` ``(J, N)``; None without a robot."""
+def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> dict[str, Any] | None:
+    """Return the robot's name, joints, and outline at a typical pose of ``q`` ``(J, N)``; None without a robot.
+
+    The outline is that of the ``registered`` robot if there is one, among the poses in the measuring frame.
+    """
     if robot is None:
         return None
-    arm = Arm.of(robot)
+    arm = Arm.of(registered or robot)
     outline = None
     if q is not None and q.shape[1]:
         typical = q[:, typical_pose(q)]

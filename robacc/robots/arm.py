@@ -263,9 +263,11 @@ class Arm:
 def skeleton(arm: Arm, q: Array) -> Array:
     """Return corners ``(3, P)`` of the line from base to tool at joint variables ``q`` ``(J,)``, measuring frame, m.
 
+    The line begins at the base, wherever the instrument stands.
+
     Every translation of the chain is a straight piece, so the corners include the shoulder and elbow of a DH table.
     """
-    counts = list(range(len(arm.chain.motions) + 1))
+    counts = list(range(sum(motion.owner == BASE for motion in arm.chain.motions), len(arm.chain.motions) + 1))
     frames = arm.chain.sweep(arm.chain.scalars(q[:, None]), 1, (), counts).frames
     points = np.concatenate([frame.translation for frame in frames], axis=1)
     is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)

@@ -48,7 +48,7 @@ def test_limits_are_those_of_the_joints(calibration: dict[str, object]) -> None:
         own = [e for e in calibration["detection_limits"] if e["effect"] == family.name]  # type: ignore[attr-defined]
         known = [e["limit"] for e in own if e["limit"] is not None]
         if known:
-            assert family.ends == (min(known) / family.usual, max(known) / family.usual)
+            assert (family.limits[0], family.limits[-1]) == (min(known), max(known))
     assert [family.power for family in families] == sorted((family.power for family in families), reverse=True)
 
 

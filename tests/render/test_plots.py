@@ -12,22 +12,12 @@ import results
 from matplotlib.figure import Figure
 
 from robacc.errors import UsageError
-from robacc.render.plots.canvas import (
-    DARK,
-    DEGREE,
-    LIGHT,
-    MILLIMETRE,
-    as_file,
-    as_part,
-    joint_unit,
-    length_unit,
-    need,
-    short,
-    thinned,
-)
+from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.catalogue import chart_of, charts_of
-from robacc.render.plots.errors import SHARES, _scale, stages_of
+from robacc.render.plots.errors import SHARES, error_axis, stages_of
 from robacc.render.plots.results import comparison_charts, operating_curve_charts
+from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit, length_unit
+from robacc.render.views.elements import Grid
 from robacc.statistics.distributions import chi2_cdf
 
 KINDS = {
@@ -87,8 +77,8 @@ def test_units_follow_the_size() -> None:
     assert length_unit(1e-5).name == "µm"
     assert length_unit(1e-5, 1e-3).name == "mm"
     # Charts and tables have one unit for angles, whatever their size.
-    assert {joint_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
-    assert joint_unit("m", 1e-3).name == "mm"
+    assert {error_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
+    assert error_unit("m", 1e-3).name == "mm"
     assert MILLIMETRE.text(0.00123456) == "1.23 mm"
     assert DEGREE.text(math.pi / 180) == "1.00°"
     assert MILLIMETRE.text(math.nan) == "–"
@@ -184,8 +174,9 @@ def test_the_colour_blind_can_tell_the_roles_apart() -> None:
 )
 def test_a_wide_logarithmic_scale_has_a_number_a_decade(largest: float, shown: list[str]) -> None:
     figure = Figure()
-    axes = figure.add_subplot()
-    _scale(axes, [("before", "", np.full(9, largest)), ("after", "", np.full(9, 1e-5))], MILLIMETRE)
+    x = error_axis("error, mm", [np.full(9, largest * 1e3), np.full(9, 1e-2)])
+    Chart("", "", "", "", [Panel((x, x), [])], Grid((), [])).draw(figure)
+    (axes,) = figure.axes
     figure.draw_without_rendering()
     low, high = axes.get_xlim()
     ticks = zip(axes.get_xticks(), axes.get_xticklabels(), strict=True)

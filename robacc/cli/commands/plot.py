@@ -19,7 +19,7 @@ def plot(
     ],
     kind: Annotated[
         str,
-        typer.Option("--kind", metavar="KIND", help="Kind of chart; without it, an error lists those of the result."),
+        typer.Option("--kind", metavar="KIND", help="Kind of chart; without it, the main chart, and a note of others."),
     ] = "",
     number: Annotated[
         int,
@@ -34,10 +34,11 @@ def plot(
     Example: robacc plot trace.json --kind effect --number 2 --output backlash.pdf
     """
     from robacc.documents.read_result import read_result, understood
-    from robacc.errors import UsageError
+    from robacc.errors import Note, UsageError
     from robacc.io.files import write_bytes
     from robacc.render.plots.canvas import as_file, need
-    from robacc.render.plots.catalogue import chart_of
+    from robacc.render.plots.catalogue import chart_of, charts_of, kinds_of
+    from robacc.render.text.console import say_warnings
 
     form = PurePath(output).suffix.removeprefix(".").lower()
     if form not in FORMS:
@@ -48,3 +49,6 @@ def plot(
         chart = chart_of(stored.document, kind, number)
         image = as_file(chart.draw, chart.size, form)
     write_bytes(output, image)
+    if not kind:
+        others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
+        say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `kind`: {others}")])

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from robacc.render.plots.canvas import Document
 from robacc.render.plots.errors import STAGE_LABELS
-from robacc.render.text.layout import confirmation
+from robacc.render.text.layout import Document, confirmation
 from robacc.render.views.elements import (
     Badge,
     Number,

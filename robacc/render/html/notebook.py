@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from robacc.render.html.headline import headline_of
-from robacc.render.plots.canvas import Document
+from robacc.render.text.layout import Document
 from robacc.render.views.elements import ReportHeadline
 
 

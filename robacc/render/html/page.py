@@ -13,8 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 from robacc.render.html.headline import headline_of
-from robacc.render.plots.canvas import DARK, LIGHT, Chart, ChartTable, Document, as_part, css_variables, need
+from robacc.render.plots.canvas import DARK, LIGHT, Chart, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
+from robacc.render.text.layout import Document
 from robacc.render.text.parameter_names import as_options
 from robacc.render.views.compare import comparison_page
 from robacc.render.views.correct import correction_page
@@ -196,14 +197,10 @@ class PageChart:
     """A chart laid out for the page."""
 
     id: str
-    title: str
-    caption: str
-    alt: str
+    chart: Chart
     svg: str
-    table: ChartTable
     scene: str | None
     """JSON of its view in three dimensions, safe within a script element."""
-    note: str
     starts: bool
     """True if the page opens with the interactive 3-D view of this chart."""
 
@@ -317,16 +314,11 @@ def _all(result: ResultSection) -> Iterator[PageChart]:
 
 
 def _drawing(chart: Chart, number: str) -> PageChart:
-    scene = chart.scene
     return PageChart(
         number,
-        chart.title,
-        chart.caption,
-        chart.alt,
+        chart,
         as_part(chart.draw, chart.size, number),
-        chart.table,
-        None if scene is None else script_json({"traces": scene.traces, "axes": scene.axes}),
-        "" if scene is None else scene.note,
+        None if chart.scene is None else script_json(chart.scene._asdict()),
         chart.kind in ("poses", "corrections", "planned-poses"),
     )
 

@@ -1,5 +1,7 @@
-"""Drawing of charts in one style: records, colours, units, limits and thinning, as part of a page or as a file.
+"""Charts as data: panels of axes with points, lines, bars and bands, and one short backend for each library.
 
+matplotlib draws every chart as a still image, in the page and as a file; plotly turns those in space in the page. Both
+are needed: plotly writes no file without a browser, matplotlib draws nothing that turns in a page without a server.
 The module changes no global state of matplotlib, and the same document gives the same bytes.
 """
 
@@ -13,13 +15,15 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
-from robacc.render.text.layout import three_digits
+from robacc.render.text.layout import Document
+from robacc.render.views.elements import Grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -88,83 +92,74 @@ def css_variables(colours: dict[str, str]) -> str:
     return " ".join(f"--c-{role}: {value};" for role, value in colours.items())
 
 
-# Display units; a chart uses one unit, chosen by its largest value.
+# What a chart is.
+
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
 
-class Unit(NamedTuple):
-    """A display unit."""
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Points, a line, bars, a band or cells of one colour, in display units."""
 
-    name: str
-    factor: float
-    """Displayed number = factor times SI value."""
-
-    def text(self, value: float | None) -> str:
-        """Return three digits and the unit; a dash for None and NaN."""
-        if value is None or not math.isfinite(value):
-            return "–"
-        gap = "" if self.name == "°" else " "
-        return f"{three_digits(value * self.factor)}{gap}{self.name}".rstrip()
-
-
-MILLIMETRE = Unit("mm", 1e3)
-METRE = Unit("m", 1.0)
-DEGREE = Unit("°", 180.0 / math.pi)
-_LENGTHS = (Unit("µm", 1e6), MILLIMETRE)
-_OTHERS = {"1": "", "N m": "N m", "N": "N", "s": "s", "kg": "kg", "°C": "°C", "": ""}
-
-
-def length_unit(*sizes: float) -> Unit:
-    """Return millimetres, or micrometres if all sizes (m) are below 0.02 mm."""
-    return _LENGTHS[0] if _largest(sizes) < 2e-5 else MILLIMETRE
+    at: Sequence[Any] | Array
+    """Coordinates (x, y) or (x, y, z), each ``(n,)``; values of cells are a third coordinate."""
+    role: str
+    """Colour."""
+    label: str = ""
+    """In the legend; empty leaves it out."""
+    kind: str = "line"
+    """``line`` for points and lines, which NaN breaks; ``bars`` (lengths x at y), ``band`` (from 0 to y), ``cells``."""
+    marker: str = ""
+    line: Any = ""
+    """Line style of matplotlib; empty for points."""
+    size: float = 3.0
+    """Of a mark or the height of a bar."""
+    width: float = 1.4
+    hollow: bool = False
+    alpha: float = 1.0
+    texts: Sequence[str] = ()
+    """Of each bar, or of each point in the view that turns."""
 
 
-def joint_unit(unit: str, *sizes: float) -> Unit:
-    """Return the unit of a joint error: degrees, as in the tables; mm or µm for lengths."""
-    return length_unit(*sizes) if unit == "m" else DEGREE
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """A title with the unit, limits (None fits the data), names, and lines across."""
+
+    title: str
+    low: float | None = None
+    high: float | None = None
+    is_log: bool = False
+    names: Sequence[str] = ()
+    """Of the whole numbers from ``first``."""
+    first: int = 0
+    rules: Sequence[tuple[float, str]] = ()
+    """Values with a dashed line across, and its label."""
 
 
-def driver_unit(unit: str) -> Unit:
-    """Return the unit of a driver's axis: degrees, metres, or the unit itself."""
-    return {"rad": DEGREE, "m": METRE}.get(unit) or Unit(_OTHERS.get(unit, unit), 1.0)
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """Series on two axes or in space."""
+
+    axes: Sequence[Axis]
+    series: Sequence[Series]
+    title: str = ""
+    equal: bool = False
+    """True if both axes have one scale."""
 
 
-def error_unit(unit: str, *sizes: float) -> Unit:
-    """Return the unit of an error's length: mm or µm, or degrees."""
-    return DEGREE if unit == "rad" else length_unit(*sizes)
+class Scene(NamedTuple):
+    """A view that turns: traces of plotly, whose colours are written as ``role:before``, and titles of the axes."""
 
+    traces: Sequence[dict[str, Any]]
+    axes: Sequence[str]
+    note: str
 
-def _largest(sizes: Iterable[float]) -> float:
-    return max((abs(size) for size in sizes if math.isfinite(size)), default=0.0)
-
-
-# Records of a chart: drawing function, caption and table.
-
-Document = Mapping[str, Any]
 
 WIDE = (4.9, 3.2)
 """Inches; fills half of a page on a screen and stays readable on a phone."""
-
-
-@dataclass(frozen=True, slots=True)
-class ChartTable:
-    """The table of a chart, as text; the first column is the row's label."""
-
-    header: tuple[str, ...]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-    """States which rows are omitted, empty if none."""
-
-
-@dataclass(frozen=True, slots=True)
-class Scene3D:
-    """An interactive 3-D view: traces and axis titles for plotly.
-
-    Colours are written as ``role:before``; the page substitutes its own.
-    """
-
-    traces: tuple[dict[str, Any], ...]
-    axes: tuple[str, str, str]
-    note: str
+CUBE = (4.9, 4.3)
+SPACE = Axis("x, m"), Axis("y, m"), Axis("z, m")
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,16 +173,205 @@ class Chart:
     """Explanation of the chart with its main result."""
     alt: str
     """Text alternative: axes and main result."""
-    draw: Callable[[Figure], None]
-    table: ChartTable
+    panels: Sequence[Panel | None]
+    """Row by row; None leaves a place empty."""
+    table: Grid
     size: tuple[float, float] = WIDE
-    scene: Scene3D | None = None
+    columns: int = 1
+    scale: str = ""
+    """Label of the colours of cells."""
+    scene: Scene | None = None
+
+    def draw(self, figure: Figure) -> None:
+        """Draw the chart with matplotlib."""
+        drawn = []
+        count = -(-len(self.panels) // self.columns)
+        for place, panel in enumerate(self.panels, 1):
+            if panel is not None:
+                projection = "3d" if len(panel.axes) == 3 else None
+                axes: Any = figure.add_subplot(count, self.columns, place, projection=projection)
+                _draw_panel(axes, panel)
+                drawn.append(axes)
+        named: dict[str, Any] = {}
+        for axes in drawn:
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+                named.setdefault(label, handle)
+        if self.scale:
+            figure.colorbar(
+                drawn[-1].collections[0], ax=drawn, location="bottom", shrink=0.8, aspect=30, label=self.scale
+            )
+        if named:
+            ncols = len(named) if sum(map(len, named)) + 7 * len(named) < _LEGEND else -(-len(named) // 2)
+            figure.legend([*named.values()], [*named], loc="outside upper center", ncols=ncols, columnspacing=1.2)
+
+
+_LEGEND = 70
+"""Characters of a legend in one row, with a mark and a gap for each entry."""
+_SIGNS = ("+", "x", "|", "_")
+"""Marks without an inside."""
+_DASHED = (0, (3, 2))
+_STEPS = 7
+"""Colours of cells."""
+_MAX_DECADES = 1000.0
+"""Range of a logarithmic scale from which its labels at 2 and 5 would overlap."""
+
+
+def _draw_panel(axes: Any, panel: Panel) -> None:
+    for series in panel.series:
+        colour, label = LIGHT[series.role], series.label or "_"
+        if series.kind == "bars":
+            fill = {"facecolor": "none" if series.hollow else colour, "edgecolor": colour if series.hollow else "none"}
+            bars = axes.barh(series.at[1], series.at[0], height=series.size, label=label, **fill)
+            axes.bar_label(bars, series.texts or [""] * len(bars), padding=3, fontsize=8)
+        elif series.kind == "band":
+            axes.fill_between(*series.at, color=colour, alpha=series.alpha, linewidth=0, label=label)
+        elif series.kind == "cells":
+            _draw_cells(axes, series)
+        else:
+            outlined = series.hollow or series.marker in _SIGNS
+            axes.plot(
+                *series.at,
+                marker=series.marker,
+                linestyle=series.line or "none",
+                color=colour,
+                label=label,
+                alpha=series.alpha,
+                linewidth=series.width,
+                markersize=series.size,
+                markeredgewidth=min(series.width, 1.0) if outlined else 0,
+                markerfacecolor="none" if series.hollow else colour,
+            )
+    axes.set_title(panel.title, loc="left", fontsize="medium")
+    if hasattr(axes, "zaxis"):
+        _fit_box(axes, panel)
+        return
+    if panel.equal:
+        axes.set_aspect("equal", adjustable="box" if panel.axes[0].low is not None else "datalim")
+        axes.locator_params(nbins=4)
+    for name, axis in zip("xy", panel.axes, strict=True):
+        _draw_axis(axes, name, axis)
+
+
+def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
+    from matplotlib.ticker import LogLocator
+
+    line, limit = getattr(axes, f"{name}axis"), getattr(axes, f"set_{name}lim")
+    line.set_label_text(axis.title)
+    if axis.is_log:
+        getattr(axes, f"set_{name}scale")("log")
+        ends = [value for value in (axis.low, axis.high) if value is not None]
+        is_long = len(ends) == 2 and ends[1] / ends[0] > _MAX_DECADES
+        line.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 2.0, 5.0)))
+        # The style does not parse formulas, so labels are plain numbers.
+        line.set_major_formatter("{x:g}")
+        line.set_minor_formatter("")
+    # A call of the limits, even without one, would end the fit to the data.
+    if axis.low is not None or axis.high is not None:
+        limit(axis.low, axis.high)
+    if axis.names:
+        count = len(axis.names)
+        longest = max(map(len, axis.names))
+        is_tilted = name == "x" and count * longest > _TICK_SIGNS
+        line.set_ticks(range(axis.first, axis.first + count), axis.names, rotation=60 if is_tilted else 0)
+        line.set_tick_params(length=0)
+        axes.grid(visible=False, axis=name)
+        if name == "y":
+            limit(count - 0.4, -0.6)
+    low, high = sorted(getattr(axes, f"get_{name}lim")())
+    for value, label in axis.rules:
+        if low <= value <= high:
+            rule, place, shift, looks = {
+                "x": (axes.axvline, (value, 1.0), (0, 3), {"ha": "center", "va": "bottom"}),
+                "y": (axes.axhline, (1.0, value), (0, 2), {"ha": "right", "va": "bottom"}),
+            }[name]
+            rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=_DASHED)
+            ends = getattr(axes, f"get_{name}axis_transform")()
+            axes.annotate(
+                short(label, 24),
+                place,
+                shift,
+                ends,
+                textcoords="offset points",
+                fontsize=8,
+                annotation_clip=False,
+                **looks,
+            )
+
+
+_TICK_SIGNS = 50
+"""Characters that stand side by side below an axis."""
+
+
+def _draw_cells(axes: Any, series: Series) -> None:
+    """Draw the root mean square of the values ``z`` in hexagons, with a few poses in each."""
+    from matplotlib.colors import BoundaryNorm
+    from matplotlib.ticker import MaxNLocator
+
+    x, y, values = series.at
+    width, height = (max(float(np.ptp(coordinate)), 1e-3) for coordinate in (x, y))
+    across = float(np.clip(np.sqrt(x.size * width / height) * 0.55, 3, 15))
+    axes.hexbin(
+        x,
+        y,
+        C=values,
+        reduce_C_function=root_mean_square,
+        gridsize=(max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))),
+        cmap="cividis",
+        norm=BoundaryNorm(MaxNLocator(_STEPS).tick_values(values.min(), values.max()), 256),
+        linewidths=0.2,
+    )
+    axes.grid(visible=False)
+
+
+_MIN_EXTENT = 1e-3
+"""m; the extent of the view if all points coincide."""
+
+
+def _fit_box(axes: Any, panel: Panel) -> None:
+    """Fit the axes to all points, m, with equal scales."""
+    from matplotlib.ticker import MaxNLocator
+
+    points = np.hstack([np.array(series.at) for series in panel.series])
+    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+    # Points on a line, in a plane or at one place need a margin too.
+    size = np.maximum(high - low, 0.05 * float((high - low).max()) or _MIN_EXTENT)
+    axes.set_box_aspect(tuple(size), zoom=0.9)
+    axes.tick_params(labelsize=7.5, pad=-2)
+    for name, described, centre, extent in zip("xyz", panel.axes, 0.5 * (low + high), size, strict=True):
+        axes.set(**{f"{name}lim": (centre - 0.5 * extent, centre + 0.5 * extent), f"{name}label": described.title})
+        axis = getattr(axes, f"{name}axis")
+        axis.set_pane_color((0, 0, 0, 0))
+        axis.set_major_locator(MaxNLocator(4))
+
+
+_SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "diamond-open", "+": "cross"}
+"""Marks of matplotlib that plotly has in space."""
+
+
+def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
+    """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
+    traces: list[dict[str, Any]] = []
+    for one in series:
+        points = np.array(one.at, dtype=np.float64)
+        shown = np.round(points, 4) if unit == "m" else points
+        trace: dict[str, Any] = {"type": "scatter3d", "name": one.label or "route"}
+        for name, column in zip("xyz", shown.tolist(), strict=True):
+            trace[name] = [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
+        modes = [mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]
+        colour = f"role:{one.role}"
+        trace |= {"mode": "+".join(modes), "line": {"color": colour, "width": 3 * one.width}}
+        trace["marker"] = {"size": one.size, "color": colour, "symbol": _SYMBOLS.get(one.marker, "circle")}
+        # plotly interprets some tags and entities.
+        texts = [
+            text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("\n", "<br>")
+            for text in one.texts
+        ]
+        trace |= {"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}
+        traces.append(trace)
+    return Scene(traces, [f"{name}, {unit}" for name in "xyz"], f"Drag to rotate, scroll to zoom{note}.")
 
 
 # Selection of the poses that a chart shows, reproducible and including the extremes.
-
-Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
 
 
 def thinned(most: int, *columns: Array) -> Rows:
@@ -234,6 +418,11 @@ def lengths(rows: Array) -> Array:
     return result
 
 
+def root_mean_square(values: Any) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def place(poses: Mapping[str, Any], i: int) -> str:
     """Return the label of a pose: its line in the file, and its ids if it has any."""
     if "label" in poses:
@@ -246,83 +435,21 @@ def place(poses: Mapping[str, Any], i: int) -> str:
 # Limits of a gate or of a grade scale, drawn as lines in charts.
 
 
-@dataclass(frozen=True, slots=True)
-class Limit:
-    """One limit of an error's size."""
-
-    label: str
-    short_label: str
-    """Printed next to the line."""
-    value: float
-    """m or rad"""
-
-
-def limits_of(document: Document, unit: str) -> tuple[Limit, ...]:
-    """Return the limits of the gate in ``m`` or ``rad``, or the steps of the grade scale without a gate."""
+def limits_of(document: Document, unit: str) -> list[tuple[str, str, float]]:
+    """Return label, short label and value of the gate's limits in ``m`` or ``rad``, or of the grade scale."""
     quantity = "position" if unit == "m" else "orientation"
-    gate_limits = tuple(
-        Limit(f"gate {criterion['name']} ({criterion['key']})", str(criterion["name"]), float(criterion["limit"]))
+    limits = [
+        (f"gate {criterion['name']} ({criterion['key']})", str(criterion["name"]), float(criterion["limit"]))
         for criterion in (document.get("gate") or {}).get("criteria", ())
         if criterion["unit"] == unit and quantity in criterion["key"].split(".") and criterion["baseline"] is None
         if isinstance(criterion["limit"], int | float)
-    )
-    if gate_limits:
-        return gate_limits
+    ]
     steps = (document.get("grade") or {}).get("steps") or ()
-    key = f"{quantity}_{unit}"
-    return tuple(
-        Limit(f"grade {step['grade']}", str(step["grade"]), step[key]) for step in steps if step[key] is not None
-    )
+    sizes = [(step["grade"], step[f"{quantity}_{unit}"]) for step in steps]
+    return limits or [(f"grade {name}", str(name), size) for name, size in sizes if size is not None]
 
 
-# Parts of charts in three dimensions: the box of the still view, traces of the interactive view.
-
-_MIN_EXTENT = 1e-3
-"""m; the extent of the view if all points coincide."""
-
-
-def fit_box(axes: Any, points: Array) -> None:
-    """Fit the axes of matplotlib to ``points`` ``(N, 3)``, m, with equal scales and their labels."""
-    from matplotlib.ticker import MaxNLocator
-
-    centre, size = 0.5 * (points.min(axis=0) + points.max(axis=0)), np.ptp(points, axis=0)
-    # Points on a line, in a plane or at one place need a margin too.
-    size = np.maximum(size, 0.05 * float(size.max()) or _MIN_EXTENT)
-    low, high = centre - 0.5 * size, centre + 0.5 * size
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set_box_aspect(size, zoom=0.95)
-    axes.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
-    axes.tick_params(labelsize=7.5, pad=-2)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((0, 0, 0, 0))
-        axis.set_major_locator(MaxNLocator(4))
-
-
-def line_trace(name: str, points: Array, colour: str, width: float) -> dict[str, Any]:
-    """Return a line for plotly through ``points`` ``(N, 3)``; NaN breaks it."""
-    return {
-        "type": "scatter3d",
-        "mode": "lines",
-        "name": name,
-        **coordinates(points),
-        "line": {"color": colour, "width": width},
-        "hoverinfo": "skip",
-    }
-
-
-def coordinates(points: Array) -> dict[str, list[float | None]]:
-    """Return coordinates rounded to 0.1 mm, null for breaks between lines."""
-    columns = np.round(points, 4).T.tolist()
-    return {
-        axis: [None if math.isnan(value) else value for value in column]
-        for axis, column in zip("xyz", columns, strict=True)
-    }
-
-
-def plain(text: str) -> str:
-    """Return the text escaped for plotly, which interprets some tags and entities."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
-
+# Drawing as part of a page or as a file.
 
 FONT = "DejaVu Sans"
 """Part of matplotlib, so that text has the same size on every machine."""
@@ -356,6 +483,7 @@ _STYLE: dict[str, Any] = {
     "path.simplify": True,
     "pdf.fonttype": 42,
 }
+_WHITE = {"figure.facecolor": "white"}
 
 
 def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str) -> str:
@@ -378,34 +506,31 @@ def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str
 
 def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
     """Return the chart as a file with a white background: ``svg``, ``png`` or ``pdf``."""
-    overrides = {"svg.fonttype": "path", "svg.hashsalt": "robacc", "figure.facecolor": "white"}
-    return _saved(draw, size, form, overrides)
+    return _saved(draw, size, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
 
 
-def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
-    """Return the chart as a figure with a white background."""
+def as_figure(
+    draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any] = MappingProxyType(_WHITE)
+) -> Figure:
+    """Return the chart as a figure, with a white background unless ``overrides`` of the style say otherwise."""
     from matplotlib.figure import Figure
 
-    with _style({"figure.facecolor": "white"}):
+    with _style(overrides):
         figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
         draw(figure)
     return figure
 
 
-def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: dict[str, Any]) -> bytes:
-    from matplotlib.figure import Figure
-
+def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
     with _style(overrides):
-        figure = Figure(figsize=size, layout="constrained")
-        draw(figure)
-        figure.savefig(buffer, format=form, dpi=_DOTS_PER_INCH, metadata=dates.get(form))
+        as_figure(draw, size, overrides).savefig(buffer, format=form, metadata=dates.get(form))
     return buffer.getvalue()
 
 
 @contextmanager
-def _style(overrides: dict[str, Any]) -> Iterator[None]:
+def _style(overrides: Mapping[str, Any]) -> Iterator[None]:
     import matplotlib
 
     style: Any = {**_STYLE, **overrides}

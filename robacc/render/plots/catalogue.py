@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from robacc.errors import UsageError
-from robacc.render.plots.canvas import Chart, Document
+from robacc.render.plots.canvas import Chart
 from robacc.render.plots.effects import candidate_charts, effect_charts
 from robacc.render.plots.errors import distribution_charts, ellipsoid_charts, error_over_time_charts
 from robacc.render.plots.plan import plan_charts
 from robacc.render.plots.results import budget_charts, comparison_charts, iso9283_charts, operating_curve_charts
 from robacc.render.plots.workspace import correction_charts, warranty_charts, workspace_3d_charts, workspace_charts
+from robacc.render.text.layout import Document
 
 _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     distribution_charts,
@@ -38,19 +39,24 @@ def charts_of(document: Document) -> list[Chart]:
 
 
 def chart_of(document: Document, kind: str, number: int = 1) -> Chart:
-    """Return the ``number``-th chart of a kind, counted from 1.
+    """Return the ``number``-th chart of a kind, counted from 1; without a kind, of the kind of the main chart.
 
     Raises:
         UsageError: the result has no such chart; the message lists its charts.
     """
     charts = charts_of(document)
-    matching = [chart for chart in charts if chart.kind == kind]
+    matching = [chart for chart in charts if chart.kind == (kind or charts[0].kind)]
     if 1 <= number <= len(matching):
         return matching[number - 1]
     command = document["command"]
     if matching:
-        raise UsageError(f"this result of robacc {command} has {len(matching)} chart(s) {kind!r}, not {number}")
-    kinds = ", ".join(dict.fromkeys(chart.kind for chart in charts)) or "none"
-    if not kind:
-        raise UsageError(f"`kind` is missing; this result of robacc {command} has the charts {kinds}")
-    raise UsageError(f"this result of robacc {command} has no chart {kind!r}; it has {kinds}")
+        raise UsageError(
+            f"this result of robacc {command} has {len(matching)} chart(s) {matching[0].kind!r}, not {number}"
+        )
+    kinds = ", ".join(kinds_of(charts)) or "none"
+    raise UsageError(f"this result of robacc {command} has no chart{f' {kind!r}' * bool(kind)}; it has {kinds}")
+
+
+def kinds_of(charts: Iterable[Chart]) -> list[str]:
+    """Return each kind once, the main chart's first."""
+    return [*dict.fromkeys(chart.kind for chart in charts)]

@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from itertools import zip_longest
 from typing import Any, Literal, NamedTuple
 
+Document = Mapping[str, Any]
+"""A JSON result."""
 Style = Literal["", "bold", "dim", "green", "bold red", "bold yellow"]
 
 
@@ -143,26 +145,58 @@ def odds(difference: float) -> str:
     return f"{ratio} to 1" if difference < 0 and ratio != "1" else f"1 to {ratio}"
 
 
-# Units of tables: mm and degrees, whatever the unit of the result or of the robot file.
+# Units: mm and degrees in tables, whatever the unit of the result or of the robot file; charts and headlines use one
+# unit each, chosen by its largest value.
 
 IN_MM = 1e3
 IN_DEGREES = 180.0 / math.pi
-_LEADING = {"m": (IN_MM, "mm"), "rad": (IN_DEGREES, "°")}
 
 
-def table_unit(unit: str) -> tuple[float, str]:
-    """Return the factor and the name of the unit that tables show for an SI unit.
+class Unit(NamedTuple):
+    """A display unit."""
+
+    factor: float
+    """Displayed number = factor times SI value."""
+    name: str
+
+    def text(self, value: float | None) -> str:
+        """Return three digits and the unit; a dash for None and NaN."""
+        if value is None or not math.isfinite(value):
+            return "–"
+        return with_table_unit(three_digits(value * self.factor), self.name)
+
+
+MILLIMETRE = Unit(IN_MM, "mm")
+DEGREE = Unit(IN_DEGREES, "°")
+_LEADING = {"m": MILLIMETRE, "rad": DEGREE}
+
+
+def table_unit(unit: str) -> Unit:
+    """Return the unit that tables show for an SI unit.
 
     ``rad/(N m)`` becomes ``°/(N m)``: only the unit before the first slash or space is that of an effect's size.
     """
     if unit == "1":
-        return 1.0, ""
+        return Unit(1.0, "")
     for separator in ("/", " "):
         head, sign, others = unit.partition(separator)
         if head in _LEADING:
             factor, name = _LEADING[head]
-            return factor, f"{name}{sign}{others}"
-    return 1.0, unit
+            return Unit(factor, f"{name}{sign}{others}")
+    return Unit(1.0, unit)
+
+
+def error_unit(unit: str, *sizes: float) -> Unit:
+    """Return the unit of an error: degrees, or millimetres; micrometres if all sizes (m) are below 0.02 mm."""
+    if unit == "rad":
+        return DEGREE
+    is_small = max((abs(size) for size in sizes if math.isfinite(size)), default=0.0) < 2e-5
+    return Unit(1e6, "µm") if is_small else MILLIMETRE
+
+
+def length_unit(*sizes: float) -> Unit:
+    """Return the unit of lengths, m."""
+    return error_unit("m", *sizes)
 
 
 def with_table_unit(number: str, name: str) -> str:

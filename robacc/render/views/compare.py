@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.comparison.reading import split_key
-from robacc.render.plots.canvas import Document
-from robacc.render.text.layout import IN_MM, chance, decimals, fixed, p_value, table_unit, three_digits
+from robacc.render.text.layout import IN_MM, Document, chance, decimals, fixed, p_value, table_unit, three_digits
 from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, number, percent
 
 _STATISTICS = {

@@ -7,8 +7,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
-from robacc.render.plots.canvas import Document
-from robacc.render.text.layout import IN_DEGREES, IN_MM, three_digits
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, three_digits
 from robacc.render.views.elements import Block, Cell, Grid, Listing, Number, Section, Text, number
 
 _CAUSES = {

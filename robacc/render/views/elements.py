@@ -11,16 +11,20 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, TextIO
 
-from robacc.render.plots.canvas import DEGREE, Document, Unit, error_unit, length_unit
 from robacc.render.text.console import width_of, write_lines
 from robacc.render.text.layout import (
     BLANK,
+    DEGREE,
+    Document,
     Style,
     TextLine,
+    Unit,
     columns,
     decimals,
+    error_unit,
     fixed,
     items,
+    length_unit,
     table_unit,
     three_digits,
     with_table_unit,
@@ -51,6 +55,8 @@ class Grid:
     rows: Sequence[Sequence[Cell]]
     is_text: bool = False
     """True if the cells are text rather than numbers; the last one may be long."""
+    note: str = ""
+    """Below the table of a chart: which rows are omitted."""
     kind: str = "grid"
 
 

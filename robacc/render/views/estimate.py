@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.outcomes import FileOutcome
-from robacc.render.plots.canvas import Document
 from robacc.render.text.gate import OUTCOME_LABELS, annotation, sentence, title
 from robacc.render.text.layout import (
     IN_DEGREES,
     IN_MM,
+    Document,
     chance,
     confirmation,
     decimals,

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.effects import REGISTRY
-from robacc.render.plots.canvas import Document
 from robacc.render.text.layout import (
     IN_DEGREES,
     IN_MM,
+    Document,
     effect_label,
     grouped,
     measured,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from robacc.render.plots.canvas import Document
 from robacc.render.text.gate import HEADER, OUTCOME_LABELS, cells, explained, title
+from robacc.render.text.layout import Document
 from robacc.render.views.elements import Block, Grid, Listing, Section
 
 

@@ -10,8 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.iso_9283.cube import Proposal
-from robacc.render.plots.canvas import Document
-from robacc.render.text.layout import IN_DEGREES, IN_MM, fixed, three_digits
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_digits
 from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, measured_cells, number, percent
 from robacc.robots.description import Robot
 

@@ -7,8 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.planning.campaign import CampaignPlan
-from robacc.render.plots.canvas import Document
-from robacc.render.text.layout import IN_DEGREES, IN_MM, effect_label, fixed, table_unit, three_digits
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label, fixed, table_unit, three_digits
 from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number
 
 PURPOSES = {

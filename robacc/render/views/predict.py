@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.render.plots.canvas import Document
-from robacc.render.text.layout import IN_DEGREES, IN_MM, p_value, table_unit, three_digits, with_table_unit
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, p_value, table_unit, three_digits, with_table_unit
 from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number, percent, with_unit
 
 _QUANTITIES = (("position", "m", IN_MM), ("orientation", "rad", IN_DEGREES))

@@ -64,7 +64,7 @@ def test_every_number_shown_is_the_jsons(command: str) -> None:
     for cell in cells:
         value = float(cell.attributes["value"])
         assert value in known, cell.text
-        match = re.fullmatch(r"(-?[\d.]+(?:e[-+]\d+)?)\s*(\D*)", cell.text)
+        match = re.fullmatch(r"(-?[\d.]+(?:e[-+]\d+)?)\s*(\D*)", cell.text.replace("−", "-"))
         assert match is not None, cell.text
         digits, unit = match.groups()
         # Covariances have their unit in the head of the table, coefficients in the last column: any may apply.
@@ -121,6 +121,27 @@ def test_a_registration_has_standard_errors_and_reasons_for_parameters_that_are_
     assert ">0.0027<" in made
     assert "tool_frame.yaw has no effect on these poses" in made
     assert ">-0<" not in made
+
+
+def test_a_trace_shows_the_error_before_and_no_figure_twice() -> None:
+    document = results.document("trace")
+    labels = [tile.label for tile in headline_of(document).tiles]
+    assert labels == ["nominal, registered, rms", "baseline, rms", "extended model, rms", "rms reduction"]
+    document["findings"] = []
+    assert [tile.label for tile in headline_of(document).tiles] == labels[:2]
+
+
+def test_the_first_screen_says_why_and_what_next() -> None:
+    facts = headline_of(results.document("estimate")).facts
+    assert [name for name, _ in facts[:2]] == ["Why", "Next"]
+    assert facts[1][1].startswith("robacc trace poses.csv --robot robot.yaml")
+    assert headline_of(results.document("trace")).facts[0][0] == "Next"
+
+
+def test_numbers_below_zero_have_minus_signs() -> None:
+    cells = [cell.text for cell in tree("estimate").all("data")]
+    assert any(text.startswith("−") for text in cells)
+    assert not any("-" in text for text in cells)
 
 
 def test_harmonics_have_standard_errors() -> None:

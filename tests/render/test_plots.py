@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import copy
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,7 @@ import pytest
 import results
 from matplotlib.figure import Figure
 
+import robacc
 from robacc.errors import UsageError
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.catalogue import chart_of, charts_of
@@ -239,3 +242,17 @@ def test_a_comparison_of_signed_figures_keeps_what_is_below_zero() -> None:
     chart.draw(figure)
     assert figure.axes[0].get_xlim()[0] < -1.2
     assert "smallest in magnitude is b" in chart.caption
+
+
+def test_the_arm_stands_at_its_registered_base(tmp_path: Path) -> None:
+    """The sample poses in the frame of an instrument that stands 2 m beside the arm."""
+    poses = tmp_path / "poses.csv"
+    note, head, *rows = (results.PROJECT / "sample_data" / "poses.csv").read_text(encoding="utf-8").splitlines()
+    x = head.split(",").index("x")
+    cells = [row.split(",") for row in rows]
+    moved = [",".join([*row[:x], f"{float(row[x]) + 2.0}", *row[x + 1 :]]) for row in cells]
+    poses.write_text("\n".join([note, head, *moved]), encoding="utf-8")
+    robot = results.PROJECT / "sample_data" / "robot.yaml"
+    estimate = robacc.estimate(poses, robot=robot, align=("base_frame", "tool_frame"))
+    arm = np.array(json.loads(estimate.to_json())["robot"]["outline"]["line_m"])
+    assert arm[0] == pytest.approx([2.0, 0.0, 0.0], abs=0.01)

@@ -18,6 +18,7 @@ from robacc.render.views.elements import (
     robot_name,
     tile,
 )
+from robacc.render.views.fit import next_step
 from robacc.render.views.plan import PURPOSES
 
 # Headlines of the results of ``estimate``, ``predict`` and ``iso9283``.
@@ -31,6 +32,7 @@ def estimate_headline(document: Document) -> ReportHeadline:
     registration = "none"
     if alignment is not None:
         registration = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
+    why = grade["reason"].split(". ")
     robot = document.get("robot") or {}
     modelled = robot.get("effects") or robot.get("fitted_to")
     reference = "the model's predictions" if modelled else "the commanded positions"
@@ -44,11 +46,23 @@ def estimate_headline(document: Document) -> ReportHeadline:
         _estimate_tiles(document),
         (Badge(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open"),),
         [
+            ("Why", "; ".join(why[:1] if grade["demonstrated"] else [why[0], *why[1:][-1:]])),
+            ("Next", _next(document)),
             ("Registration", registration),
             ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
             ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
         ],
     )
+
+
+def _next(document: Document) -> str:
+    """Return what to do after an estimate, a trace or a calibration."""
+    if document["command"] != "estimate":
+        return next_step(document).replace("`robacc correct`", "robacc correct")
+    files = {record["kind"]: record["name"] for record in document["inputs"]}
+    if "robot" not in files:
+        return "state the robot with `robot`: robacc trace then finds the causes of the error"
+    return f"robacc trace {files.get('poses', 'POSES')} --robot {files['robot']} finds the causes of the error"
 
 
 def _estimate_tiles(document: Document) -> list[Tile]:
@@ -140,6 +154,7 @@ def trace_headline(document: Document) -> ReportHeadline:
     facts = [("Declared effects", declared.replace(",", ", ")), ("Measurement noise", _noise(document))]
     if unexplained["structured"]:
         facts.append(("Remaining error", f"{length(unexplained['rms_m'])}, structured"))
+    facts.append(("Next", _next(document)))
     return ReportHeadline(
         f"Trace{of_robot(document)}: {label}", _trace_summary(document), _tiles(document), (Badge(label, tone),), facts
     )
@@ -185,25 +200,32 @@ def calibrate_headline(document: Document) -> ReportHeadline:
         f"{_arm_itself(document)}"
     )
     effects = ", ".join(effect["effect"] for effect in document["effects"])
-    facts = [("Fitted effects", effects), ("Measurement noise", _noise(document))]
+    facts = [("Next", _next(document)), ("Fitted effects", effects), ("Measurement noise", _noise(document))]
     return ReportHeadline(f"Calibration{of_robot(document)}", summary, _tiles(document), (), facts)
 
 
 def _sides(document: Document) -> tuple[Mapping[str, Any], Mapping[str, Any], str]:
     """Return the position errors before and after, and the pose set."""
-    key = "fitted" if document["after"]["held_out"] is None else "held_out"
-    pose_set = "held-out poses" if key == "held_out" else "calibration poses"
+    key, pose_set = _pose_set(document)
     return document["before"][key]["position"], document["after"][key]["position"], pose_set
 
 
+def _pose_set(document: Document) -> tuple[str, str]:
+    """Return the key of the pose set that the headline shows, and its name."""
+    is_fitted = document["after"]["held_out"] is None
+    return ("fitted", "calibration poses") if is_fitted else ("held_out", "held-out poses")
+
+
 def _tiles(document: Document) -> list[Tile]:
-    before, after, pose_set = _sides(document)
-    labels = STAGE_LABELS[document["command"]]
+    """Return the error before, with the baseline and after; without findings, the baseline is the last."""
+    key, pose_set = _pose_set(document)
+    is_clean = document.get("findings") == []
     tiles = []
-    for label, metrics in ((labels["before"], before), (labels["after"], after)):
+    for stage, label in [*STAGE_LABELS[document["command"]].items()][: 2 if is_clean else 3]:
+        metrics = (document[stage][key] or document[stage]["fitted"])["position"]
         bounds = (metrics.get("intervals") or {}).get("rms_m") or {}
         tiles.append(tile(f"{label}, rms", metrics["rms_m"], "m", bounds, pose_set))
-    if (gain := document["gain_m"]) is not None:
+    if (gain := document["gain_m"]) is not None and not is_clean:
         bounds = {"lower": gain["low"], "upper": gain["high"], "confidence": gain["confidence"]}
         tiles.append(tile("rms reduction", gain["value"], "m", bounds))
     return tiles
@@ -228,9 +250,9 @@ def headline_of(document: Document) -> ReportHeadline:
     make = _HEADLINES.get(document["command"], _any)
     headline = make(document)
     badges = [*headline.badges, *_gate_badge(document)]
-    return ReportHeadline(
-        headline.title, headline.summary, headline.tiles, badges, [*_facts(document), *headline.facts]
-    )
+    # What a reader asks first: why, and what now.
+    facts = sorted([*_facts(document), *headline.facts], key=lambda fact: fact[0] not in ("Why", "Next"))
+    return ReportHeadline(headline.title, headline.summary, headline.tiles, badges, facts)
 
 
 def _gate_badge(document: Document) -> Sequence[Badge]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import re
 import shlex
 from base64 import b64encode
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -252,7 +253,7 @@ def page_of(
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters["options"] = as_options
+    environment.filters |= {"options": as_options, "minus": _with_minus_signs}
     library = _library() if interactive else ""
     script = environment.get_template("scenes.js").render() if interactive else ""
     is_multiple = len(results) > 1
@@ -269,6 +270,11 @@ def page_of(
         light=css_variables(LIGHT),
         dark=css_variables(DARK),
     )
+
+
+def _with_minus_signs(text: str) -> str:
+    """Return the text with minus signs, which are as wide as a digit, for the hyphens of numbers."""
+    return re.sub(r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
 def result_of(document: Document, place: int) -> ResultSection:

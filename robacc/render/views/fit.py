@@ -101,13 +101,17 @@ def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Sec
     notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
     if len(hints) > _MAX_HINTS:
         notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
-    next_step = "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
+    yield Section("", [Listing(notes), Text(f"next: {next_step(document)}"), Text(_MORE, is_note=True)])
+
+
+def next_step(document: Document) -> str:
+    """Return what to do after a trace or a calibration."""
     before, after = (document[stage]["fitted"]["position"]["rms_m"] for stage in ("nominal", "after"))
-    if document["next_poses"]:
-        next_step = "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
-    elif after > _WORTH_CORRECTING * before:
-        next_step = "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
-    yield Section("", [Listing(notes), Text(f"next: {next_step}"), Text(_MORE, is_note=True)])
+    if document.get("next_poses"):
+        return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
+    if after > _WORTH_CORRECTING * before:
+        return "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
+    return "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
 
 
 def trace_sections(document: Document) -> Iterator[Section]:

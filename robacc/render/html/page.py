@@ -212,9 +212,8 @@ class ResultSection:
 
     id: str
     headline: ReportHeadline
-    first: PageChart | None
-    """Next to the headline."""
-    drawings: Sequence[PageChart]
+    charts: Sequence[PageChart]
+    """The first stands next to the headline."""
     sections: Sequence[Section]
     """The command's tables and texts."""
     leading: Sequence[Section]
@@ -248,14 +247,17 @@ def page_of(
     """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    interactive = any(drawing.scene for result in results for drawing in _all(result))
+    interactive = any(chart.scene for result in results for chart in result.charts)
     loader = PackageLoader("robacc.render.html")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
     environment.filters |= {"options": as_options, "minus": _with_minus_signs}
-    library = _library() if interactive else ""
-    script = environment.get_template("scenes.js").render() if interactive else ""
+    library = script = ""
+    if interactive:
+        from plotly.offline import get_plotlyjs
+
+        library, script = get_plotlyjs(), environment.get_template("scenes.js").render()
     is_multiple = len(results) > 1
     return environment.get_template("page.html").render(
         title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
@@ -285,38 +287,22 @@ def result_of(document: Document, place: int) -> ResultSection:
     """
     need("matplotlib", "plotly", "jinja2")
     number = f"r{place}"
-    drawings = [_drawing(chart, f"{number}p{i}") for i, chart in enumerate(charts_of(document), 1)]
     gate = gate_section(document)
-    sections = _SECTIONS.get(document["command"], _nothing)(document)
-    warnings = [*dict.fromkeys([*document.get("warnings", ()), *_outliers(document)])]
+    make = _SECTIONS.get(document["command"])
+    warnings = [*dict.fromkeys(document.get("warnings", ()))]
+    if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
+        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
+        warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
     notes = list(document.get("notes", ()))
     blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
     return ResultSection(
         number,
         headline_of(document),
-        drawings[0] if drawings else None,
-        drawings[1:],
-        [*sections],
+        [_drawing(chart, f"{number}p{i}") for i, chart in enumerate(charts_of(document), 1)],
+        [] if make is None else [*make(document)],
         [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
         reproduce(document),
     )
-
-
-def _outliers(document: Document) -> Iterator[str]:
-    lines = [str(outlier["line"]) for outlier in document.get("outliers", ())]
-    if lines:
-        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
-        yield f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}"
-
-
-def _nothing(document: Document) -> Iterator[Section]:
-    return iter(())
-
-
-def _all(result: ResultSection) -> Iterator[PageChart]:
-    if result.first is not None:
-        yield result.first
-    yield from result.drawings
 
 
 def _drawing(chart: Chart, number: str) -> PageChart:
@@ -334,14 +320,6 @@ def script_json(value: Any) -> str:
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
-
-
-def _library() -> str:
-    """Return the source of plotly.js from its package."""
-    from plotly.offline import get_plotlyjs
-
-    text: str = get_plotlyjs()
     return text
 
 

@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 import results
 from matplotlib.figure import Figure
+from typer.testing import CliRunner
 
 import robacc
+from robacc.cli.main import app
 from robacc.errors import UsageError
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.catalogue import chart_of, charts_of
@@ -256,3 +258,14 @@ def test_the_arm_stands_at_its_registered_base(tmp_path: Path) -> None:
     estimate = robacc.estimate(poses, robot=robot, align=("base_frame", "tool_frame"))
     arm = np.array(json.loads(estimate.to_json())["robot"]["outline"]["line_m"])
     assert arm[0] == pytest.approx([2.0, 0.0, 0.0], abs=0.01)
+
+
+def test_plot_without_a_kind_draws_the_main_chart_and_names_the_others(tmp_path: Path) -> None:
+    stored, image = tmp_path / "trace.json", tmp_path / "a.svg"
+    stored.write_text(json.dumps(results.document("trace")), encoding="utf-8")
+    done = CliRunner().invoke(app, ["plot", str(stored), "-o", str(image)])
+    assert done.exit_code == 0
+    assert done.stderr == (
+        "note: drew the main chart, distribution; other charts by --kind: effect, candidates, poses, time, workspace\n"
+    )
+    assert image.read_text(encoding="utf-8").startswith("<?xml")

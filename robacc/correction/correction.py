@@ -201,7 +201,7 @@ def correction(
     position, orientation = None, None
     if fit is not None:
         uncertainty = model_uncertainty(model, fit, completed(model, fit, None, targets.data, 0), measured=False)
-        position, orientation = uncertainty.position, uncertainty.orientation if uncertainty.is_oriented else None
+        position, orientation = uncertainty.position, uncertainty.orientation if fit.unexplained.shape[0] == 6 else None
     before = expected_errors(targets.error_before, position, orientation, scale, oriented)
     after = expected_errors(targets.error_after, position, orientation, scale, oriented)
     return Correction(

@@ -1,8 +1,7 @@
 """Collisions of the links' shapes with each other and with the surroundings, by FCL.
 
 Shapes of one body and of bodies that one joint connects are not checked, nor pairs that touch at nearly all poses:
-they overlap by design. Shapes are surfaces of triangles: a shape wholly inside another does not touch it. Spheres
-around the shapes make most exact tests unnecessary.
+they overlap by design. Shapes are surfaces of triangles: a shape wholly inside another does not touch it.
 """
 
 from __future__ import annotations
@@ -248,36 +247,21 @@ class LinkCollisions:
 
     def self_collision(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses ``(J, N)`` at which two links touch."""
-        result = np.zeros(q.shape[1], dtype=bool)
-        frames = self._frames(q)
-        for pair in self.pairs:
-            at = np.flatnonzero(~result & self._near(pair, frames))
-            result[at] = self._touching(pair, frames, at)
-        return result
+        return self.touching(q).any(axis=0)
 
-    def touching_shares(self, q: Array) -> Array:
-        """Return ``(P,)`` share of the poses ``(J, N)`` at which each pair touches."""
-        frames, at = self._frames(q), np.arange(q.shape[1])
-        return np.array([np.mean(self._touching(pair, frames, at)) for pair in self.pairs])
+    def touching(self, q: Array) -> NDArray[np.bool_]:
+        """Return ``(P, N)`` which of the pairs touch at the poses ``(J, N)``."""
+        return self._touching(q, self.pairs)
 
     def in_box(self, q: Array, low: Sequence[float], high: Sequence[float]) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses at which a link is in a box of the base frame; a side may be infinite, m."""
         import fcl
 
         lower, upper = np.clip(low, -_FAR, _FAR), np.clip(high, -_FAR, _FAR)
-        placed = fcl.Transform(np.eye(3), 0.5 * (lower + upper))
-        obstacle = fcl.CollisionObject(fcl.Box(*(upper - lower)), placed)
-        result = np.zeros(q.shape[1], dtype=bool)
-        frames = self._frames(q)
-        for number, shape in enumerate(self.shapes):
-            if shape.body >= self.first_body:
-                centre = self._centre(number, frames)
-                outside = np.maximum(np.maximum(lower[:, None] - centre, centre - upper[:, None]), 0.0)
-                near = np.linalg.norm(outside, axis=0) <= self._spheres[number][1]
-                for i in np.flatnonzero(near & ~result):
-                    self._place(number, frames, int(i))
-                    result[i] = self._touch(self._objects[number], obstacle)
-        return result
+        box = fcl.CollisionObject(fcl.Box(*(upper - lower)), fcl.Transform(np.eye(3), 0.5 * (lower + upper)))
+        number = len(self.shapes)
+        pairs = [(i, number) for i, shape in enumerate(self.shapes) if shape.body >= self.first_body]
+        return self._touching(q, pairs, box).any(axis=0)
 
     def beyond(self, q: Array, direction: Sequence[float], offset: float) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses at which a link leaves the half-space direction . p <= offset, m."""
@@ -302,14 +286,22 @@ class LinkCollisions:
             for count, frame in zip(counts, swept, strict=True)
         }
 
-    @cached_property
-    def _spheres(self) -> list[tuple[Array, float]]:
-        """Centre and radius of a sphere around each shape."""
-        spheres = []
-        for shape in self.shapes:
-            centre = 0.5 * (shape.vertices.min(axis=0) + shape.vertices.max(axis=0))
-            spheres.append((centre, float(np.linalg.norm(shape.vertices - centre, axis=1).max())))
-        return spheres
+    def _touching(self, q: Array, pairs: Sequence[tuple[int, int]], *obstacles: Any) -> NDArray[np.bool_]:
+        """Return ``(P, N)`` which pairs of shapes, and of the obstacles after them, touch at poses ``(J, N)``."""
+        import fcl
+
+        frames = self._frames(q)
+        objects = [*self._objects, *obstacles]
+        result = np.zeros((len(pairs), q.shape[1]), dtype=bool)
+        for i in range(q.shape[1]):
+            for shape, placed in zip(self.shapes, objects, strict=False):
+                frame = frames[shape.after]
+                turn = np.ascontiguousarray(frame.rotation[:, :, i])
+                placed.setTransform(fcl.Transform(turn, frame.translation[:, i]))
+            for k, (first, second) in enumerate(pairs):
+                contacts = fcl.collide(objects[first], objects[second], fcl.CollisionRequest(), fcl.CollisionResult())
+                result[k, i] = contacts > 0
+        return result
 
     @cached_property
     def _objects(self) -> list[Any]:
@@ -324,43 +316,6 @@ class LinkCollisions:
             mesh.endModel()
             objects.append(fcl.CollisionObject(mesh, fcl.Transform()))
         return objects
-
-    def _centre(self, number: int, frames: dict[int, Poses]) -> Array:
-        """Return ``(3, N)`` the centre of a shape's sphere, base frame, m."""
-        frame = frames[self.shapes[number].after]
-        result: Array = np.einsum("ijn,j->in", frame.rotation, self._spheres[number][0]) + frame.translation
-        return result
-
-    def _near(self, pair: tuple[int, int], frames: dict[int, Poses]) -> NDArray[np.bool_]:
-        """Return ``(N,)`` the poses at which the spheres of two shapes touch."""
-        first, second = (self._centre(number, frames) for number in pair)
-        reach = self._spheres[pair[0]][1] + self._spheres[pair[1]][1]
-        near: NDArray[np.bool_] = np.linalg.norm(first - second, axis=0) <= reach
-        return near
-
-    def _touching(self, pair: tuple[int, int], frames: dict[int, Poses], at: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which of the poses ``at`` have two shapes that touch."""
-        result = np.zeros(at.size, dtype=bool)
-        for place, i in enumerate(at.tolist()):
-            for number in pair:
-                self._place(number, frames, i)
-            result[place] = self._touch(*(self._objects[number] for number in pair))
-        return result
-
-    def _place(self, number: int, frames: dict[int, Poses], i: int) -> None:
-        """Move a shape's object to pose ``i``."""
-        import fcl
-
-        frame = frames[self.shapes[number].after]
-        turn = np.ascontiguousarray(frame.rotation[:, :, i])
-        self._objects[number].setTransform(fcl.Transform(turn, frame.translation[:, i]))
-
-    @staticmethod
-    def _touch(first: Any, second: Any) -> bool:
-        """Return whether two objects of FCL touch."""
-        import fcl
-
-        return bool(fcl.collide(first, second, fcl.CollisionRequest(), fcl.CollisionResult()))
 
 
 def link_collisions(robot: Robot, shapes: Sequence[LinkShape]) -> LinkCollisions:
@@ -383,7 +338,7 @@ def link_collisions(robot: Robot, shapes: Sequence[LinkShape]) -> LinkCollisions
     ).T[..., None]
     shift = np.random.default_rng([0, 7]).uniform(size=(len(low), 1))
     spread: Array = low + (high - low) * ((low_discrepancy(len(low), _SAMPLED) + shift) % 1.0)
-    is_always = every_pair.touching_shares(spread) > _ALWAYS
+    is_always = every_pair.touching(spread).mean(axis=1) > _ALWAYS
     return LinkCollisions(
         every_pair.chain,
         shapes,

@@ -41,10 +41,8 @@ class PoseCovariances:
     """``(3, 3, N)`` V_d, m²."""
     orientation: Array
     """``(3, 3, N)`` V_δ, rad²."""
-    position_power: Array
-    """``(P,)`` contribution of each parameter to the sum of all traces of V_d, m²."""
-    orientation_power: Array
-    """``(P,)`` contribution to the sum of all traces of V_δ, rad²."""
+    power: Array
+    """``(2, P)`` contribution of each parameter to the sum of all traces of V_d (m²) and of V_δ (rad²)."""
 
 
 def pose_covariances(
@@ -52,38 +50,36 @@ def pose_covariances(
 ) -> PoseCovariances:
     """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary)."""
     # Rotations first: only they have an angular part, which is then a single slice.
-    order = sorted(range(len(parameters)), key=lambda i: chain.motions[parameters[i].motion].kind != "rotation")
-    n_rotations = sum(chain.motions[parameter.motion].kind == "rotation" for parameter in parameters)
+    is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
+    order = np.argsort(is_length, kind="stable")
+    n_rotations = is_length.count(False)
     motions = [parameters[i].motion for i in order]
     sd = np.array([parameters[i].sd for i in order])[:, None]
     position, orientation = np.empty((3, 3, n)), np.empty((3, 3, n))
     power = np.zeros((2, len(order)))
     for block in chain.blocks(n):
-        n_block = block.stop - block.start
         local = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        sweep = chain.sweep(local, n_block, motions)
+        sweep = chain.sweep(local, block.stop - block.start, motions)
         scaled = sweep.jacobian
         scaled *= sd
-        for covariances, columns, index, n_columns in (
-            (position, scaled[:3], 0, len(order)),
-            (orientation, scaled[3:, :n_rotations], 1, n_rotations),
-        ):
-            covariances[:, :, block] = _in_tool_frame(_outer_sums(columns), sweep.poses.rotation)
-            power[index, :n_columns] += np.einsum("ipn,ipn->p", columns, columns)
-    power_in_order = np.empty_like(power)
-    power_in_order[:, order] = power
-    return PoseCovariances(position, orientation, power_in_order[0], power_in_order[1])
+        parts = (scaled[:3], scaled[3:, :n_rotations])
+        for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
+            covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
+            power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
+    return PoseCovariances(position, orientation, power)
 
 
-def _outer_sums(columns: Array) -> Array:
-    """Return Σ_p c_p c_pᵀ ``(3, 3, n)`` of columns ``(3, P, n)``."""
-    result = np.empty((3, 3, columns.shape[2]))
-    for i in range(3):
-        for j in range(i, 3):
-            np.einsum("pn,pn->n", columns[i], columns[j], out=result[i, j])
+def outer_sums(columns: Array) -> Array:
+    """Return Σ_k c_k c_kᵀ ``(R, R, n)`` of columns ``(R, K, n)``."""
+    size = columns.shape[0]
+    result = np.empty((size, size, columns.shape[2]))
+    for i in range(size):
+        for j in range(i, size):
+            np.einsum("kn,kn->n", columns[i], columns[j], out=result[i, j])
             result[j, i] = result[i, j]
     return result
 
 
-def _in_tool_frame(covariance: Array, rotation: Array) -> Array:
+def in_tool_frame(covariance: Array, rotation: Array) -> Array:
+    """Return covariances ``(3, 3, n)`` of the measuring frame in the tool's, whose axes are ``rotation``."""
     return compose(transpose(rotation), compose(covariance, rotation))

@@ -33,26 +33,8 @@ _WAVES = 64
 _COLUMNS = {"time_s": "time", "temperature_c": "temperature", "payload_kg": "payload"}
 
 
-def extrapolation(model: Model, data: Measurements) -> Array | None:
-    """Return the covariance ``(6, 6, n)`` that held effects add beyond their ranges; None if no pose is beyond one.
-
-    Args:
-        model: Model with its known effects.
-        data: Poses with their circumstances.
-    """
-    variance: dict[int, Array] = {}
-    for known in model.known:
-        for motion, std in _motion_stds(model.arm, known, data).items():
-            variance[motion] = variance.get(motion, np.zeros(data.n)) + np.square(std)
-    if not variance:
-        return None
-    jacobian = motion_columns(model, data, tuple(variance))
-    result: Array = np.einsum("imn,mn,jmn->ijn", jacobian, np.array(list(variance.values())), jacobian, optimize=True)
-    return result
-
-
-def extrapolation_columns(model: Model, data: Measurements, sample: Measurements) -> Array | None:
-    """Return columns ``(6, K, n)`` whose products over two poses are the covariance of :func:`extrapolation`.
+def beyond_columns(model: Model, data: Measurements, sample: Measurements | None = None) -> Array:
+    """Return columns ``(6, K, n)`` of the errors beyond the ranges of effects; their outer products are covariances.
 
     The error of a held effect is the same function of its drivers at every pose: a stationary Gaussian process of the
     drivers, less its value at the end of the range, with a correlation length of half of :data:`_SHARE` of the range.
@@ -62,20 +44,20 @@ def extrapolation_columns(model: Model, data: Measurements, sample: Measurements
     Args:
         model: Model with its known effects.
         data: Poses with their circumstances.
-        sample: All poses, of which ``data`` are some: they decide the size of an effect.
+        sample: All poses, of which ``data`` are some: they decide the size of an effect. Products of the columns at
+            two poses are covariances too. With None, only those at one pose are, which takes fewer columns.
     """
-    columns: list[Array] = []
+    columns = [np.zeros((6, 0, data.n))]
     for known in model.known:
-        stds = _motion_stds(model.arm, known, data, sample)
-        waves = _difference_waves(model.arm, known, data) if stds else None
-        if waves is None:
-            continue
-        jacobian = motion_columns(model, data, tuple(stds))
-        columns += [jacobian[:, i, None] * (std * waves) for i, std in enumerate(stds.values())]
-    return np.concatenate(columns, axis=1) if columns else None
+        if stds := _motion_stds(model.arm, known, data, sample):
+            waves = np.ones((1, data.n)) if sample is None else _difference_waves(model.arm, known, data)
+            jacobian = motion_columns(model, data, tuple(stds))
+            columns += [jacobian[:, i, None] * (std * waves) for i, std in enumerate(stds.values())]
+        columns.append(_faded_column(known, model, data, sample or data))
+    return np.concatenate(columns, axis=1)
 
 
-def _difference_waves(arm: Arm, known: Known, data: Measurements) -> Array | None:
+def _difference_waves(arm: Arm, known: Known, data: Measurements) -> Array:
     """Return ``(K, n)`` the process at the poses less its value at the end of the range, of unit size."""
     limits, periods = known.held_limits(arm)
     rows = []
@@ -84,7 +66,7 @@ def _difference_waves(arm: Arm, known: Known, data: Measurements) -> Array | Non
             image = nearest_image(values, low, high, periods.get(name))
             rows.append(np.stack((image, np.clip(image, low, high))) / max(high - low, 1e-12))
     if not rows:
-        return None
+        return np.zeros((0, data.n))
     places = np.array(rows) / (0.5 * _SHARE)
     phase = np.tensordot(_frequencies(len(rows)), places, axes=1)
     waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
@@ -160,23 +142,11 @@ def _within(arm: Arm, data: Measurements, limits: Validity) -> Measurements:
 # poses still say something of it.
 
 
-def fading_columns(model: Model, data: Measurements, sample: Measurements) -> Array | None:
-    """Return columns ``(6, K, n)`` whose products over two poses are the covariance that fading adds; None if none.
-
-    Args:
-        model: Model with its known effects.
-        data: Poses with their circumstances.
-        sample: All poses, of which ``data`` are some: they decide which profiles have columns.
-    """
-    columns = [part for known in model.known if (part := _column_of(known, model, data, sample)) is not None]
-    return np.stack(columns, axis=1) if columns else None
-
-
-def _column_of(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array | None:
-    """Return what fading takes from an effect ``(6, n)``; None if it does not fade, or no pose is beyond its range."""
+def _faded_column(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array:
+    """Return what fading takes from an effect ``(6, 1, n)``; no column if no pose of ``sample`` is beyond its range."""
     limits, periods = known.fading_limits(model.arm)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
-        return None
+        return np.zeros((6, 0, data.n))
     complete = known.effect.terms(model.arm, data)
     left = faded(known.effect, model.arm, data, known.validity)
     motions = tuple(dict.fromkeys(term.parts[0].motion for term in complete))
@@ -185,4 +155,4 @@ def _column_of(known: Known, model: Model, data: Measurements, sample: Measureme
         before, after = whole.parts[0], rest.parts[0]
         lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
     result: Array = np.einsum("imn,mn->in", motion_columns(model, data, motions), lost)
-    return result
+    return result[:, None]

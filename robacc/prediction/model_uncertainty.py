@@ -4,10 +4,10 @@ The error of the calibrated arm against its model has the covariance
 
     V = J C J^T + J_q S J_q^T + R U R^T + X,
 
-with J the Jacobian of the pose to the fitted coefficients and C their covariance, J_q that to the joints and S the
-variances of their scatter, U the covariance of the unexplained error in the target's frame and R its orientation. X is
-what effects add beyond the ranges that they were fitted on (:mod:`robacc.prediction.extrapolation`,
-:mod:`robacc.prediction.extrapolation`).
+a sum of outer products of columns, with J the Jacobian of the pose to the fitted coefficients and C their covariance,
+J_q that to the joints and S the variances of their scatter, U the covariance of the unexplained error in the target's
+frame and R its orientation. X is what effects add beyond the ranges that they were fitted on
+(:mod:`robacc.prediction.extrapolation`).
 
 Effects of the measurement (a scale of the instrument, a drift of its frame) move measured poses, not the arm. On
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
@@ -30,11 +30,12 @@ from robacc.errors import InputError, Problem
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
-from robacc.geometry import Array, Poses, compose, transpose
+from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
-from robacc.prediction.extrapolation import extrapolation, extrapolation_columns, fading_columns
+from robacc.prediction.covariances import in_tool_frame, outer_sums
+from robacc.prediction.extrapolation import beyond_columns
 from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
@@ -57,9 +58,7 @@ class ModelUncertainty:
     position: Array
     """``(3, 3, N)`` m²."""
     orientation: Array
-    """``(3, 3, N)`` rad²."""
-    is_oriented: bool
-    """The fit had measured orientations; else that covariance lacks the unexplained error."""
+    """``(3, 3, N)`` rad²; without the unexplained error where the fit had no measured orientations."""
     rotation: Array
     """``(3, 3, N)`` predicted orientation of the target."""
     shares: Array
@@ -67,10 +66,7 @@ class ModelUncertainty:
 
     def in_target_frame(self) -> ModelUncertainty:
         """Return the covariances in the axes of the predicted target."""
-        position, orientation = (
-            compose(transpose(self.rotation), compose(part, self.rotation))
-            for part in (self.position, self.orientation)
-        )
+        position, orientation = (in_tool_frame(part, self.rotation) for part in (self.position, self.orientation))
         return dataclasses.replace(self, position=position, orientation=orientation)
 
 
@@ -90,83 +86,50 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measur
     position, orientation, rotation = (np.empty((3, 3, data.n)) for _ in range(3))
     traces = np.zeros((len(SOURCES), 2))
     for start in range(0, data.n, BLOCK):
-        block = slice(start, min(start + BLOCK, data.n))
-        parts, turned = _blocks(robot, fit, data.subset(block), measured)
-        rotation[..., block] = turned
-        # The factors were found within the ranges of the fit.
-        within, beyond = np.sum(parts[:3], axis=0), parts[3]
-        position[..., block] = fit.bound_factor[0] ** 2 * within[:3, :3] + beyond[:3, :3]
-        orientation[..., block] = fit.bound_factor[1] ** 2 * within[3:, 3:] + beyond[3:, 3:]
-        for i, part in enumerate(parts):
-            traces[i] += np.einsum("iin->", part[:3, :3]), np.einsum("iin->", part[3:, 3:])
-    is_oriented = fit.unexplained.shape[0] == 6
-    return ModelUncertainty(position, orientation, is_oriented, rotation, traces / max(data.n, 1))
+        block = slice(start, start + BLOCK)
+        sources, rotation[..., block] = error_columns(robot, fit, data.subset(block), measured)
+        for part, (result, factor) in enumerate(zip((position, orientation), fit.bound_factor, strict=True)):
+            *within, beyond = (columns[3 * part : 3 * part + 3] for columns in sources)
+            # The factors were found within the ranges of the fit.
+            result[..., block] = factor**2 * outer_sums(np.concatenate(within, axis=1)) + outer_sums(beyond)
+            traces[:, part] += [np.sum(np.square(columns)) for columns in (*within, beyond)]
+    return ModelUncertainty(position, orientation, rotation, traces / max(data.n, 1))
 
 
-def _blocks(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> tuple[tuple[Array, ...], Array]:
-    """Return the covariances ``(6, 6, n)`` of the sources, and the predicted rotations."""
-    sources = pose_sources(robot, fit, data, measured)
-    beyond = extrapolation(sources.model, data)
-    coefficients = _propagated(sources.jacobian, sources.covariance)
-    beyond = np.zeros_like(coefficients) if beyond is None else beyond
-    faded = fading_columns(sources.model, data, data)
-    if faded is not None:
-        beyond = beyond + np.einsum("ikn,jkn->ijn", faded, faded, optimize=True)
-    return (coefficients, sources.scatter, _turned(fit.unexplained, sources.rotation), beyond), sources.rotation
+def error_columns(
+    robot: Robot, fit: ModelFit, data: Measurements, measured: bool, sample: Measurements | None = None
+) -> tuple[tuple[Array, ...], Array]:
+    """Return columns ``(6, K, n)`` of each of :data:`SOURCES`, and the predicted rotations ``(3, 3, n)``.
 
-
-@dataclass(frozen=True, slots=True)
-class PoseSources:
-    """Sources of a model's error at n poses, measuring frame."""
-
-    model: Model
-    data: Measurements
-    jacobian: Array
-    """``(6, P, n)`` derivative to the fitted coefficients, times the factor of their standard errors."""
-    covariance: Array
-    """``(P, P)`` of the coefficients."""
-    scatter: Array
-    """``(6, 6, n)`` covariance by the scatter of the joints."""
-    rotation: Array
-    """``(3, 3, n)`` predicted orientation of the target."""
-
-    def columns(self, fit: ModelFit, sample: Measurements) -> Array:
-        """Return columns ``(6, K, n)`` of the errors that are the same function of the joints at all poses.
-
-        Their products over two poses are covariances. ``sample`` holds all poses, of which these are some.
-        """
-        factor = np.repeat(fit.bound_factor, 3)[:, None, None]
-        values, vectors = np.linalg.eigh(self.covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        columns = factor * np.einsum("ipn,pk->ikn", self.jacobian, root, optimize=True)
-        beyond = (extrapolation_columns(self.model, self.data, sample), fading_columns(self.model, self.data, sample))
-        return np.concatenate((columns, *(part for part in beyond if part is not None)), axis=1)
-
-
-def independent_covariance(fit: ModelFit, sources: PoseSources, data: Measurements) -> Array:
-    """Return the covariance ``(6, 6, n)`` of errors that are independent from pose to pose, measurement noise too."""
-    factor = np.repeat(fit.bound_factor, 3)
-    result: Array = (sources.scatter + _turned(fit.unexplained, sources.rotation)) * np.outer(factor, factor)[..., None]
-    if fit.noise_is_separate:
-        for part, noise in ((slice(0, 3), data.sigma_position), (slice(3, 6), data.sigma_rotation)):
-            if noise is not None:
-                result[part, part] += np.eye(3)[:, :, None] * np.square(noise)
-    return result
-
-
-def pose_sources(robot: Robot, fit: ModelFit, data: Measurements, measured: bool) -> PoseSources:
-    """Return the sources of the error of the model ``robot``; see :func:`model_uncertainty`."""
+    The sum over the columns of their outer products is the covariance of the error from a source. With ``sample``, all
+    poses, of which ``data`` are some, products of the columns of coefficients and extrapolation at two poses are the
+    covariance of these too; see :func:`robacc.prediction.extrapolation.beyond_columns`.
+    """
     effects = tuple(effect for effect in fit.effects if measured or not effect.is_of_measurement)
     model = Model.of(robot, effects)
     if not measured:
         model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
+    coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
-    scatter = np.zeros((6, 6, data.n))
+    scatter = np.zeros((6, 0, data.n))
     if stds.any():
         joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
-        scatter = _propagated(joints.linearise(np.zeros(stds.size))[1], np.diag(np.square(stds)))
-    return PoseSources(model, data, jacobian, covariance, scatter, poses.rotation)
+        scatter = joints.linearise(np.zeros(stds.size))[1] * stds[:, None]
+    root = _root(fit.unexplained)
+    unexplained = np.zeros((6, len(root), data.n))
+    for i in range(0, len(root), 3):
+        unexplained[i : i + 3] = np.einsum("ian,ak->ikn", poses.rotation, root[i : i + 3])
+    return (coefficients, scatter, unexplained, beyond_columns(model, data, sample)), poses.rotation
+
+
+def _root(covariance: Array) -> Array:
+    """Return ``L`` with ``L L^T`` the covariance, whose units may differ from row to row."""
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    over = np.where(scale > 0.0, scale, 1.0)
+    values, vectors = np.linalg.eigh(covariance / over[:, None] / over)
+    result: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return result
 
 
 def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Poses, Array, Array]:
@@ -199,23 +162,6 @@ def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
     return entries
 
 
-def _propagated(jacobian: Array, covariance: Array) -> Array:
-    """Return ``J C J^T`` ``(6, 6, n)`` of a Jacobian ``(6, P, n)``."""
-    stacked = np.ascontiguousarray(np.moveaxis(jacobian, 2, 0))
-    result: Array = np.moveaxis(stacked @ covariance @ np.swapaxes(stacked, 1, 2), 0, 2)
-    return result
-
-
-def _turned(covariance: Array, rotation: Array) -> Array:
-    """Return a covariance ``(M, M)`` of the target's frame in the measuring frame ``(6, 6, n)``."""
-    result = np.zeros((6, 6, rotation.shape[2]))
-    for i in range(0, covariance.shape[0], 3):
-        for j in range(0, covariance.shape[0], 3):
-            part = np.einsum("ian,ab->ibn", rotation, covariance[i : i + 3, j : j + 3])
-            result[i : i + 3, j : j + 3] = np.einsum("ibn,jbn->ijn", part, rotation)
-    return result
-
-
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
 #
 # A registration spreads the errors of the model at its poses over all poses, and takes part of them away. With W the
@@ -246,26 +192,22 @@ def registered_uncertainty(
     frames = Model.of(absorb_constants(apply_fit(registration)), registration.model.free)
     robot = absorb_constants(robot)
     size = len(registration.names)
-    normal, scatter = np.zeros((size, size)), np.zeros((size, size))
-    crossed: Array | None = None
+    normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
     weight = np.where(registration.inliers, registration.weight, 0.0)
+    rows = weight.shape[0]
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, used, data, frames):
-        rows = weight.shape[0]
         weighed = np.square(weight[:, block])[:, None] * columns[:rows]
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
         scatter += np.einsum("ipn,ijn,jqn->pq", weighed, independent[:rows, :rows], weighed, optimize=True)
-        part = np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
-        crossed = part if crossed is None else crossed + part
-    assert crossed is not None
+        crossed = crossed + np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
     inverse = _pseudo_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
     position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
         changed = correlated - np.einsum("ipn,pk->ikn", columns, moved, optimize=True)
         for result, part in ((position, slice(0, 3)), (orientation, slice(3, 6))):
-            result[..., block] = np.einsum("ikn,jkn->ijn", changed[part], changed[part], optimize=True)
+            result[..., block] = outer_sums(changed[part]) + independent[part, part]
             result[..., block] += np.einsum("ipn,pq,jqn->ijn", columns[part], spread, columns[part], optimize=True)
-            result[..., block] += independent[part, part]
     return position, orientation
 
 
@@ -273,13 +215,23 @@ def _blocks_with_frames(
     robot: Robot, fit: ModelFit, data: Measurements, sample: Measurements, frames: Model
 ) -> Iterator[tuple[slice, Array, Array, Array]]:
     """Yield blocks of poses: columns of the frames and of correlated errors, and the covariance of the others."""
+    factor = np.repeat(fit.bound_factor, 3)[:, None, None]
     for start in range(0, data.n, BLOCK):
-        block = slice(start, min(start + BLOCK, data.n))
+        block = slice(start, start + BLOCK)
         part = data.subset(block)
         bound = frames.bind(part)
-        sources = pose_sources(robot, fit, part, True)
-        independent = independent_covariance(fit, sources, part)
-        yield block, bound.linearise(np.zeros(len(bound.names)))[1], sources.columns(fit, sample), independent
+        (coefficients, *scatter, beyond), _ = error_columns(robot, fit, part, True, sample)
+        correlated = np.concatenate((factor * coefficients, beyond), axis=1)
+        independent = outer_sums(factor * np.concatenate(scatter, axis=1))
+        for rows, variance in zip((slice(0, 3), slice(3, 6)), _noise_variances(fit, part), strict=True):
+            independent[rows, rows] += np.eye(3)[:, :, None] * variance
+        yield block, bound.linearise(np.zeros(len(bound.names)))[1], correlated, independent
+
+
+def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
+    """Return the variances of the measurement noise of position and orientation that bounds of the model lack."""
+    stated = (data.sigma_position, data.sigma_rotation)
+    return [0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma) for sigma in stated]
 
 
 def _pseudo_inverse(normal: Array) -> Array:
@@ -321,7 +273,7 @@ def calibrated_accuracy(
         for name, share in zip(SOURCES, shares, strict=True)
     ]
     budget.sort(key=lambda share: -share.position)
-    notes = [*configurations.notes, *_notes(robot, fit, data, uncertainty.is_oriented)]
+    notes = [*configurations.notes, *_notes(robot, fit, data)]
     return Prediction(
         parameters=(),
         configurations=configurations,
@@ -365,7 +317,7 @@ def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements 
     )
 
 
-def _notes(robot: Robot, fit: ModelFit, data: Measurements, is_oriented: bool) -> Sequence[str]:
+def _notes(robot: Robot, fit: ModelFit, data: Measurements) -> Sequence[str]:
     notes = [f"the model was fitted to {fit.n_poses} poses"]
     outside = np.zeros(data.n, dtype=bool)
     assert data.q is not None
@@ -377,7 +329,7 @@ def _notes(robot: Robot, fit: ModelFit, data: Measurements, is_oriented: bool) -
             f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
             "the unexplained error may be larger"
         )
-    if not is_oriented:
+    if fit.unexplained.shape[0] < 6:
         notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
     return notes
 
@@ -426,34 +378,28 @@ def coverage(
     # Circumstances drawn in place of missing ones would be held against the measurements.
     Model.of(absorb_constants(robot)).bind(measured)
     data = _with_noise(fit, completed(robot, fit, None, measured, seed), noise)
-    oriented = measured.rotation is not None and fit.unexplained.shape[0] == 6
     if aligned:
         error, covariances = _registered(robot, fit, data, aligned)
     else:
         error = _errors(robot, data)
-        uncertainty = model_uncertainty(robot, fit, data, measured=True)
-        covariances = _noise_added(fit, data, uncertainty)
-    quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
-    columns = (measured.sigma_position, measured.sigma_rotation)
-    sources = [_noise_source(fit, given, column) for given, column in zip(noise, columns, strict=True)]
+        uncertainty, variances = model_uncertainty(robot, fit, data, measured=True), _noise_variances(fit, data)
+        parts = (uncertainty.position, uncertainty.orientation)
+        covariances = [part + np.eye(3)[:, :, None] * added for part, added in zip(parts, variances, strict=True)]
     results = []
-    for i, (quantity, covariance) in enumerate(zip(quantities, covariances, strict=True)):
-        if quantity == "orientation" and not oriented:
-            continue
-        bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariance))
+    stated = (measured.sigma_position, measured.sigma_rotation)
+    quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
+    for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
+        source: Literal["given", "file", "fit"] = "fit"
+        if fit.noise_is_separate and (noise[i] is not None or stated[i] is not None):
+            source = "file" if noise[i] is None else "given"
+        bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariances[i]))
         inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
-        results.append(Coverage(quantity, RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), sources[i]))
+        results.append(Coverage(quantities[i], RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), source))
     return tuple(results)
 
 
 def _errors(robot: Robot, data: Measurements) -> Array:
     return residuals(data, Model.of(absorb_constants(robot)).bind(data).poses(np.zeros(0)))
-
-
-def _noise_source(fit: ModelFit, given: float | None, column: Array | None) -> Literal["given", "file", "fit"]:
-    if not fit.noise_is_separate:
-        return "fit"
-    return "given" if given is not None else "file" if column is not None else "fit"
 
 
 def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, float | None]) -> Measurements:
@@ -470,20 +416,7 @@ def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, fl
     )
 
 
-def _noise_added(fit: ModelFit, data: Measurements, uncertainty: ModelUncertainty) -> tuple[Array, Array]:
-    """Return the covariances of position and orientation, with measurement noise that is not part of them."""
-    covariances = []
-    known = ((uncertainty.position, data.sigma_position), (uncertainty.orientation, data.sigma_rotation))
-    for covariance, noise in known:
-        if noise is not None and fit.noise_is_separate:
-            covariance = covariance + np.eye(3)[:, :, None] * np.square(noise)
-        covariances.append(covariance)
-    return covariances[0], covariances[1]
-
-
-def _registered(
-    robot: Robot, fit: ModelFit, data: Measurements, frames: Sequence[str]
-) -> tuple[Array, tuple[Array, Array]]:
+def _registered(robot: Robot, fit: ModelFit, data: Measurements, frames: Sequence[str]) -> tuple[Array, list[Array]]:
     """Return errors ``(M, N)`` and their covariances, with frames fitted to the poses of the other half."""
     half: NDArray[np.int64] = data.groups() % 2
     if np.all(half == half[0]):
@@ -498,4 +431,4 @@ def _registered(
         registration = registration_fit(robot, used, frames)
         error[:, rows] = _errors(apply_fit(registration), judged)
         position[..., rows], orientation[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
-    return error, (position, orientation)
+    return error, [position, orientation]

@@ -331,17 +331,12 @@ def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configu
 
 
 def _parameter_shares(parameters: Sequence[ToleranceParameter], covariances: PoseCovariances) -> list[Share]:
-    totals = float(covariances.position_power.sum()), float(covariances.orientation_power.sum())
-    shares = []
-    for i, parameter in enumerate(parameters):
-        powers = float(covariances.position_power[i]), float(covariances.orientation_power[i])
-        position, orientation = (
-            power / total if total > 0 else 0.0 for power, total in zip(powers, totals, strict=True)
-        )
-        shares.append(
-            Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, position, orientation)
-        )
-    return shares
+    totals = covariances.power.sum(axis=1, keepdims=True)
+    shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    return [
+        Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
+        for parameter, pair in zip(parameters, shares, strict=True)
+    ]
 
 
 def _summed_shares(

@@ -13,7 +13,8 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.extrapolation import extrapolation
+from robacc.prediction.covariances import outer_sums
+from robacc.prediction.extrapolation import beyond_columns
 from robacc.prediction.fit_record import _scatter
 from robacc.robots.description import Robot
 
@@ -47,14 +48,13 @@ def poses(second: float, n: int = 5) -> Measurements:
 
 
 def test_no_pose_beyond_the_range_has_an_extrapolation() -> None:
-    assert extrapolation(Model.of(ripple()), poses(HIGH)) is None
+    assert beyond_columns(Model.of(ripple()), poses(HIGH)).shape[1] == 0
 
 
 def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> None:
     robot = ripple()
     data = poses(HIGH + 0.5 * (HIGH - LOW))
-    covariance = extrapolation(Model.of(robot), data)
-    assert covariance is not None
+    covariance = outer_sums(beyond_columns(Model.of(robot), data))
     step = 1e-6
     moved = dataclasses.replace(data, q=data.q + step * np.eye(6)[1][:, None])
     still = dataclasses.replace(robot, effects=())
@@ -78,10 +78,8 @@ def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: py
         monkeypatch.setattr(effect, "period", lambda *_: None)
     sizes = []
     for share in (0.02, 0.05, 0.1, 0.9, 2.0):
-        covariance = extrapolation(model, poses(HIGH + share * (HIGH - LOW), 1))
-        assert covariance is not None
-        reference = extrapolation(model, poses(HIGH + 0.5 * (HIGH - LOW), 1))
-        assert reference is not None
+        covariance = outer_sums(beyond_columns(model, poses(HIGH + share * (HIGH - LOW), 1)))
+        reference = outer_sums(beyond_columns(model, poses(HIGH + 0.5 * (HIGH - LOW), 1)))
         sizes.append(float(np.trace(covariance[3:, 3:, 0])) / float(np.trace(reference[3:, 3:, 0])))
     expected = [0.04, 0.25, 1.0, 1.0, 4.0]
     if periodic:
@@ -96,7 +94,7 @@ def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: py
 def test_a_pose_whole_turns_away_is_where_the_gear_was() -> None:
     robot = geared(100.0)
     near, far = poses(0.5), poses(0.5 + 2.0 * math.pi)
-    assert extrapolation(Model.of(robot), far) is None
+    assert beyond_columns(Model.of(robot), far).shape[1] == 0
     np.testing.assert_allclose(predict(robot, near).translation, predict(robot, far).translation, atol=1e-12)
     assert outside_validity(robot, far) is None or outside_validity(robot, far).n_poses == 0  # type: ignore[union-attr]
     # Between the ends, the effect keeps the value of the nearest end, a turn away or not.
@@ -106,7 +104,7 @@ def test_a_pose_whole_turns_away_is_where_the_gear_was() -> None:
 
 
 def test_a_gear_of_a_ratio_that_is_not_whole_repeats_nothing() -> None:
-    assert extrapolation(Model.of(geared(107.815)), poses(0.5 + 2.0 * math.pi)) is not None
+    assert beyond_columns(Model.of(geared(107.815)), poses(0.5 + 2.0 * math.pi)).any()
 
 
 def test_a_gross_residual_does_not_widen_the_covariance() -> None:

@@ -6,7 +6,7 @@ G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reac
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -86,139 +86,94 @@ def refusals(
     pair: RobotPair, wanted: WantedPoses, setting: Circumstances, solution: JointSolution, limits: Limits
 ) -> tuple[Refusal | None, ...]:
     """Return the reason of each target that is refused, the first that applies; None for the others."""
-    result: list[Refusal | None] = [None] * solution.q.shape[1]
-    sources = (
-        _unreached(wanted),
-        _out_of_range(pair, setting, wanted, limits),
-        _unsolved(pair, wanted, setting, solution),
-        _singular(pair, wanted, setting, solution),
-        _too_large(pair, wanted, setting, solution, limits),
-    )
-    for source in sources:
-        for number, refusal in source.items():
-            if result[number] is None:
-                result[number] = refusal
-    return tuple(result)
-
-
-def _unreached(wanted: WantedPoses) -> dict[int, Refusal]:
-    configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
-    reason = f"the nominal robot does not reach the wanted pose{configuration}"
-    return {int(i): Refusal(Cause.unreached, reason) for i in np.flatnonzero(~wanted.reached)}
-
-
-def _unsolved(
-    pair: RobotPair, wanted: WantedPoses, setting: Circumstances, solution: JointSolution
-) -> dict[int, Refusal]:
-    """Return targets that the model does not reach, because of a limit, the approach, or a singular pose."""
-    error = np.max(np.abs(solution.error), axis=0, initial=0.0)
-    is_exact = not wanted.oriented or solution.q.shape[0] >= 6
-    failed = (error > _TOLERANCE) if is_exact else ~solution.settled
-    joints = joint_space(pair, wanted.q)
-    names = pair.model.arm.names
-    at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
-    if not is_exact:
-        # Fewer axes never reach every pose: what counts is whether a limit takes part.
-        failed |= np.any(at_limit, axis=0)
-    result = {}
-    for i in np.flatnonzero(failed):
-        stopped = [names[j] for j in np.flatnonzero(at_limit[:, i])]
-        if stopped:
-            reason = f"the correction would take {' and '.join(stopped)} beyond the joint limit"
-            result[int(i)] = Refusal(Cause.limit, reason)
-        elif setting.follows_order and solution.settled[i]:
-            reason = (
-                "a joint moves less than its play since the previous target, so its direction of approach is unknown"
-            )
-            result[int(i)] = Refusal(Cause.approach, reason)
-        else:
-            position, angle = _amounts(solution.error[:, [i]])
-            reason = f"near a singular pose the correction does not converge: {_sizes(position[0], angle[0])} remain"
-            result[int(i)] = Refusal(Cause.singular, reason)
-    return result
-
-
-def _singular(
-    pair: RobotPair, wanted: WantedPoses, setting: Circumstances, solution: JointSolution
-) -> dict[int, Refusal]:
-    """Return targets near a singular pose, where joints turn far or change the configuration."""
+    names, n_joints = pair.model.arm.names, solution.q.shape[0]
     joints, length = joint_space(pair, wanted.q), arm_length(pair.nominal, wanted.q)
+    result: list[Refusal | None] = [None] * solution.q.shape[1]
+
+    def refuse(refused: NDArray[np.bool_], cause: Cause, reason: Callable[[int], str]) -> None:
+        for i in np.flatnonzero(refused).tolist():
+            result[i] = result[i] or Refusal(cause, reason(i))
+
+    configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
+    reached = f"the nominal robot does not reach the wanted pose{configuration}"
+    refuse(~wanted.reached, Cause.unreached, lambda _: reached)
+    for outside, reason in _out_of_range(pair, setting, wanted, limits):
+        refuse(outside, Cause.out_of_range, lambda _, reason=reason: reason)  # type: ignore[misc]
+
+    # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
+    # never reach every pose: what counts is whether a limit takes part.
+    at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
+    failed = ~solution.settled | np.any(at_limit, axis=0)
+    if not wanted.oriented or n_joints >= 6:
+        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
+    remaining = _amounts(solution.error)
+
+    def stopped(i: int) -> str:
+        limited = " and ".join(names[j] for j in np.flatnonzero(at_limit[:, i]))
+        return f"the correction would take {limited} beyond the joint limit"
+
+    approach = "a joint moves less than its play since the previous target, so its direction of approach is unknown"
+    refuse(failed & np.any(at_limit, axis=0), Cause.limit, stopped)
+    refuse(failed & setting.follows_order & solution.settled, Cause.approach, lambda _: approach)
+    converges = "near a singular pose the correction does not converge"
+    refuse(failed, Cause.singular, lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain")
+
+    # Near a singular pose joints turn far or change the configuration.
+    correction = _amounts(pose_error(nominal_poses(pair, setting, solution.q), wanted.poses, True))
     move = np.abs(solution.q - wanted.q) / joints.scale[:, None]
-    position, angle = _corrections(pair, wanted, setting, solution)
-    amplified = np.max(move, axis=0) / np.maximum(position / length + angle, 1e-9)
-    result = {}
-    names = pair.model.arm.names
-    for i in np.flatnonzero((amplified > _AMPLIFICATION) & (np.max(move, axis=0) > _NOTICEABLE)):
-        joint = int(np.argmax(move[:, i]))
-        turn = f"{float(move[joint, i]) * _DEGREES:.2g}°"
-        reason = f"near a singular pose: {names[joint]} would move by {turn} for {_sizes(position[i], angle[i])}"
-        result[int(i)] = Refusal(Cause.singular, reason)
-    if wanted.oriented and solution.q.shape[0] == 6:
+    largest, joint = np.max(move, axis=0), np.argmax(move, axis=0)
+    amplified = largest / np.maximum(correction[0] / length + correction[1], 1e-9)
+
+    def moves(i: int) -> str:
+        turn = f"{float(largest[i]) * _DEGREES:.2g}°"
+        return f"near a singular pose: {names[joint[i]]} would move by {turn} for {_sizes(*correction[:, i])}"
+
+    refuse((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), Cause.singular, moves)
+    if wanted.oriented and n_joints == 6:
         before, after = (
             np.linalg.det(np.moveaxis(pose_jacobian(pair.nominal, q)[1], 2, 0)) for q in (wanted.q, solution.q)
         )
-        for i in np.flatnonzero(before * after < 0.0):
-            reason = "the correction would pass a singular pose into another configuration"
-            result.setdefault(int(i), Refusal(Cause.configuration, reason))
-    return result
+        passes = "the correction would pass a singular pose into another configuration"
+        refuse(before * after < 0.0, Cause.configuration, lambda _: passes)
 
-
-def _corrections(
-    pair: RobotPair, wanted: WantedPoses, setting: Circumstances, solution: JointSolution
-) -> tuple[Array, Array]:
-    """Return the lengths (m) and angles (rad) of the corrections ``(N,)``."""
-    return _amounts(pose_error(nominal_poses(pair, setting, solution.q), wanted.poses, True))
-
-
-def _too_large(
-    pair: RobotPair, wanted: WantedPoses, setting: Circumstances, solution: JointSolution, limits: Limits
-) -> dict[int, Refusal]:
-    position, angle = _corrections(pair, wanted, setting, solution)
-    far = np.zeros(position.size, dtype=bool)
-    if limits.position is not None:
-        far |= position > limits.position
-    if limits.orientation is not None and wanted.oriented:
-        far |= angle > limits.orientation
+    most = (limits.position, limits.orientation if wanted.oriented else None)
+    far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
     allowed = _sizes(limits.position, limits.orientation)
-    return {
-        int(i): Refusal(
-            Cause.too_large, f"the correction of {_sizes(position[i], angle[i])} is larger than {allowed}, see `most`"
-        )
-        for i in np.flatnonzero(far)
-    }
+    refuse(
+        far,
+        Cause.too_large,
+        lambda i: f"the correction of {_sizes(*correction[:, i])} is larger than {allowed}, see `most`",
+    )
+    return tuple(result)
 
 
-def _out_of_range(pair: RobotPair, setting: Circumstances, wanted: WantedPoses, limits: Limits) -> dict[int, Refusal]:
-    """Return targets outside the validity range of an effect, or of what the model was fitted on.
+def _out_of_range(
+    pair: RobotPair, setting: Circumstances, wanted: WantedPoses, limits: Limits
+) -> Iterator[tuple[NDArray[np.bool_], str]]:
+    """Yield targets ``(N,)`` outside the validity range of an effect, or of what the model was fitted on, and why.
 
     A temperature that no effect depends on refuses no target.
     """
     if limits.beyond_range:
-        return {}
+        return
     arm = pair.model.arm
     data = setting.at(wanted.q, setting.motion(wanted.q), np.arange(wanted.q.shape[1]))
-    result: dict[int, Refusal] = {}
     for known in pair.model.known:
-        for i in np.flatnonzero(known.is_held_at(arm, data)):
-            reason = f"outside the validity range of {known.effect}"
-            result.setdefault(int(i), Refusal(Cause.out_of_range, reason))
+        yield known.is_held_at(arm, data), f"outside the validity range of {known.effect}"
     columns: dict[str, Array | None] = dict(zip(arm.names, wanted.q, strict=True))
     columns["payload_kg"] = data.payload
     if any("temperature_c" in known.effect.validity_drivers(arm) for known in pair.model.known):
         columns["temperature_c"] = data.temperature
     for name, (low, high) in (limits.ranges or {}).items():
-        if (values := columns.get(name)) is None:
-            continue
-        margin = _MARGIN * (high - low)
-        for i in np.flatnonzero((values < low - margin) | (values > high + margin)):
-            reason = f"{name} is outside the range that the model was fitted on"
-            result.setdefault(int(i), Refusal(Cause.out_of_range, reason))
-    return result
+        if (values := columns.get(name)) is not None:
+            margin = _MARGIN * (high - low)
+            outside = (values < low - margin) | (values > high + margin)
+            yield outside, f"{name} is outside the range that the model was fitted on"
 
 
-def _amounts(error: Array) -> tuple[Array, Array]:
-    """Return the length ``(N,)`` of the first three components and of the others; zero without others."""
-    return np.linalg.norm(error[:3], axis=0), np.linalg.norm(error[3:], axis=0)
+def _amounts(error: Array) -> Array:
+    """Return the lengths ``(2, N)`` of the first three components and of the others; zero without others."""
+    return np.stack((np.linalg.norm(error[:3], axis=0), np.linalg.norm(error[3:], axis=0)))
 
 
 def _sizes(position: float | None, angle: float | None) -> str:
@@ -281,15 +236,19 @@ def correct_targets(data: Measurements, pair: RobotPair, setting: Circumstances,
     rounds = _ApproachRounds(pair, wanted, setting, limits, _approach_matters(pair, setting, wanted.q))
     solution = rounds.solved()
     refused = refusals(pair, wanted, setting, solution, limits)
-    if any(refused) and any(rounds.matters):
+    is_refused = np.array([refusal is not None for refusal in refused], dtype=bool)
+    if is_refused.any() and any(rounds.matters):
         # Refused targets keep their nominal command, which changes the approach to the targets after them.
-        solution = rounds.solved_beside(solution, _mask(refused))
+        solution = rounds.solved_beside(solution, is_refused)
         again = refusals(pair, wanted, setting, solution, limits)
         refused = tuple(first or second for first, second in zip(refused, again, strict=True))
-    q = np.where(_mask(refused), wanted.q, solution.q)
-    corrected = setting.at(q, setting.motion(q), np.arange(data.n))
-    uncorrected = setting.at(wanted.q, setting.motion(wanted.q), np.arange(data.n))
+        is_refused = np.array([refusal is not None for refusal in refused], dtype=bool)
+    q = np.where(is_refused, wanted.q, solution.q)
+    corrected, uncorrected = (setting.at(each, setting.motion(each), np.arange(data.n)) for each in (q, wanted.q))
     command = nominal_poses(pair, setting, q)
+    error_before, error_after = (
+        -pose_error(wanted.poses, pair.model.bind(poses).poses(np.zeros(0)), True) for poses in (uncorrected, corrected)
+    )
     return CorrectedTargets(
         pair,
         wanted,
@@ -297,19 +256,10 @@ def correct_targets(data: Measurements, pair: RobotPair, setting: Circumstances,
         command,
         corrected,
         correction=-pose_error(wanted.poses, command, True),
-        error_before=_model_error(pair, uncorrected, wanted),
-        error_after=_model_error(pair, corrected, wanted),
+        error_before=error_before,
+        error_after=error_after,
         refusals=refused,
     )
-
-
-def _mask(refused: Sequence[Refusal | None]) -> NDArray[np.bool_]:
-    return np.array([refusal is not None for refusal in refused], dtype=bool)
-
-
-def _model_error(pair: RobotPair, data: Measurements, wanted: WantedPoses) -> Array:
-    """Return the predicted pose less the wanted pose ``(6, N)``."""
-    return -pose_error(wanted.poses, pair.model.bind(data).poses(np.zeros(0)), True)
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.grade import Scale
+from robacc.accuracy.grade import Quantity, Scale
 from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.correction.correcting import Cause, CorrectedTargets, Limits, correct_targets, counts
 from robacc.correction.wanted import Circumstances, FrameName, RobotPair, robot_pair
@@ -16,6 +16,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import completed, model_uncertainty
+from robacc.prediction.predicting import steps_met
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import normal_quantile
 
@@ -66,27 +67,16 @@ def expected_errors(
         scale: Scale of the grades.
         oriented: Whether orientation counts.
     """
-    position_bound = None if position is None else length_bound(PROBABILITY, error[:3], position)
-    orientation_bound = None if orientation is None else length_bound(PROBABILITY, error[3:], orientation)
+    lengths, rms, bounds = [], [], []
+    for part, covariance in ((error[:3], position), (error[3:], orientation)):
+        square = np.sum(np.square(part), axis=0)
+        lengths.append(np.sqrt(square))
+        rms.append(np.sqrt(square + (0.0 if covariance is None else np.einsum("iin->n", covariance))))
+        bounds.append(None if covariance is None else length_bound(PROBABILITY, part, covariance))
     grades = None
-    if position_bound is not None:
-        grades = target_grades(scale, position_bound, orientation_bound if oriented else None)
-    return ExpectedErrors(
-        np.linalg.norm(error[:3], axis=0),
-        np.linalg.norm(error[3:], axis=0),
-        _root_mean_square(error[:3], position),
-        _root_mean_square(error[3:], orientation),
-        position_bound,
-        orientation_bound,
-        grades,
-    )
-
-
-def _root_mean_square(mean: Array, covariance: Array | None) -> Array:
-    """Return the root mean square ``(N,)`` of the length of N(mean, covariance); of the mean where it is None."""
-    spread = 0.0 if covariance is None else np.einsum("iin->n", covariance)
-    result: Array = np.sqrt(np.sum(np.square(mean), axis=0) + spread)
-    return result
+    if bounds[0] is not None:
+        grades = target_grades(scale, bounds[0], bounds[1] if oriented else None)
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1], bounds[0], bounds[1], grades)
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
@@ -104,28 +94,20 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
     third = np.einsum("ijn,jin->n", square, covariance) + 3.0 * np.sum(np.square(moved), axis=0)
     scatter = second > 1e-28 * np.square(first)
     dof = np.where(scatter, second**3 / np.where(scatter, third, 1.0) ** 2, 1.0)
-    quantile = chi2_quantiles(probability, dof)
+    # Wilson and Hilferty's cube root; at one degree of freedom, exactly.
+    part = 2.0 / (9.0 * dof)
+    quantile = dof * (1.0 - part + normal_quantile(probability) * np.sqrt(part)) ** 3
+    quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
     result: Array = np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
     return result
 
 
-def chi2_quantiles(probability: float, dof: Array) -> Array:
-    """Return quantiles of chi-square distributions by Wilson and Hilferty's cube root; at one degree, exactly."""
-    z = normal_quantile(probability)
-    part = 2.0 / (9.0 * dof)
-    result: Array = dof * (1.0 - part + z * np.sqrt(part)) ** 3
-    return np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, result)
-
-
 def target_grades(scale: Scale, position: Array, orientation: Array | None) -> tuple[str, ...]:
     """Return the best grade whose limits position (m) and orientation (rad), each ``(N,)``, meet."""
-    rank = np.full(position.size, len(scale.steps))
-    for i, step in reversed(list(enumerate(scale.steps))):
-        meets = position <= step.position
-        if orientation is not None and step.orientation is not None:
-            meets &= orientation <= step.orientation
-        rank[meets] = i
-    return tuple(scale.name_of(int(i)) for i in rank)
+    sizes: dict[Quantity, Array] = {"position": position}
+    if orientation is not None:
+        sizes["orientation"] = orientation
+    return tuple(scale.name_of(rank) for rank in np.argmax(steps_met(scale, sizes), axis=0).tolist())
 
 
 def grade_counts(scale: Scale, grades: Sequence[str]) -> tuple[tuple[str, int], ...]:

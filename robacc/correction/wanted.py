@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,22 +48,10 @@ class Circumstances:
 
     def at(self, q: Array, motion: tuple[Array | None, Array | None], index: NDArray[np.int64]) -> Measurements:
         """Return the poses of the targets ``index`` at commands ``q`` ``(J, M)``, with their circumstances."""
-        columns = self.columns
-        direction, speed = motion
-        return Measurements(
-            position=np.zeros((3, index.size)),
-            q=q,
-            target=_part(columns.target, index),
-            time=_part(columns.time, index),
-            temperature=_part(columns.temperature, index),
-            payload=_part(columns.payload, index),
-            payload_group=_part(columns.payload_group, index),
-            branches=None if columns.branches is None else columns.branches[:, index],
-            branch_names=columns.branch_names,
-            direction=None if direction is None else direction[:, index],
-            speed=None if speed is None else speed[:, index],
-            rows=columns.rows if columns.rows is None else columns.rows[index],
-        )
+        direction, speed = (None if part is None else part[:, index] for part in motion)
+        position = np.zeros((3, index.size))
+        columns = self.columns.subset(index)
+        return dataclasses.replace(columns, position=position, q=q, direction=direction, speed=speed)
 
 
 def circumstances(
@@ -79,18 +67,21 @@ def circumstances(
     def filled(column: Array | None, value: float | None) -> Array | None:
         return column if column is not None or value is None else np.full(data.n, float(value))
 
-    columns = dataclasses.replace(
-        data,
+    columns = Measurements(
+        position=np.zeros((3, data.n)),
+        target=data.target,
+        payload_group=data.payload_group,
+        branches=data.branches,
+        branch_names=data.branch_names,
+        direction=data.direction,
+        speed=data.speed,
+        rows=data.rows,
         payload=filled(data.payload, payload),
         temperature=filled(data.temperature, temperature),
         time=filled(data.time, time),
     )
     visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
     return Circumstances(columns, ordered, visits)
-
-
-def _part(column: NDArray[Any] | None, index: NDArray[np.int64]) -> NDArray[Any] | None:
-    return None if column is None else column[..., index]
 
 
 # Model and nominal robot of a correction, in common frames.

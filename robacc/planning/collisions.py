@@ -247,7 +247,8 @@ class LinkCollisions:
 
     def self_collision(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses ``(J, N)`` at which two links touch."""
-        return self.touching(q).any(axis=0)
+        result: NDArray[np.bool_] = np.any(self.touching(q), axis=0)
+        return result
 
     def touching(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(P, N)`` which of the pairs touch at the poses ``(J, N)``."""
@@ -261,7 +262,8 @@ class LinkCollisions:
         box = fcl.CollisionObject(fcl.Box(*(upper - lower)), fcl.Transform(np.eye(3), 0.5 * (lower + upper)))
         number = len(self.shapes)
         pairs = [(i, number) for i, shape in enumerate(self.shapes) if shape.body >= self.first_body]
-        return self._touching(q, pairs, box).any(axis=0)
+        result: NDArray[np.bool_] = np.any(self._touching(q, pairs, box), axis=0)
+        return result
 
     def beyond(self, q: Array, direction: Sequence[float], offset: float) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses at which a link leaves the half-space direction . p <= offset, m."""

@@ -162,29 +162,25 @@ def principal_variances(covariance: Array) -> Array:
 def _cdf_and_density(squares: Array, variances: Array, path: Contour = _FINE) -> tuple[Array, Array]:
     """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
     low, middle, high = 2.0 * variances / squares
+    # The product of the factors 1 + 2 v_i ζ/q is a polynomial of ζ. The first factors have the angle of the product of
+    # two up to a full turn, and of three up to one and a half. Complex numbers are in parts, which is faster.
+    two, pair = middle + high, middle * high
+    first, second, third = two + low, pair + low * two, low * pair
     probability, density = np.zeros(squares.size), np.zeros(squares.size)
     for zeta, factor in path:
-        # Each factor is in the upper half plane, and so is the product of the principal roots of two of them. Complex
-        # numbers are in parts: NumPy's complex root takes four times as long.
-        ax, ay, bx, by = 1.0 + zeta.real * low, zeta.imag * low, 1.0 + zeta.real * middle, zeta.imag * middle
-        ax, ay = _upper_root(ax * bx - ay * by, ax * by + ay * bx)
-        bx, by = _upper_root(1.0 + zeta.real * high, zeta.imag * high)
-        x, y = ax * bx - ay * by, ax * by + ay * bx
-        square = x * x + y * y
-        x /= square
-        y /= square
+        square, cube = zeta * zeta, zeta * zeta * zeta
+        x = 1.0 + zeta.real * first + square.real * second + cube.real * third
+        y = zeta.imag * first + square.imag * second + cube.imag * third
+        size = np.sqrt(x * x + y * y)
+        larger = np.sqrt(0.5 * (size + np.abs(x)))
+        smaller = 0.5 * np.abs(y) / larger
+        # The root in the upper half plane; in the lower one after a full turn of the product.
+        sign = np.where((y > 0.0) & (two + 2.0 * zeta.real * pair < 0.0), -1.0, 1.0) / size
+        x, y = np.copysign(np.where(x >= 0.0, larger, smaller), y) * sign, np.where(x >= 0.0, smaller, larger) * sign
         density += factor.imag * x - factor.real * y
         ratio = factor / zeta
         probability += ratio.imag * x - ratio.real * y
     return probability, density
-
-
-def _upper_root(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return the real and the imaginary part of the root of x + iy in the upper half plane."""
-    larger = np.sqrt(0.5 * (np.sqrt(x * x + y * y) + np.abs(x)))
-    smaller = 0.5 * y / larger
-    is_right = x >= 0.0
-    return np.where(is_right, np.copysign(larger, y), smaller), np.where(is_right, np.abs(smaller), larger)
 
 
 def length_quantiles(probability: float, variances: Array) -> Array:

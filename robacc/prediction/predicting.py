@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robacc.accuracy.grade import Scale
+from robacc.accuracy.grade import Quantity, Scale
 from robacc.chain import Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
@@ -364,32 +365,28 @@ def _largest_first(share: Share) -> tuple[float, float]:
 
 def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
     """Return the grade of the predicted errors, and the share of poses that meet each step."""
-    error_kinds = (("position", position), ("orientation", orientation))
-    ranks = {name: _rank(scale, name, errors.value(scale.statistic)) for name, errors in error_kinds}
-    names = [*(step.grade for step in scale.steps), scale.otherwise]
-    worst_rank = max(ranks.values())
-    meeting = []
-    for step in scale.steps:
-        meeting_poses = position.pose_statistic <= step.position
-        if step.orientation is not None:
-            meeting_poses &= orientation.pose_statistic <= step.orientation
-        meeting.append((step.grade, float(np.mean(meeting_poses))))
+    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
+    ranks = {
+        name: int(np.argmax(steps_met(scale, {name: np.array([errors.value(scale.statistic)])})))
+        for name, errors in sizes.items()
+    }
+    rank = max(ranks.values())
+    met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
     return PredictedGrade(
         scale,
-        names[worst_rank],
-        names[ranks["position"]],
-        names[ranks["orientation"]],
-        tuple(name for name, rank in ranks.items() if rank == worst_rank and worst_rank > 0),
-        tuple(meeting),
+        scale.name_of(rank),
+        scale.name_of(ranks["position"]),
+        scale.name_of(ranks["orientation"]),
+        tuple(name for name, each in ranks.items() if each == rank > 0),
+        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
     )
 
 
-def _rank(scale: Scale, name: str, value: float) -> int:
-    for rank, step in enumerate(scale.steps):
-        limit = step.position if name == "position" else step.orientation
-        if limit is None or value <= limit:
-            return rank
-    return len(scale.steps)
+def steps_met(scale: Scale, sizes: Mapping[Quantity, Array]) -> NDArray[np.bool_]:
+    """Return ``(S + 1, N)`` which steps errors ``(N,)`` meet, position in m and orientation in rad; the last always."""
+    limits = [[np.inf if (limit := step.limit(name)) is None else limit for name in sizes] for step in scale.steps]
+    met = np.array(list(sizes.values())) <= np.array(limits)[:, :, None]
+    return np.concatenate((met.all(axis=1), np.ones((1, met.shape[2]), dtype=bool)))
 
 
 def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.grade import Scale
 from robacc.geometry import Array
-from robacc.prediction.predicting import Prediction
+from robacc.prediction.predicting import Prediction, steps_met
 from robacc.quantities import number_text
 
 _ACROSS = 10
@@ -61,7 +60,8 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
     bound = [_largest(errors.pose_radius95, number, count.size) for errors in parts]
     scale = prediction.grade.scale
-    grades = tuple(_grade(scale, float(p), float(r)) for p, r in zip(*bound, strict=True))
+    ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
+    grades = tuple(map(scale.name_of, ranks.tolist()))
     return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)
 
 
@@ -76,10 +76,3 @@ def _largest(values: Array, number: NDArray[np.int64], count: int) -> Array:
     result = np.zeros(count)
     np.maximum.at(result, number, values)
     return result
-
-
-def _grade(scale: Scale, position: float, orientation: float) -> str:
-    for step in scale.steps:
-        if position <= step.position and (step.orientation is None or orientation <= step.orientation):
-            return step.grade
-    return scale.otherwise

@@ -25,9 +25,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.chain import BASE, BLOCK, TOOL, Scalar
+from robacc.chain import BASE, TOOL, Scalar
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
@@ -59,45 +58,30 @@ class MeasurementNoise:
     source_orientation: NoiseSource | None
 
 
-def file_weights(data: Measurements, noise: tuple[float | None, float | None]) -> list[Array]:
-    """Return reciprocals ``(3, N)`` of the file's uncertainty of position and orientation; 1 if it is not used."""
-    position, orientation = np.ones((3, data.n)), np.ones((3, data.n))
-    zero_columns = []
-    if noise[0] is None and data.sigma_position is not None:
-        zero_columns += [] if np.all(data.sigma_position > 0) else ["sigma_x, sigma_y, sigma_z"]
-        position = 1.0 / np.where(data.sigma_position > 0, data.sigma_position, 1.0)
-    if noise[1] is None and data.sigma_rotation is not None:
-        zero_columns += [] if np.all(data.sigma_rotation > 0) else ["sigma_r"]
-        sigma = np.where(data.sigma_rotation > 0, data.sigma_rotation, 1.0)
-        orientation = np.broadcast_to(1.0 / sigma, (3, data.n))
-    if zero_columns:
-        fix = "remove the column, or give `noise`"
-        raise InputError(
-            [
-                Problem("the measuring uncertainty is 0, expected above 0", data.source, None, column, fix)
-                for column in zero_columns
-            ]
-        )
-    return [position, orientation]
+def _stated_noise(
+    data: Measurements, given_noise: tuple[float | None, float | None]
+) -> tuple[list[Array], list[float | None], list[NoiseSource]]:
+    """Return weights ``(3, N)``, standard deviation beside them, and source of the noise of each measured part.
 
-
-def noise_scales(
-    data: Measurements,
-    given_noise: tuple[float | None, float | None],
-    triangles: Sequence[Array],
-    counts: Sequence[int],
-) -> tuple[list[float], list[NoiseSource]]:
-    """Return the standard deviation of each triangle in addition to the file's weights, and its source."""
-    in_file = (data.sigma_position is not None, data.sigma_rotation is not None)
+    Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
+    """
+    weights: list[Array] = []
     sigma: list[float | None] = []
     sources: list[NoiseSource] = []
-    for part in range(len(triangles)):
-        value = given_noise[part]
-        sources.append("given" if value is not None else "file" if in_file[part] else "estimated")
-        sigma.append(value if value is not None else 1.0 if in_file[part] else None)
-    if None not in sigma:
-        return [float(value) for value in sigma if value is not None], sources
-    return _restricted_likelihood(data, triangles, counts, sigma), sources
+    problems = []
+    columns = (("sigma_x, sigma_y, sigma_z", data.sigma_position), ("sigma_r", data.sigma_rotation))
+    for (name, column), given in zip(columns, given_noise, strict=True):
+        used = None if given is not None else column
+        if used is not None and not np.all(used > 0):
+            fix = "remove the column, or give `noise`"
+            problems.append(Problem("the measuring uncertainty is 0, expected above 0", data.source, None, name, fix))
+        weights.append(np.broadcast_to(1.0 if used is None or problems else 1.0 / used, (3, data.n)))
+        sigma.append(given if used is None else 1.0)
+        sources.append("given" if given is not None else "estimated" if used is None else "file")
+    if problems:
+        raise InputError(problems)
+    parts = 1 if data.rotation is None else 2
+    return weights[:parts], sigma[:parts], sources[:parts]
 
 
 def _restricted_likelihood(
@@ -107,6 +91,7 @@ def _restricted_likelihood(
 
     Fixed point of |r_k|² = σ_k² (n_k - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
     R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
+    A deviation in ``given_sigma`` stays.
     """
     sigma = [
         given if given is not None else _rms_residual(triangle, n)
@@ -152,17 +137,6 @@ def _restricted_likelihood(
 def _rms_residual(triangle: Array, n: int) -> float:
     """Return the RMS residual as a start value; 1 if it is zero."""
     return float(np.linalg.norm(triangle[:, -1])) / np.sqrt(n) or 1.0
-
-
-def noise_record(data: Measurements, sigma: Sequence[float], sources: Sequence[NoiseSource]) -> MeasurementNoise:
-    """Return the noise with its sources; for ``file``, the root mean square of the file's columns."""
-    values = [
-        stated if source == "file" and stated is not None else estimated
-        for estimated, source, stated in zip(sigma, sources, data.stated_noise, strict=False)
-    ]
-    if len(sources) == 1:
-        return MeasurementNoise(values[0], None, sources[0], None)
-    return MeasurementNoise(values[0], values[1], sources[0], sources[1])
 
 
 # Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
@@ -234,9 +208,11 @@ def reduce_residuals(
     Raises:
         InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
-    triangles, counts = _triangles(robot, data, parameters, noise, aligned)
+    weights, stated, sources = _stated_noise(data, noise)
+    triangles = _triangles(robot, data, parameters, weights, aligned)
+    counts = [3 * data.n] * len(triangles)
     n_fixed = triangles[0].shape[1] - len(parameters) - 1
-    sigma, sources = noise_scales(data, noise, triangles, counts)
+    sigma = _restricted_likelihood(data, triangles, counts, stated)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     projected, n_aligned = _project_out_registered(stacked, n_fixed)
     scaled, residual = projected[:, :-1], projected[:, -1]
@@ -244,6 +220,11 @@ def reduce_residuals(
     significant = strength > NEGLIGIBLE
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
+    oriented = data.rotation is not None
+    in_file = [
+        mean if source == "file" and mean is not None else std
+        for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
+    ]
     noise_squares = max(float(residual @ residual - y @ y), 0.0)
     return SufficientStatistics(
         tuple(parameter.name for parameter in parameters),
@@ -255,7 +236,7 @@ def reduce_residuals(
         data.n,
         sum(counts),
         n_aligned,
-        noise_record(data, sigma, sources),
+        MeasurementNoise(in_file[0], in_file[1] if oriented else None, sources[0], sources[1] if oriented else None),
     )
 
 
@@ -263,49 +244,32 @@ def _triangles(
     robot: Robot,
     data: Measurements,
     parameters: Sequence[ToleranceParameter],
-    noise: tuple[float | None, float | None],
+    weights: Sequence[Array],
     aligned: Sequence[str],
-) -> tuple[list[Array], list[int]]:
-    """Return the R factors of [fitted columns, A, residual] and the numbers of rows, of position and of orientation.
-
-    Rows are divided by the file's measuring uncertainty if it is used, else they are in m and rad.
-    """
+) -> list[Array]:
+    """Return the R factors of [fitted columns, A, residual] of position and of orientation, with weights."""
     predicted = Model.of(robot).bind(data).poses(np.zeros(0))
     arm = Arm.of(robot)
     # Effects move the columns of the Jacobian in second order only.
     scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
     fixed = _registered_motions(arm, data, aligned)
     motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
-    weights = file_weights(data, noise)
-    parts = 1 if data.rotation is None else 2
     n_columns = len(motions) + 1
-    triangles = [np.zeros((0, n_columns)) for _ in range(parts)]
-    for start in range(0, data.n, BLOCK):
-        block = slice(start, min(start + BLOCK, data.n))
+    triangles = [np.zeros((0, n_columns)) for _ in weights]
+    for block in arm.chain.blocks(data.n):
         columns = np.empty((6, n_columns, block.stop - block.start))
         local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
         columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
         for k, (_, rows) in enumerate(fixed):
             columns[:, k] *= 1.0 if rows is None else rows[block]
-        for k, parameter in enumerate(parameters):
-            columns[:, len(fixed) + k] *= parameter.sd
-        rows = residuals(data.subset(np.arange(block.start, block.stop)), _poses_in_block(predicted, block))
-        columns[: 3 * parts, -1] = rows
-        for part in range(parts):
-            weighted = columns[3 * part : 3 * part + 3] * weights[part][:, None, block]
+        columns[:, len(fixed) : -1] *= np.array([parameter.sd for parameter in parameters])[:, None]
+        at = Poses(predicted.rotation[..., block], predicted.translation[..., block])
+        columns[: 3 * len(weights), -1] = residuals(data.subset(block), at)
+        for part, weight in enumerate(weights):
+            weighted = columns[3 * part : 3 * part + 3] * weight[:, None, block]
             stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
-            triangles[part] = _triangle(stacked)
-    return triangles, [3 * data.n] * parts
-
-
-def _triangle(rows: Array) -> Array:
-    """Return the R factor of a QR decomposition."""
-    result: Array = np.asarray(np.linalg.qr(rows, mode="r"))
-    return result
-
-
-def _poses_in_block(poses: Poses, block: slice) -> Poses:
-    return Poses(poses.rotation[..., block], poses.translation[..., block])
+            triangles[part] = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return triangles
 
 
 def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
@@ -389,8 +353,9 @@ def variance_components(
     problem = _LikelihoodProblem.of(statistics, parameters)
     if statistics.y.size == 0 or not problem.names:
         return None
-    log_factors, maximum = problem.maximise(np.zeros(len(problem.names)), np.ones(len(problem.names), dtype=bool))
-    information = problem.information(np.zeros(len(problem.names)))
+    at_prediction = np.zeros(len(problem.names))
+    log_factors, maximum = problem.maximise(at_prediction)
+    information = problem.evaluate(at_prediction)[2]
     notes, components = [], []
     for index, name in enumerate(problem.names):
         members = [parameter for parameter in parameters if parameter.component == name]
@@ -400,7 +365,7 @@ def variance_components(
         factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
         threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
         lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
-        ratio = max(0.0, 2.0 * (maximum - problem.maximise_with(index, 0.0, log_factors)[1]))
+        ratio = max(0.0, 2.0 * (maximum - problem.maximise(log_factors, (index, 0.0))[1]))
         components.append(
             VarianceComponent(
                 name,
@@ -477,16 +442,15 @@ class _LikelihoodProblem:
         information = 0.5 * np.outer(phi, phi) * (self.member @ np.square(gram) @ self.member.T)
         return log_likelihood, score, information
 
-    def information(self, eta: Array) -> Array:
-        """Return the expected information in log φ."""
-        return self.evaluate(eta)[2]
-
-    def maximise(self, eta: Array, free: NDArray[np.bool_]) -> tuple[Array, float]:
-        """Return the most likely log φ over the ``free`` components, the others fixed, and its log-likelihood.
+    def maximise(self, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
+        """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood.
 
         Fisher scoring with the step shortened until the likelihood rises.
         """
-        eta = eta.copy()
+        eta = start.copy()
+        free = np.ones(eta.size, dtype=bool)
+        if held is not None:
+            eta[held[0]], free[held[0]] = held[1], False
         log_likelihood, score, information = self.evaluate(eta)
         for _ in range(_MAX_STEPS):
             active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
@@ -497,15 +461,13 @@ class _LikelihoodProblem:
             ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
             step[active] = np.linalg.solve(block + ridge, score[active])
             step = np.clip(step, -_STEP_LIMIT, _STEP_LIMIT)
-            improved = False
             for _ in range(30):
                 trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
                 candidate = self.evaluate(trial_eta)
                 if candidate[0] > log_likelihood:
-                    improved = True
                     break
                 step *= 0.5
-            if not improved:
+            else:
                 break
             converged = candidate[0] - log_likelihood < _LIKELIHOOD_TOLERANCE
             eta, (log_likelihood, score, information) = trial_eta, candidate
@@ -513,59 +475,28 @@ class _LikelihoodProblem:
                 break
         return eta, log_likelihood
 
-    def maximise_with(self, index: int, fixed_value: float, start: Array) -> tuple[Array, float]:
-        """Return the maximum with component ``index`` fixed at log φ = ``fixed_value``."""
-        fixed_eta = start.copy()
-        fixed_eta[index] = fixed_value
-        free = np.ones(fixed_eta.size, dtype=bool)
-        free[index] = False
-        return self.maximise(fixed_eta, free)
-
     def profile_interval(self, index: int, eta: Array, maximum: float, threshold: float) -> tuple[float, float | None]:
         """Return the factors √φ at which twice the profile log-likelihood is ``threshold`` below its maximum."""
         limits: list[float | None] = []
         for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
-            inside_value, start, step = float(eta[index]), eta, 0.5
-            outside_value = None
-            while outside_value is None and sign * (bound - inside_value) > 0.0:
-                trial_value = max(min(inside_value + sign * step, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
-                best_eta, log_likelihood = self.maximise_with(index, trial_value, start)
+            inside, start, step, outside = float(eta[index]), eta, 0.5, None
+            while sign * (bound - inside) > 0.0 and (outside is None or abs(outside - inside) > 1e-3):
+                trial = 0.5 * (inside + outside) if outside is not None else inside + sign * step
+                trial = max(min(trial, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
+                best_eta, log_likelihood = self.maximise(start, (index, trial))
                 if 2.0 * (maximum - log_likelihood) > threshold:
-                    outside_value = trial_value
+                    outside = trial
                 else:
-                    inside_value, start, step = trial_value, best_eta, 2.0 * step
-            limits.append(
-                None
-                if outside_value is None
-                else self._boundary(index, inside_value, outside_value, start, maximum, threshold)
-            )
-        lower = 0.0 if limits[0] is None else math.exp(0.5 * limits[0])
-        return lower, None if limits[1] is None else math.exp(0.5 * limits[1])
-
-    def _boundary(
-        self, index: int, inside_value: float, outside_value: float, start: Array, maximum: float, threshold: float
-    ) -> float:
-        while abs(outside_value - inside_value) > 1e-3:
-            middle = 0.5 * (inside_value + outside_value)
-            best_eta, log_likelihood = self.maximise_with(index, middle, start)
-            if 2.0 * (maximum - log_likelihood) > threshold:
-                outside_value = middle
-            else:
-                inside_value, start = middle, best_eta
-        return 0.5 * (inside_value + outside_value)
+                    inside, start, step = trial, best_eta, 2.0 * step
+            limits.append(None if outside is None else math.exp(0.25 * (inside + outside)))
+        return limits[0] or 0.0, limits[1]
 
 
 def _marginal_information(information: Array, index: int) -> float:
     """Return the information on component ``index`` with the other components free."""
-    other_indices = [i for i in range(information.shape[0]) if i != index]
-    total = float(information[index, index])
-    if not other_indices:
-        return total
-    cross = information[other_indices, index]
-    return max(
-        0.0,
-        total - float(cross @ np.linalg.pinv(information[np.ix_(other_indices, other_indices)], rcond=1e-12) @ cross),
-    )
+    cross = np.delete(information[:, index], index)
+    others = np.delete(np.delete(information, index, axis=0), index, axis=1)
+    return max(0.0, float(information[index, index] - cross @ np.linalg.pinv(others, rcond=1e-12) @ cross))
 
 
 def _unidentified_reason(names: Sequence[str], information: Array, index: int, dof: float) -> str | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -414,6 +414,8 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # with a large share are tightened most; no tolerance is widened.
 
 _MAX_ROUNDS = 12
+_MOST_UPDATES = 2000
+_SOLVED = 1e-12
 _TARGET_BAND = 1e-3
 """Relative distance below a limit at which the allocation stops."""
 
@@ -457,7 +459,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
     shares = np.array([budget[parameter.name] for parameter in prediction.parameters]).T
     initial_excess = _relative_excess(prediction, limits)
     # The statistic is not exactly proportional to the RMS, whose square the budget divides: correct the targets.
-    target_variances = np.minimum(1.0, 1.0 / np.square(initial_excess))
+    target_variances = 1.0 / np.maximum(np.square(initial_excess), np.finfo(float).tiny)
     factors, verified = np.ones(shares.shape[1]), prediction
     for _ in range(_MAX_ROUNDS):
         excess = _relative_excess(verified, limits)
@@ -502,42 +504,15 @@ def _predict_tightened(robot: Robot, prediction: Prediction, factors: Array) -> 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:
     """Return the optimal factors ``(P,)`` for ``shares`` ``(2, P)`` and ``target_variances`` ``(2,)``.
 
-    The dual is concave and smooth, so maximising it over one multiplier at a time converges.
+    With prices λ A_p + μ B_p above one, the sums fall as the multipliers to the power of -2/3; so a multiplier is
+    changed by the excess of its sum to the power of 3/2 until it is zero or its limit is met.
     """
-    multipliers = np.zeros(2)
-    for _ in range(200):
-        previous = multipliers.copy()
-        for constraint in range(2):
-
-            def variance_surplus(value: float, constraint: int = constraint) -> float:
-                trial = multipliers.copy()
-                trial[constraint] = value
-                return float(shares[constraint] @ np.square(_optimum(shares, trial)) - target_variances[constraint])
-
-            multipliers[constraint] = _root(variance_surplus)
-        if np.allclose(multipliers, previous, rtol=1e-9, atol=0.0):
+    multipliers = np.ones(2)
+    for _ in range(_MOST_UPDATES):
+        # A price of at most one leaves the tolerance unchanged.
+        factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
+        change = (shares @ np.square(factors) / target_variances) ** 1.5
+        multipliers = multipliers * change
+        if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
             break
-    return _optimum(shares, multipliers)
-
-
-def _optimum(shares: Array, multipliers: Array) -> Array:
-    price = multipliers @ shares
-    # A price of at most one leaves the tolerance unchanged.
-    factors: Array = np.maximum(price, 1.0) ** (-1.0 / 3.0)
     return factors
-
-
-def _root(function: Callable[[float], float]) -> float:
-    """Return the zero of a falling function, or zero if it starts below zero."""
-    if function(0.0) <= 0.0:
-        return 0.0
-    high = 1.0
-    while function(high) > 0.0:
-        high *= 8.0
-    low = 0.0 if high == 1.0 else high / 8.0
-    for _ in range(100):
-        middle = 0.5 * (low + high) if low == 0.0 else math.sqrt(low * high)
-        low, high = (middle, high) if function(middle) > 0.0 else (low, middle)
-        if high - low <= 1e-12 * high:
-            break
-    return high

@@ -90,10 +90,12 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
     arm = Arm.of(robot)
     base = {**robot.base_tolerance, **resolved.base}
     tool = {**robot.tool_tolerance, **resolved.tool}
-    parameters = _frame_parameters(arm, "base", BASE, base)
+    parameters = _parameters(arm, BASE, None, FRAME_PARAMETERS, base)
     for owner, joint in enumerate(robot.joints):
-        parameters += _joint_parameters(arm, joint, owner, resolved)
-    parameters += _frame_parameters(arm, "tool", TOOL, tool)
+        common = resolved.moving_joints if joint.type != "fixed" else {}
+        sds = {**joint.tolerance, **common, **resolved.joints.get(joint.name, {})}
+        parameters += _parameters(arm, owner, joint.name, (*DH_PARAMETERS, *ORIGIN_PARAMETERS), sds)
+    parameters += _parameters(arm, TOOL, None, FRAME_PARAMETERS, tool)
     if not parameters:
         fix = (
             "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and "
@@ -110,41 +112,21 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
 _DH_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
 
 
-def _frame_parameters(arm: Arm, frame: str, owner: int, sds: Mapping[str, float]) -> list[ToleranceParameter]:
-    return [
-        ToleranceParameter(
-            f"{frame}.{kind}", None, kind, frame, _motion(arm, owner, kind), _unit(arm, owner, kind), sds[kind]
-        )
-        for kind in FRAME_PARAMETERS
-        if sds.get(kind, 0.0) > 0.0
-    ]
-
-
-def _joint_parameters(arm: Arm, joint: Joint, owner: int, tolerances: Tolerances) -> list[ToleranceParameter]:
-    common = tolerances.moving_joints if joint.type != "fixed" else {}
-    sds = {**joint.tolerance, **common, **tolerances.joints.get(joint.name, {})}
-    return [
-        ToleranceParameter(
-            f"{joint.name}.{kind}",
-            joint.name,
-            kind,
-            _COMPONENTS[kind],
-            _motion(arm, owner, kind),
-            _unit(arm, owner, kind),
-            sds[kind],
-        )
-        for kind in (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
-        if sds.get(kind, 0.0) > 0.0
-    ]
-
-
-def _motion(arm: Arm, owner: int, kind: str) -> int:
-    """Return the motion of an error: an angle of a frame turns it about its own axis, at any pitch."""
-    return arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
-
-
-def _unit(arm: Arm, owner: int, kind: str) -> str:
-    return arm.chain.motions[_motion(arm, owner, kind)].unit
+def _parameters(
+    arm: Arm, owner: int, joint: str | None, kinds: Sequence[str], sds: Mapping[str, float]
+) -> list[ToleranceParameter]:
+    """Return the parameters of a joint, or of base or tool, that have a standard deviation."""
+    frame = "base" if owner == BASE else "tool"
+    result = []
+    for kind in kinds:
+        if sds.get(kind, 0.0) > 0.0:
+            # An angle of a frame turns it about its own axis, at any pitch.
+            motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+            unit = arm.chain.motions[motion].unit
+            component = frame if joint is None else _COMPONENTS[kind]
+            name = f"{joint or frame}.{kind}"
+            result.append(ToleranceParameter(name, joint, kind, component, motion, unit, sds[kind]))
+    return result
 
 
 def lengths_of(joint: Joint, convention: str) -> frozenset[str]:

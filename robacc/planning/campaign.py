@@ -22,6 +22,7 @@ from robacc.planning.linear_model import ExpectedNoise
 from robacc.planning.power import Detectability, ExpectedPower
 from robacc.planning.route import Route
 from robacc.robots.description import Robot
+from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
 
 # Plans with fewer measured coordinates than the fit has coefficients.
@@ -109,16 +110,11 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
         fewest = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95))
     if demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
-    low, high = 2, 4
-    while not _decides(high, ratio, demand.confidence):
-        low, high = high, 2 * high
-        if high > 4 * MOST_POSES:
-            return None
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if _decides(middle, ratio, demand.confidence) else (middle, high)
+    enough = smallest_sufficient(lambda n: _decides(n, ratio, demand.confidence), 4, most=MOST_POSES)
+    if enough is None:
+        return None
     cost = _PERCENTILE_COST if demand.statistic == "p95" else 1.0
-    number = max(math.ceil(cost * high), fewest)
+    number = max(math.ceil(cost * enough), fewest)
     return number if number <= MOST_POSES else None
 
 

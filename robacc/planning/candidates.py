@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -18,6 +18,7 @@ from robacc.planning.collisions import SELF_COLLISION, LinkCollisions
 from robacc.quantities import parse_quantity
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.robots.library import low_discrepancy
 
 # Constraints of a measurement campaign: which poses the robot may take and the instrument can see.
@@ -142,11 +143,16 @@ def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, 
     Raises:
         UsageError: The text is not that.
     """
-    parts = text.split(",") if isinstance(text, str) else list(text)
-    if len(parts) != 3:
-        raise UsageError(f"`{name}`: expected three numbers such as 2.5,0,1.2, found {text!r}")
-    x, y, z = (length(part, name) for part in parts)
+    x, y, z = _lengths(text, name, ",", "three numbers such as 2.5,0,1.2", 3)
     return x, y, z
+
+
+def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
+    """Return so many lengths, m."""
+    parts = text.split(separator) if isinstance(text, str) else list(text)
+    if len(parts) != count:
+        raise UsageError(f"`{name}`: expected {expected}, found {text!r}")
+    return [length(part, name) for part in parts]
 
 
 def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float]:
@@ -155,10 +161,7 @@ def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float
     Raises:
         UsageError: The text is not that, or the farthest is not beyond the nearest.
     """
-    parts = text.split(":") if isinstance(text, str) else list(text)
-    if len(parts) != 2:
-        raise UsageError(f"`{name}`: expected nearest and farthest such as 0.5:15, found {text!r}")
-    near, far = (length(part, name) for part in parts)
+    near, far = _lengths(text, name, ":", "nearest and farthest such as 0.5:15", 2)
     if not 0 <= near < far:
         raise UsageError(f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}")
     return near, far
@@ -181,7 +184,6 @@ def length(text: str | float, name: str) -> float:
 MARGIN = "joint limits with margin"
 _MOVES = 1e-6
 """m; a corner of the arm that moves less stands still and is part of the pedestal."""
-_BLOCK = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,13 +293,9 @@ def moving_points(arm: Arm, q: Array) -> Array:
     """Return ``(3, K, N)`` corners of the arm's outline that move, in the base frame, m."""
     motions = arm.chain.motions
     counts = [k + 1 for k, motion in enumerate(motions[: arm.flange]) if motion.kind == "translation"]
-    blocks = []
-    for start in range(0, max(q.shape[1], 1), _BLOCK):
-        part = q[:, start : start + _BLOCK]
-        frames = arm.chain.sweep(arm.chain.scalars(part), part.shape[1], (), counts).frames
-        places = [np.broadcast_to(frame.translation, (3, part.shape[1])) for frame in frames]
-        blocks.append(np.stack(places, axis=1) if places else np.zeros((3, 0, part.shape[1])))
-    points = np.concatenate(blocks, axis=2)
+    n = q.shape[1]
+    frames = arm.chain.sweep(arm.chain.scalars(q), n, (), counts).frames
+    points = np.stack([frame.translation for frame in frames], axis=1) if frames else np.zeros((3, 0, n))
     moves = np.ptp(points, axis=2).max(axis=0) > _MOVES if points.shape[2] > 1 else np.ones(points.shape[1], bool)
     points = points[:, moves]
     base = Poses.from_xyz_rpy(np.array(arm.robot.base.xyz), np.array(arm.robot.base.rpy))
@@ -308,15 +306,12 @@ def moving_points(arm: Arm, q: Array) -> Array:
 
 def joint_condition(arm: Arm, q: Array) -> Array:
     """Return ``(N,)`` condition number of the joints' Jacobian, lengths in units of the target's mean distance."""
-    result = np.empty(q.shape[1])
-    for start in range(0, q.shape[1], _BLOCK):
-        part = q[:, start : start + _BLOCK]
-        jacobian = arm.chain.jacobian(part, arm.chain.joint_axis)
-        reach = float(np.mean(np.linalg.norm(in_base_frame(arm, arm.chain.forward(part)).translation, axis=0)))
-        jacobian[:3] /= max(reach, 1e-9)
-        values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
-        with np.errstate(divide="ignore"):
-            result[start : start + _BLOCK] = values[:, 0] / values[:, -1]
+    jacobian = arm.chain.jacobian(q, arm.chain.joint_axis)
+    reach = float(np.mean(np.linalg.norm(in_base_frame(arm, arm.chain.forward(q)).translation, axis=0)))
+    jacobian[:3] /= max(reach, 1e-9)
+    values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
+    with np.errstate(divide="ignore"):
+        result: Array = values[:, 0] / values[:, -1]
     return result
 
 
@@ -394,18 +389,8 @@ def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int
     Raises:
         InputError: A prismatic joint has no limits.
     """
-    problems = [
-        Problem(
-            f"the prismatic joint {joint.name} has no limits to choose poses within",
-            column=f"joints.{joint.name}.limits",
-            fix="give it limits",
-        )
-        for joint in robot.variables
-        if joint.limits is None and joint.type == "prismatic"
-    ]
-    if problems:
-        raise InputError(problems)
-    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T[..., None]
+    ranges = joint_ranges(Arm.of(robot), np.pi, "to choose poses within", "give it limits")
+    low, high = (limit[:, None] for limit in ranges)
     shift = np.random.default_rng([seed, len(robot.variables)]).uniform(size=(len(low), 1))
     unit = (low_discrepancy(len(low), skip + count)[:, skip:] + shift) % 1.0
     keep = margin * (high - low)

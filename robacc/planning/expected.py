@@ -20,7 +20,7 @@ BATCH = 10
 _RANDOM_DRAWS = 10
 _CURVE_POINTS = 8
 """Numbers of poses, besides the planned number, that the curve has at most."""
-_EXCHANGED = 200
+CURVE_EXCHANGED = 200
 """Candidates that exchange looks at for a point of the curve."""
 _SINGULAR = 1e14
 """Condition number above which an information matrix counts as singular."""
@@ -174,11 +174,6 @@ class Expectation:
         return float(np.mean(values)) if len(values) == _RANDOM_DRAWS else None
 
 
-def curve_design(problem: DesignProblem, start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the design of a point of the curve: ``start``, improved by a short exchange."""
-    return exchanged(problem, start, _EXCHANGED)
-
-
 def expected_accuracy(
     expectation: Expectation, problem: DesignProblem, order: NDArray[np.int64], chosen: NDArray[np.int64], seed: int
 ) -> ExpectedAccuracy:
@@ -191,7 +186,7 @@ def expected_accuracy(
     numbers = np.unique(np.round(np.geomspace(min(first, order.size), order.size, _CURVE_POINTS)).astype(int))
     points = {}
     for n in {*numbers.tolist(), chosen.size}:
-        design = chosen if n == chosen.size else curve_design(problem, order[:n])
+        design = chosen if n == chosen.size else exchanged(problem, order[:n], CURVE_EXCHANGED)
         points[n] = expectation.point(expectation.rows[design], n, expectation.random_rms(n, seed))
     known = [point for _, point in sorted(points.items()) if point is not None]
     return ExpectedAccuracy(tuple(known), _knee(known), points[chosen.size])

@@ -33,11 +33,11 @@ from robacc.planning.candidates import (
     sampled_candidates,
     task_joints,
 )
-from robacc.planning.design import DesignProblem, FitCriterion, choose, greedy, information_of
+from robacc.planning.design import DesignProblem, FitCriterion, choose, exchanged, greedy, information_of
 from robacc.planning.expected import (
     BATCH,
+    CURVE_EXCHANGED,
     Expectation,
-    curve_design,
     expected_accuracy,
     expected_coefficients,
     expected_correlations,
@@ -273,7 +273,7 @@ def plan_campaign(
             candidate_rows(model, poses.subset(chosen), noise.reduced(*times))[:, :, planned.columns]
             for times in ((2, 1), (1, 2))
         )
-        new_poses = rows[curve_design(design, order[: 2 * count])]
+        new_poses = rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)]
         worth = worth_of(expectation, (new_poses, repeated, readings))
 
     default = 0 if already is not None else count if purpose == "health" else count // 10

@@ -26,6 +26,7 @@ from robacc.prediction.lengths import length_quantiles, mean_lengths, mixture_qu
 from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.robots.library import low_discrepancy
 from robacc.statistics.records import Statistic
 
@@ -95,31 +96,17 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     """
     if n < 1:
         raise UsageError(f"`samples` is at least 1, not {n}")
-    low, high, notes = _ranges(robot)
+    fix = "give it limits, or give the configurations with `poses`"
+    low, high = joint_ranges(Arm.of(robot), np.pi, "to spread configurations over", fix)
+    endless = [joint.name for joint in robot.variables if joint.limits is None]
+    notes = [f"joint{'s' * (len(endless) != 1)} {', '.join(endless)} without limits: sampled over a full turn"]
     robot, target_notes = _with_target(robot, target)
     shift = np.random.default_rng(seed).random(len(low))
     points = (low_discrepancy(len(low), n) + shift[:, None]) % 1.0
     q = low[:, None] + (high - low)[:, None] * points
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    return Configurations(q, scalars, None, source, (*notes, *target_notes))
-
-
-def _ranges(robot: Robot) -> tuple[Array, Array, list[str]]:
-    endless = [joint.name for joint in robot.variables if joint.limits is None and joint.type == "revolute"]
-    problems = [
-        Problem(
-            f"the prismatic joint {joint.name} has no limits to spread configurations over",
-            fix="give it limits, or give the configurations with `poses`",
-        )
-        for joint in robot.variables
-        if joint.limits is None and joint.type == "prismatic"
-    ]
-    if problems:
-        raise InputError(problems)
-    pairs = [joint.limits or (-np.pi, np.pi) for joint in robot.variables]
-    low, high = np.array(pairs, dtype=float).T
-    return low, high, [f"{_joint_list(endless)} without limits: sampled over a full turn"] if endless else []
+    return Configurations(q, scalars, None, source, (*(notes if endless else ()), *target_notes))
 
 
 def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
@@ -134,10 +121,6 @@ def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ..
     ambiguous = len(robot.targets) > 1 and target is None
     note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
     return single_target, note if ambiguous else ()
-
-
-def _joint_list(names: Sequence[str]) -> str:
-    return f"joint{'s' * (len(names) != 1)} {', '.join(names)}"
 
 
 RADIUS_PROBABILITY = 0.95

@@ -47,23 +47,29 @@ class Solutions:
     """``(N, S)`` remaining error: m, with rotation times the arm's length."""
 
 
-def joint_ranges(arm: Arm) -> tuple[Array, Array]:
-    """Return lower and upper limit ``(J,)`` of the joint variables; infinite for a revolute joint without limits.
+def joint_ranges(
+    arm: Arm, endless: float = np.inf, purpose: str = "to search within", fix: str | None = None
+) -> tuple[Array, Array]:
+    """Return lower and upper limit ``(J,)`` of the joint variables.
+
+    Args:
+        arm: The arm.
+        endless: Limit of a revolute joint without limits, rad.
+        purpose: What the ranges are for, and ``fix`` how to do without limits, for the message.
+        fix: See ``purpose``.
 
     Raises:
-        InputError: A prismatic joint has no limits, so its range cannot be searched.
+        InputError: A prismatic joint has no limits.
     """
     joints = arm.robot.variables
     problems = [
-        Problem(
-            f"the prismatic joint {joint.name} has no limits to search within", column=f"joints.{joint.name}.limits"
-        )
-        for joint in joints
+        Problem(f"the prismatic joint {joint.name} has no limits {purpose}", None, None, place, fix)
+        for joint, place in ((joint, f"joints.{joint.name}.limits") for joint in joints)
         if joint.limits is None and joint.type == "prismatic"
     ]
     if problems:
         raise InputError(problems)
-    low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in joints]).T
+    low, high = np.array([joint.limits or (-endless, endless) for joint in joints]).T
     return low, high
 
 

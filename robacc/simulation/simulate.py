@@ -13,11 +13,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.robots.library import low_discrepancy
 
 _DECIMALS = 6
@@ -139,16 +141,8 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
     Raises:
         InputError: Prismatic joints have no limits.
     """
-    problems = [
-        Problem(
-            f"the prismatic joint {joint.name} has no limits to sample within", column=f"joints.{joint.name}.limits"
-        )
-        for joint in robot.variables
-        if joint.limits is None and joint.type == "prismatic"
-    ]
-    if problems:
-        raise InputError([dataclasses.replace(problem, fix="give it limits") for problem in problems])
-    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T[..., None]
+    ranges = joint_ranges(Arm.of(robot), np.pi, "to sample within", "give it limits")
+    low, high = (limit[:, None] for limit in ranges)
     rng = _stream(plan, "poses")
     if plan.sampling == "random":
         unit = rng.uniform(size=(len(low), plan.poses))

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BLOCK
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
@@ -27,6 +28,8 @@ _DECIMALS = 6
 _STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}
 _MAX_ROWS = 2_000_000
 """Rows of a simulation: some GB of arrays and text; a larger number is likely a typing error."""
+_ROWS = 16 * BLOCK
+"""Rows that are predicted at a time."""
 _FIRST_LINE = 2
 """Line of the first pose in a file with a header."""
 _WARM_UP = 3.0
@@ -87,7 +90,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
             rows, or repeats cycles.
     """
     data = _visited_poses(robot, plan, planned)
-    poses = predict(robot, data)
+    poses = _predicted(robot, data)
     position, rotation = poses.translation, poses.rotation
     shape = position.shape
     if plan.noise_position > 0:
@@ -100,7 +103,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     position = position.copy()
     position[:, outlier_rows] += shift
     nominal = (
-        predict(dataclasses.replace(robot, effects=()), data)
+        _predicted(dataclasses.replace(robot, effects=()), data)
         if plan.commanded
         else _planned_poses(planned, plan, data.n)
     )
@@ -118,6 +121,14 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
         speed=data.speed if plan.motion else None,
     )
     return Simulation(measured, outlier_rows)
+
+
+def _predicted(robot: Robot, data: Measurements) -> Poses:
+    """Return the predicted poses, a part of the rows at a time: an elastic equilibrium takes some kB a row."""
+    starts = range(0, max(data.n, 1), _ROWS)
+    parts = [predict(robot, data.subset(slice(start, start + _ROWS))) for start in starts]
+    rotation = np.concatenate([part.rotation for part in parts], axis=2)
+    return Poses(rotation, np.concatenate([part.translation for part in parts], axis=1))
 
 
 def _is_turned(planned: Measurements | None, plan: Plan) -> bool:

@@ -239,7 +239,7 @@ def correct_targets(data: Measurements, pair: RobotPair, setting: Circumstances,
     is_refused = np.array([refusal is not None for refusal in refused], dtype=bool)
     if is_refused.any() and any(rounds.matters):
         # Refused targets keep their nominal command, which changes the approach to the targets after them.
-        solution = rounds.solved_beside(solution, is_refused)
+        solution = rounds.solved((solution, is_refused))
         again = refusals(pair, wanted, setting, solution, limits)
         refused = tuple(first or second for first, second in zip(refused, again, strict=True))
         is_refused = np.array([refusal is not None for refusal in refused], dtype=bool)
@@ -273,34 +273,32 @@ class _ApproachRounds:
     matters: tuple[bool, bool]
     """Whether the model depends on the direction and on the speed of approach."""
 
-    def solved(self) -> JointSolution:
-        """Return the solution of all targets from their nominal joints."""
-        n = self.wanted.q.shape[1]
-        rows = 6 if self.wanted.oriented else 3
-        empty = JointSolution(self.wanted.q.copy(), np.zeros((rows, n)), np.zeros(n, dtype=bool))
-        return self._rounds(empty, np.ones(n, dtype=bool), np.arange(n))
+    def solved(self, beside: tuple[JointSolution, NDArray[np.bool_]] | None = None) -> JointSolution:
+        """Return the solution of all targets, each near its nominal joints.
 
-    def solved_beside(self, solution: JointSolution, is_refused: NDArray[np.bool_]) -> JointSolution:
-        """Return the solution where refused targets stay at their nominal joints."""
-        q = np.where(is_refused, self.wanted.q, solution.q)
-        changed = self._changed(self.setting.motion(solution.q), self.setting.motion(q))
-        start = JointSolution(q, solution.error.copy(), solution.settled.copy())
-        return self._rounds(start, ~is_refused, np.flatnonzero(changed & ~is_refused))
-
-    def _rounds(self, start: JointSolution, chosen: NDArray[np.bool_], index: NDArray[np.int64]) -> JointSolution:
-        """Solve the targets ``index`` from ``start``, then those of ``chosen`` whose approach changed by it."""
-        joints, length = joint_space(self.pair, self.wanted.q), arm_length(self.pair.nominal, self.wanted.q)
-        weights = row_weights(self.wanted.oriented, self.wanted.q.shape[0], length, self.limits.weight)
-        q, error, settled = start.q, start.error, start.settled
+        With a solution and the targets that were refused in it, return the one where these stay at their nominal
+        joints. Targets whose approach changes with the commands of others are solved again.
+        """
+        nominal = self.wanted.q
+        joints, length = joint_space(self.pair, nominal), arm_length(self.pair.nominal, nominal)
+        weights = row_weights(self.wanted.oriented, nominal.shape[0], length, self.limits.weight)
+        if beside is None:
+            chosen = np.ones(nominal.shape[1], dtype=bool)
+            q, error, settled = nominal.copy(), np.zeros((weights.size, chosen.size)), np.zeros_like(chosen)
+            index = np.arange(chosen.size)
+        else:
+            before, chosen = beside[0], ~beside[1]
+            q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.settled.copy()
+            changed = self._changed(self.setting.motion(before.q), self.setting.motion(q))
+            index = np.flatnonzero(changed & chosen)
         motion = self.setting.motion(q)
         for _ in range(_ROUNDS):
             if index.size == 0:
                 break
-            evaluate = self._evaluator(motion, index)
-            part = solve(evaluate, self.wanted.q[:, index], joints, weights, q[:, index])
+            part = solve(self._evaluator(motion, index), nominal[:, index], joints, weights, q[:, index])
             q[:, index], error[:, index], settled[index] = part.q, part.error, part.settled
-            before, motion = motion, self.setting.motion(q)
-            index = np.flatnonzero(self._changed(before, motion) & chosen)
+            previous, motion = motion, self.setting.motion(q)
+            index = np.flatnonzero(self._changed(previous, motion) & chosen)
         if index.size:
             # The approach does not agree with the commands: the error shows it, and the target is refused.
             error[:, index] = self._evaluator(motion, index)(q[:, index], np.arange(index.size))[0]

@@ -120,24 +120,16 @@ class _State:
         matrix = self.weights[:, None, None] * self.jacobian[..., index] * self.joints.scale[:, None]
         error = self.weights[:, None] * self.error[:, index]
         back = (self.start[:, index] - self.q[:, index]) / self.joints.scale[:, None]
-        step = _damped_step(matrix, error, back, self.damping[index])
         q, low, high = self.q[:, index], self.joints.low[:, None], self.joints.high[:, None]
-        fixed = ((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))
-        for _ in range(q.shape[0]):
-            if not fixed.any():
-                break
-            at_limit = fixed.any(axis=0)
-            part = fixed[:, at_limit]
-            step[:, at_limit] = _damped_step(
-                np.where(part, 0.0, matrix[..., at_limit]),
-                error[:, at_limit],
-                np.where(part, 0.0, back[:, at_limit]),
-                np.maximum(self.damping[index][at_limit], _RAISED),
-            )
+        damping, fixed = self.damping[index], np.zeros(q.shape, dtype=bool)
+        for _ in range(q.shape[0] + 1):
+            step = _damped_step(matrix, error, back, damping)
             added = (((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))) & ~fixed
             if not added.any():
                 break
             fixed |= added
+            matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
+            damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
         largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
         result: Array = step * np.minimum(1.0, _LARGEST_STEP / largest)
         return result

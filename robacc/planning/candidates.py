@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.collisions import SELF_COLLISION, LinkCollisions
@@ -318,25 +318,18 @@ def joint_condition(arm: Arm, q: Array) -> Array:
 def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> dict[str, NDArray[np.bool_]]:
     """Return the poses at which a target is not visible, by reason."""
     near, far = sight.distance
-    too_near = np.zeros(targets[0].translation.shape[1], dtype=bool)
-    too_far, turned_away = too_near.copy(), too_near.copy()
-    for target in targets:
-        ray = np.array(sight.position)[:, None] - target.translation
-        distance = np.linalg.norm(ray, axis=0)
-        too_near |= distance < near
-        too_far |= distance > far
-        if sight.axis is not None:
-            axis = np.array(sight.axis) / np.linalg.norm(sight.axis)
-            facing = np.einsum("ijn,j->in", target.rotation, axis)
-            cosine = np.sum(facing * ray, axis=0) / np.maximum(distance, 1e-12)
-            turned_away |= cosine < np.cos(sight.cone)
+    ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
+    distance = np.linalg.norm(ray, axis=1)
     result = {}
     if near > 0:
-        result[f"nearer to the instrument than {near:g} m"] = too_near
+        result[f"nearer to the instrument than {near:g} m"] = np.any(distance < near, axis=0)
     if np.isfinite(far):
-        result[f"farther from the instrument than {far:g} m"] = too_far
+        result[f"farther from the instrument than {far:g} m"] = np.any(distance > far, axis=0)
     if sight.axis is not None:
-        result[f"reflector turned away by more than {np.degrees(sight.cone):g}°"] = turned_away
+        facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets])
+        cosine = np.sum(facing * ray, axis=1) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
+        turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
+        result[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
     return result
 
 

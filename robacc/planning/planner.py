@@ -81,27 +81,21 @@ def expected_noise(
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    sources = []
-    if settings.noise is not None:
-        position = settings.noise
-        sources.append("given noise")
-    elif record is not None and record.noise[0] > 0.0:
-        position = record.noise[0]
-        sources.append("noise of the model's fit")
-    else:
-        position = TYPICAL_NOISE
-        sources.append("typical noise")
-    fitted = {} if record is None else record.repeatability
-    if settings.repeatability is None and fitted:
-        joints = np.array([fitted.get(name, 0.0) for name in model.arm.names])
-        sources.append("repeatability of the model's fit")
-    elif settings.repeatability is None and record is not None:
+    fitted = record is not None and record.noise[0] > 0.0
+    position = settings.noise
+    if position is None:
+        position = record.noise[0] if record is not None and fitted else TYPICAL_NOISE
+    sources = [
+        "given noise" if settings.noise is not None else "noise of the model's fit" if fitted else "typical noise"
+    ]
+    size = settings.repeatability
+    if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
-        joints = np.zeros(len(model.arm.names))
+        joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
+        sources += ["repeatability of the model's fit"] if record.repeatability else []
     else:
-        size = TYPICAL_REPEATABILITY if settings.repeatability is None else settings.repeatability
-        joints = joint_repeatability(model, task, size)
-        sources.append(f"{'typical' if settings.repeatability is None else 'given'} repeatability")
+        joints = joint_repeatability(model, task, TYPICAL_REPEATABILITY if size is None else size)
+        sources.append(f"{'typical' if size is None else 'given'} repeatability")
     unexplained = settings.unexplained
     if record is not None and not unexplained:
         variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
@@ -337,15 +331,13 @@ def _count(
 ) -> int:
     """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
     count = settings.poses or (BATCH if n_known else None)
-    if count is None:
-        count = DEFAULT_POSES[settings.purpose] if not demands else 0
-        for entry in demands:
-            if entry.poses is None:
-                raise UsageError(
-                    f"no number of poses up to {MOST_POSES} decides {entry.demand.label} if the true value is "
-                    f"{entry.ratio:.2g} times the limit; give `expected` farther from the limit, or `poses`"
-                )
-            count = max(count, entry.poses)
+    undecided = next((entry for entry in demands if entry.poses is None), None)
+    if count is None and undecided is not None:
+        raise UsageError(
+            f"no number of poses up to {MOST_POSES} decides {undecided.demand.label} if the true value is "
+            f"{undecided.ratio:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+        )
+    count = count or max((entry.poses or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
     if count > candidates.n:
         reasons = candidates.excluded
         most = f"; most of the others are excluded by: {reasons[0].reason}" if reasons else ""

@@ -176,19 +176,19 @@ def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
         order.append(int(np.argmin(step)))
         free[order[-1]] = False
     tour = np.array(order)
+    # The route is open at its end: a node of no distance comes after it.
+    distance = np.pad(distance, (0, 1))
     improved = True
     while improved:
         improved = False
         for i in range(tour.size - 2):
-            # Reversal of i + 1 … j replaces the moves (i, i + 1) and (j, j + 1); the route is open at its end.
-            ends = np.arange(i + 2, tour.size)
-            after = np.minimum(ends + 1, tour.size - 1)
-            joined = np.where(ends + 1 < tour.size, distance[tour[i + 1], tour[after]], 0.0)
-            cut = np.where(ends + 1 < tour.size, distance[tour[ends], tour[after]], 0.0)
-            change = distance[tour[i], tour[ends]] + joined - distance[tour[i], tour[i + 1]] - cut
+            # Reversal of i + 1 … j replaces the moves (i, i + 1) and (j, j + 1).
+            ends, after = tour[i + 2 :], np.append(tour[i + 3 :], tour.size)
+            first, second = tour[i], tour[i + 1]
+            change = distance[first, ends] + distance[second, after] - distance[first, second] - distance[ends, after]
             best = int(np.argmin(change))
             if change[best] < -1e-12:
-                j = int(ends[best])
+                j = i + 2 + best
                 tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1]
                 improved = True
     result: NDArray[np.int64] = nodes[tour]

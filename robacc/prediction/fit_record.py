@@ -6,7 +6,6 @@ import dataclasses
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit
@@ -250,30 +249,17 @@ def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[
     A factor multiplies the model's standard deviations, not those of the measurement noise.
     """
     factors = [1.0, 1.0]
-    for i, (covariance, variance) in enumerate(
-        zip((uncertainty.position, uncertainty.orientation), noise, strict=True)
-    ):
-        if residual.shape[0] < 3 * i + 3:
-            continue
+    parts = (uncertainty.position, uncertainty.orientation)
+    for i, (covariance, variance) in enumerate(zip(parts[: residual.shape[0] // 3], noise, strict=False)):
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
         for _ in range(_FACTOR_ROUNDS):
             total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
             radius = length_quantiles(_PROBABILITY, principal_variances(total))
-            change = _factor(length[radius > 0] / radius[radius > 0])
-            factors[i] *= change
-            if change == 1.0:
+            ratio = np.sort(length[radius > 0] / radius[radius > 0])
+            n = ratio.size
+            chance = math.sqrt(_PROBABILITY * (1.0 - _PROBABILITY) / max(n, 1))
+            surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - _PROBABILITY))
+            if n < _FEWEST or (n < _MANY and surplus <= _DOUBT * chance):
                 break
+            factors[i] *= float(ratio[min(math.ceil((n + 1) * _PROBABILITY), n) - 1])
     return factors[0], factors[1]
-
-
-def _factor(ratio: NDArray[np.float64]) -> float:
-    """Return the factor of bounds from the ratios ``(N,)`` of held-out errors to their bounds."""
-    n = ratio.size
-    if n < _FEWEST:
-        return 1.0
-    outside = float(np.mean(ratio > 1.0))
-    chance = math.sqrt(_PROBABILITY * (1.0 - _PROBABILITY) / n)
-    if n < _MANY and abs(outside - (1.0 - _PROBABILITY)) <= _DOUBT * chance:
-        return 1.0
-    rank = min(math.ceil((n + 1) * _PROBABILITY), n) - 1
-    return float(np.sort(ratio)[rank])

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -90,31 +89,30 @@ _DEGREE = 13
 """Degree in each argument: the guess is then within 1e-5, so that one step of Newton's leaves rounding."""
 
 
-class QuantileGuess:
-    """Polynomial of the squared radius of one probability over the shares of the variances."""
+@functools.cache
+def _guess_coefficients(probability: float) -> Array:
+    """Return the coefficients of the polynomial that fits the exact squared radii of one probability."""
+    # Chebyshev's points of the first kind, and the discrete orthogonality of the polynomials on them.
+    angle = (np.arange(_DEGREE + 1) + 0.5) * np.pi / (_DEGREE + 1)
+    at = 0.5 + 0.5 * np.cos(angle)
+    a, b = (argument.ravel() for argument in np.meshgrid(at, at, indexing="ij"))
+    low = a / 3.0
+    middle = low + (1.0 - a) * b / 2.0
+    shares = np.stack((low, middle, 1.0 - low - middle))
+    values = _squares(probability, shares, _initial_square(probability, shares)).reshape(at.size, at.size)
+    to_coefficients = 2.0 / at.size * np.cos(np.arange(at.size)[:, None] * angle)
+    to_coefficients[0] *= 0.5
+    result: Array = to_coefficients @ values @ to_coefficients.T
+    return result
 
-    def __init__(self, solve: Callable[[Array], Array]) -> None:
-        """Fit the polynomial; ``solve`` returns the squared radii ``(N,)`` of shares ``(3, N)``, exactly."""
-        # Chebyshev's points of the first kind, and the discrete orthogonality of the polynomials on them.
-        angle = (np.arange(_DEGREE + 1) + 0.5) * np.pi / (_DEGREE + 1)
-        at = 0.5 + 0.5 * np.cos(angle)
-        a, b = (argument.ravel() for argument in np.meshgrid(at, at, indexing="ij"))
-        low = a / 3.0
-        middle = low + (1.0 - a) * b / 2.0
-        values = solve(np.stack((low, middle, 1.0 - low - middle))).reshape(at.size, at.size)
-        to_coefficients = 2.0 / at.size * np.cos(np.arange(at.size)[:, None] * angle)
-        to_coefficients[0] *= 0.5
-        self._coefficients = to_coefficients @ values @ to_coefficients.T
 
-    def __call__(self, shares: Array) -> Array:
-        """Return the guess ``(N,)`` for shares ``(3, N)``, ascending, that add up to one."""
-        low, middle, _ = shares
-        remainder = np.maximum(1.0 - 3.0 * low, 1e-12)
-        b = np.clip(2.0 * (middle - low) / remainder, 0.0, 1.0)
-        result: Array = np.einsum(
-            "in,in->n", _chebyshev(6.0 * low - 1.0), self._coefficients @ _chebyshev(2.0 * b - 1.0)
-        )
-        return result
+def _guess(probability: float, shares: Array) -> Array:
+    """Return the guess ``(N,)`` for shares ``(3, N)``, ascending, that add up to one."""
+    low, middle, _ = shares
+    b = np.clip(2.0 * (middle - low) / np.maximum(1.0 - 3.0 * low, 1e-12), 0.0, 1.0)
+    second = _guess_coefficients(probability) @ _chebyshev(2.0 * b - 1.0)
+    result: Array = np.einsum("in,in->n", _chebyshev(6.0 * low - 1.0), second)
+    return result
 
 
 def _chebyshev(x: Array) -> Array:
@@ -196,14 +194,9 @@ def length_quantiles(probability: float, variances: Array) -> Array:
         power = block.sum(axis=0)
         scatter = power > 0.0
         shares, power = block[:, scatter] / power[scatter], power[scatter]
-        squares = _squares(probability, shares, _guess(probability)(shares))
+        squares = _squares(probability, shares, _guess(probability, shares))
         result[start : start + BLOCK][scatter] = np.sqrt(squares * power)
     return result
-
-
-@functools.cache
-def _guess(probability: float) -> QuantileGuess:
-    return QuantileGuess(lambda shares: _squares(probability, shares, _initial_square(probability, shares)))
 
 
 def _squares(probability: float, shares: Array, square: Array) -> Array:
@@ -250,7 +243,11 @@ def _mixture_square(
     """Return the squared radius of the mixture of ``count`` vectors, of which some are zero, from a start."""
     low, high = 0.0, math.inf
     for _ in range(100):
-        cdf, density = _mixture_cdf_and_density(square, shares, count, zero_share, path)
+        cdf, density = zero_share, 0.0
+        for start in range(0, shares.shape[1], BLOCK):
+            block = shares[:, start : start + BLOCK]
+            parts = _cdf_and_density(np.full(block.shape[1], square), block, path)
+            cdf, density = cdf + float(parts[0].sum()) / count, density + float(parts[1].sum()) / count
         error = probability - cdf
         low, high = (square, high) if error > 0.0 else (low, square)
         next_square = square * math.exp(min(max(error / density, -1.0), 1.0)) if density > 0.0 else math.inf
@@ -263,17 +260,6 @@ def _mixture_square(
         if converged:
             break
     return square
-
-
-def _mixture_cdf_and_density(
-    square: float, shares: Array, count: float, zero_share: float, path: Contour
-) -> tuple[float, float]:
-    cdf, density = 0.0, 0.0
-    for start in range(0, shares.shape[1], BLOCK):
-        block = shares[:, start : start + BLOCK]
-        cdf_block, density_block = _cdf_and_density(np.full(block.shape[1], square), block, path)
-        cdf, density = cdf + float(cdf_block.sum()), density + float(density_block.sum())
-    return zero_share + cdf / count, density / count
 
 
 def mean_lengths(variances: Array) -> Array:

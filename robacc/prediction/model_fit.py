@@ -54,7 +54,14 @@ class ModelFit:
     def entry(self) -> dict[str, Any]:
         """Return the part of the robot file as plain values."""
         return {
-            "effects": [_effect_entry(effect) for effect in self.effects],
+            "effects": [
+                {
+                    "effect": effect.name,
+                    **({"joints": list(effect.joints)} if effect.joints else {}),
+                    **effect.settings(),
+                }
+                for effect in self.effects
+            ],
             "coefficients": list(self.coefficients),
             "covariance": [_text(row[: i + 1]) for i, row in enumerate(self.covariance)],
             "nominal": {joint: dict(numbers) for joint, numbers in self.nominal.items()},
@@ -118,11 +125,6 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         n_poses=int(entry["n_poses"]),
         suspicions=tuple(str(text) for text in entry.get("suspected_mistakes", ())),
     )
-
-
-def _effect_entry(effect: Effect) -> dict[str, Any]:
-    joints = {"joints": list(effect.joints)} if effect.joints else {}
-    return {"effect": effect.name, **joints, **effect.settings()}
 
 
 def _effect(entry: Mapping[str, Any]) -> Effect:

@@ -21,7 +21,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.covariances import PoseCovariances, pose_covariances
+from robacc.prediction.covariances import pose_covariances
 from robacc.prediction.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.robots.arm import Arm
@@ -251,7 +251,12 @@ def predict_accuracy(
     covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
     position = predicted_errors("m", covariances.position, configurations, scale.statistic)
     orientation = predicted_errors("rad", covariances.orientation, configurations, scale.statistic)
-    by_parameter = _parameter_shares(parameters, covariances)
+    totals = covariances.power.sum(axis=1, keepdims=True)
+    shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    by_parameter = [
+        Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
+        for parameter, pair in zip(parameters, shares, strict=True)
+    ]
     notes = list(configurations.notes)
     if robot.effects:
         notes.append("the robot file's effects are not part of a prediction from tolerances")
@@ -312,15 +317,6 @@ def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configu
         direction,
         math.sqrt(max(float(values[2]), 0.0)),
     )
-
-
-def _parameter_shares(parameters: Sequence[ToleranceParameter], covariances: PoseCovariances) -> list[Share]:
-    totals = covariances.power.sum(axis=1, keepdims=True)
-    shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
-    return [
-        Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
-        for parameter, pair in zip(parameters, shares, strict=True)
-    ]
 
 
 def _summed_shares(

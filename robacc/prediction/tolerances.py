@@ -13,8 +13,8 @@ from robacc.chain import BASE, TOOL
 from robacc.errors import InputError, Problem
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, nearest
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
-from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
-from robacc.robots.yaml_units import Units, read_units
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
+from robacc.robots.yaml_units import read_units
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
 
@@ -129,12 +129,6 @@ def _parameters(
     return result
 
 
-def lengths_of(joint: Joint, convention: str) -> frozenset[str]:
-    """Return the parameters of a joint that are lengths."""
-    offset = {"offset"} if convention == "urdf" and joint.type == "prismatic" else set()
-    return LENGTH_PARAMETERS | offset
-
-
 # Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
 #
 # units: {length: mm, angle: deg}
@@ -172,81 +166,51 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
         # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
-    reader = _ToleranceFileReader(
-        robot, units, {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
-    )
-    tolerances = Tolerances(
-        distribution,
-        coverage,
-        moving_joints=reader.moving_joints(top),
-        joints=reader.joints(top),
-        base=reader.frame(top, "base"),
-        tool=reader.frame(top, "tool"),
-    )
-    if not any((tolerances.moving_joints, tolerances.joints, tolerances.base, tolerances.tool)) and not source.problems:
-        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
-    source.finish()
-    return tolerances
+    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    joint_kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
 
+    def read(node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]) -> dict[str, float]:
+        section = source.section(node, path, kinds)
+        result = {}
+        for name, item in (section.values if section else {}).items():
+            value = units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
+            if value is not None and value < 0:
+                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
+            elif value is not None:
+                result[name] = value / divisor
+        return result
 
-class _ToleranceFileReader:
-    """Reader of one file's sections for one robot; ``divisor`` converts a tolerance into a standard deviation."""
-
-    def __init__(self, robot: Robot, units: Units, divisor: float) -> None:
-        self.robot, self.units, self.divisor = robot, units, divisor
-        self.kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
-
-    def moving_joints(self, top: YamlSection) -> dict[str, float]:
-        """Read the section ``all``."""
-        node = top.get("all")
-        if node is None:
-            return {}
-        moving = {joint.type for joint in self.robot.joints if joint.type != "fixed"}
-        lengths = LENGTH_PARAMETERS | ({"offset"} if moving == {"prismatic"} else set())
-        values = self._values(top.source, node, "all", self.kinds, lengths)
-        if "offset" in values and len(moving) > 1:
+    moving: dict[str, float] = {}
+    if (node := top.get("all")) is not None:
+        types = {joint.type for joint in robot.joints if joint.type != "fixed"}
+        moving = read(node, "all", joint_kinds, LENGTH_PARAMETERS | ({"offset"} if types == {"prismatic"} else set()))
+        if "offset" in moving and len(types) > 1:
             message = "offset is an angle of revolute joints and a length of prismatic joints"
-            top.source.report(node, "all.offset", message, "give it under joints, for each joint by name")
-        return values
-
-    def joints(self, top: YamlSection) -> dict[str, dict[str, float]]:
-        """Read the section ``joints``, by name."""
-        node = top.get("joints")
-        if node is None:
-            return {}
-        source, result = top.source, {}
-        if not isinstance(node, yaml.MappingNode):
-            source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
-            return {}
-        joints_by_name = {joint.name: joint for joint in self.robot.joints}
+            source.report(node, "all.offset", message, "give it under joints, for each joint by name")
+    by_joint: dict[str, dict[str, float]] = {}
+    joints_by_name = {joint.name: joint for joint in robot.joints}
+    node = top.get("joints")
+    if isinstance(node, yaml.MappingNode):
         for name, key_node, value in source.entries(node, "joints"):
             if name not in joints_by_name:
                 fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
                 source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
                 continue
             joint = joints_by_name[name]
-            kinds = FRAME_PARAMETERS if joint.type == "fixed" else self.kinds
-            lengths = lengths_of(joint, self.robot.convention)
-            result[name] = self._values(source, value, f"joints.{name}", kinds, lengths)
-        return result
-
-    def frame(self, top: YamlSection, key: str) -> dict[str, float]:
-        """Read the section ``base`` or ``tool``."""
-        node = top.get(key)
-        return {} if node is None else self._values(top.source, node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
-
-    def _values(
-        self, source: Source, node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]
-    ) -> dict[str, float]:
-        section = source.section(node, path, kinds)
-        result: dict[str, float] = {}
-        for name, item in (section.values if section else {}).items():
-            value = self.units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
-            if value is not None and value < 0:
-                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
-            elif value is not None:
-                result[name] = value / self.divisor
-        return result
+            kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
+            is_slide = robot.convention == "urdf" and joint.type == "prismatic"
+            lengths = LENGTH_PARAMETERS | ({"offset"} if is_slide else set())
+            by_joint[name] = read(value, f"joints.{name}", kinds, lengths)
+    elif node is not None:
+        source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
+    base, tool = (
+        {} if node is None else read(node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
+        for key, node in ((key, top.get(key)) for key in ("base", "tool"))
+    )
+    if not any((moving, by_joint, base, tool)) and not source.problems:
+        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
+    source.finish()
+    return Tolerances(distribution, coverage, moving, by_joint, base, tool)
 
 
 def _read_distribution(top: YamlSection) -> Distribution:

@@ -58,7 +58,9 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     count = np.bincount(number)
     parts = (prediction.position, prediction.orientation)
     rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
-    bound = [_largest(errors.pose_radius95, number, count.size) for errors in parts]
+    bound = [np.zeros(count.size), np.zeros(count.size)]
+    for largest, errors in zip(bound, parts, strict=True):
+        np.maximum.at(largest, number, errors.pose_radius95)
     scale = prediction.grade.scale
     ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
     grades = tuple(map(scale.name_of, ranks.tolist()))
@@ -70,9 +72,3 @@ def _round_edge(position: Array) -> float:
     wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
     power = 10.0 ** math.floor(math.log10(wanted))
     return float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
-
-
-def _largest(values: Array, number: NDArray[np.int64], count: int) -> Array:
-    result = np.zeros(count)
-    np.maximum.at(result, number, values)
-    return result

@@ -102,6 +102,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     outlier_rows, shift = _outliers(plan, data.n)
     position = position.copy()
     position[:, outlier_rows] += shift
+    turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
     nominal = (
         _predicted(dataclasses.replace(robot, effects=()), data)
         if plan.commanded
@@ -112,9 +113,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
         position=position,
         rotation=rotation if plan.orientation else None,
         commanded_position=None if nominal is None else nominal.translation,
-        commanded_rotation=None
-        if nominal is None or not (plan.orientation and _is_turned(planned, plan))
-        else nominal.rotation,
+        commanded_rotation=nominal.rotation if nominal is not None and plan.orientation and turned else None,
         sigma_position=np.full(shape, plan.noise_position) if plan.sigma else None,
         sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
         direction=data.direction if plan.motion else None,
@@ -129,11 +128,6 @@ def _predicted(robot: Robot, data: Measurements) -> Poses:
     parts = [predict(robot, data.subset(slice(start, start + _ROWS))) for start in starts]
     rotation = np.concatenate([part.rotation for part in parts], axis=2)
     return Poses(rotation, np.concatenate([part.translation for part in parts], axis=1))
-
-
-def _is_turned(planned: Measurements | None, plan: Plan) -> bool:
-    """Return whether orientations are commanded, not only positions."""
-    return plan.commanded or (planned is not None and planned.commanded_rotation is not None)
 
 
 def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | None:
@@ -179,8 +173,10 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     visit = np.arange(visits).repeat(len(targets))
     if planned is None:
         q, ids = joint_samples(robot, plan), _pose_ids(np.arange(plan.poses))
+    elif planned.q is None:
+        raise UsageError("the poses to visit have no joint columns")
     else:
-        q, ids = _planned_joints(planned)
+        q, ids = planned.q, _pose_ids(planned.groups()) if planned.pose is None else planned.pose
     direction, speed = motion_between_rows(q[:, pose_of_visit])
     cycle = None if planned is None else planned.cycle
     if plan.cycles > 1:
@@ -210,13 +206,6 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
         warnings=() if planned is None else planned.warnings,
     )
-
-
-def _planned_joints(planned: Measurements) -> tuple[Array, NDArray[np.str_]]:
-    """Return joint variables ``(J, n)`` and ids ``(n,)`` of poses to visit."""
-    if planned.q is None:
-        raise UsageError("the poses to visit have no joint columns")
-    return planned.q, _pose_ids(planned.groups()) if planned.pose is None else planned.pose
 
 
 def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,26 +18,16 @@ _NOISE = 1e-4
 """m; noise of the example rows, about that of a good camera."""
 
 
-class _Row(NamedTuple):
-    """Joint of an arm: a DH row and limits, mm and degrees."""
-
-    theta: float
-    d: float
-    a: float
-    alpha: float
-    limit: float
-
-
 _SIX = (
-    _Row(0, 450, 150, -90, 170),
-    _Row(-90, 0, 600, 0, 100),
-    _Row(0, 0, 100, -90, 70),
-    _Row(0, 620, 0, 90, 180),
-    _Row(0, 0, 0, -90, 120),
-    _Row(180, 100, 0, 0, 180),
+    (0, 450, 150, -90, 170),
+    (-90, 0, 600, 0, 100),
+    (0, 0, 100, -90, 70),
+    (0, 620, 0, 90, 180),
+    (0, 0, 0, -90, 120),
+    (180, 100, 0, 0, 180),
 )
-"""Example arm with a spherical wrist, like most arms with six axes."""
-_ALTERNATING = (_Row(0, 350, 0, -90, 160), _Row(0, 0, 0, 90, 110))
+"""Theta, d, a, alpha and limit of each joint, mm and degrees: a spherical wrist, as most arms with six axes have."""
+_ALTERNATING = ((0, 350, 0, -90, 160), (0, 0, 0, 90, 110))
 """Alternating joints of an arm with another number of joints: shoulder, elbow and wrist at right angles."""
 
 _HEAD = """\
@@ -102,16 +91,17 @@ _COLUMN = 38
 """Column of the comments."""
 
 
-def _joint(i: int, row: _Row) -> str:
+def _joint(i: int, row: tuple[float, ...]) -> str:
     """Return the lines of a joint; the first joint has a comment at every field."""
+    theta, d, a, alpha, limit = row
     fields = {
         "name": f"j{i + 1}",
         "type": "revolute",
-        "theta": row.theta,
-        "d": row.d,
-        "a": row.a,
-        "alpha": row.alpha,
-        "limits": [-row.limit, row.limit],
+        "theta": theta,
+        "d": d,
+        "a": a,
+        "alpha": alpha,
+        "limits": [-limit, limit],
     }
     lines = [f"  {'-' if key == 'name' else ' '} {key}: {value}" for key, value in fields.items()]
     if i == 0:

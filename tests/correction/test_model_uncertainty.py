@@ -238,6 +238,19 @@ def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
     assert allowed.n_corrected > result.n_corrected
 
 
+def test_a_temperature_that_no_effect_depends_on_refuses_no_target() -> None:
+    model = calibrated(1).robot
+    fit = model_fit(model)
+    assert fit is not None
+    cool = dataclasses.replace(fit, ranges={**fit.ranges, "temperature_c": (19.5, 20.5)})
+    model = dataclasses.replace(model, fit=cool.entry())
+    targets = robacc.simulate(ROBOT, poses=12, seed=5, motion=False).data
+    within, beyond = (robacc.correct(targets, model=model, temperature=degrees) for degrees in (20.0, 22.0))
+    assert within.n_corrected > 0
+    np.testing.assert_array_equal(beyond.targets.q, within.targets.q)
+    assert any("the targets are at 22" in warning for warning in beyond.warnings)
+
+
 # -- after the correction
 
 

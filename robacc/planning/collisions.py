@@ -9,8 +9,7 @@ from __future__ import annotations
 import itertools
 import logging
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from importlib.util import find_spec
@@ -105,39 +104,30 @@ def _loaded(path: str) -> Any:
             return ""
         return str(mesh)
 
+    # The reader reports missing meshes in its log only; `resolved` collects them.
+    logger = logging.getLogger("yourdfpy.urdf")
+    was_disabled, logger.disabled = logger.disabled, True
     try:
-        # The reader reports missing meshes in its log only; `resolved` collects them.
-        with _silent("yourdfpy.urdf"):
-            model = URDF.load(
-                path,
-                build_scene_graph=False,
-                load_meshes=False,
-                build_collision_scene_graph=True,
-                load_collision_meshes=True,
-                filename_handler=resolved,
-            )
+        model = URDF.load(
+            path,
+            build_scene_graph=False,
+            load_meshes=False,
+            build_collision_scene_graph=True,
+            load_collision_meshes=True,
+            filename_handler=resolved,
+        )
     except Exception as error:  # whatever the readers of the many formats raise
         if not missing:
             fix = "export the meshes again as STL or OBJ, or leave out `collisions`"
             raise InputError(Problem(f"a collision mesh cannot be read: {error}", path, fix=fix)) from error
+    finally:
+        logger.disabled = was_disabled
     if missing:
         names = list(dict.fromkeys(missing))
         more = f", and {len(names) - 1} more" if len(names) > 1 else ""
         fix = "put the meshes beside the URDF, or leave out `collisions`"
         raise InputError(Problem(f"the collision mesh {names[0]}{more}", path, fix=fix))
     return model
-
-
-@contextmanager
-def _silent(name: str) -> Iterator[None]:
-    """Keep a logger silent within a ``with`` block; its level is as before afterwards."""
-    logger = logging.getLogger(name)
-    level = logger.level
-    logger.setLevel(logging.CRITICAL + 1)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:

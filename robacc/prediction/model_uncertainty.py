@@ -404,11 +404,11 @@ def _errors(robot: Robot, data: Measurements) -> Array:
 
 def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, float | None]) -> Measurements:
     """Return the poses with the measurement noise that is given, or that of the fit where neither states it."""
-    position, angle = noise
-    if position is None and data.sigma_position is None:
-        position = fit.noise[0]
-    if angle is None and data.sigma_rotation is None:
-        angle = fit.noise[1]
+    stated = (data.sigma_position, data.sigma_rotation)
+    position, angle = (
+        of_fit if given is None and column is None else given
+        for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
+    )
     return dataclasses.replace(
         data,
         sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),

@@ -126,18 +126,13 @@ def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path)
     import logging
 
     logger = logging.getLogger("yourdfpy.urdf")
-    before = logger.level
-    try:
-        logger.setLevel(logging.INFO)
-        collisions_of(urdf)
-        assert logger.level == logging.INFO
-        broken = tmp_path / "broken.urdf"
-        broken.write_text(urdf.read_text().replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'))
-        with pytest.raises(InputError, match="collision mesh"):
-            collisions_of(broken)
-        assert logger.level == logging.INFO
-    finally:
-        logger.setLevel(before)
+    collisions_of(urdf)
+    assert not logger.disabled
+    broken = tmp_path / "broken.urdf"
+    broken.write_text(urdf.read_text().replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'))
+    with pytest.raises(InputError, match="collision mesh"):
+        collisions_of(broken)
+    assert not logger.disabled
 
 
 def test_messages(urdf: Path, tmp_path: Path) -> None:

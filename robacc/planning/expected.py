@@ -96,17 +96,14 @@ def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None
     """Return the predicted standard error of every coefficient, in the order of the effects."""
     place = {int(column): i for i, column in enumerate(planned.columns)}
     why = {entry.name: entry.why for entry in planned.dropped}
+    too_few = None if covariance is not None else "the planned poses are too few for this model"
     result = []
     for number, term in enumerate(planned.terms):
-        i = place.get(number)
-        if i is None:
+        if (i := place.get(number)) is None:
             result.append(ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)))
-        elif covariance is None:
-            reason = "the planned poses are too few for this model"
-            result.append(ExpectedCoefficient(term.name, term.unit, None, float(planned.prior_std[i]), reason))
         else:
-            std = float(np.sqrt(covariance[i, i]))
-            result.append(ExpectedCoefficient(term.name, term.unit, std, float(planned.prior_std[i])))
+            std = None if covariance is None else float(np.sqrt(covariance[i, i]))
+            result.append(ExpectedCoefficient(term.name, term.unit, std, float(planned.prior_std[i]), too_few))
     return tuple(result)
 
 

@@ -282,11 +282,9 @@ def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> Expected
 def random_power(problem: PowerProblem, count: int, seed: int) -> ExpectedPower:
     """Return the mean of :func:`expected_power` over random sets of ``count`` candidates."""
     generator = np.random.default_rng([seed, count])
-    draws = [
-        expected_power(problem, generator.choice(problem.rows.shape[0], count, replace=False))
-        for _ in range(_RANDOM_DRAWS)
-    ]
-    return ExpectedPower(float(np.mean([d.detected for d in draws])), float(np.mean([d.separated for d in draws])))
+    draws = (generator.choice(problem.rows.shape[0], count, replace=False) for _ in range(_RANDOM_DRAWS))
+    powers = [(power.detected, power.separated) for power in (expected_power(problem, draw) for draw in draws)]
+    return ExpectedPower(*np.mean(powers, axis=0).tolist())
 
 
 def choose_for_power(problem: PowerProblem, count: int, seed: int) -> NDArray[np.int64]:

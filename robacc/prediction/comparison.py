@@ -261,6 +261,11 @@ def compare_with_measured(
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests = consistency(statistics, seed=seed)
+    hint = None
+    if tests.scale is not None and tests.scale.factor >= _HINT_FACTOR:
+        hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
+        if alignment is None:
+            hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
     return MeasuredComparison(
         data.n,
         data.source or "the data",
@@ -270,17 +275,9 @@ def compare_with_measured(
         statistics,
         tests,
         variance_components(statistics, parameters, confidence),
-        _hint(tests, alignment),
+        hint,
         _one_draw(statistics),
     )
-
-
-def _hint(tests: Consistency, alignment: Alignment | None) -> str | None:
-    if tests.scale is None or tests.scale.factor < _HINT_FACTOR:
-        return None
-    if alignment is None:
-        return 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
-    return "errors this large come from units, joint signs or the order of the joints, not from tolerances"
 
 
 def _check_arguments(data: Measurements, noise: Noise, confidence: float) -> None:

@@ -445,17 +445,18 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
         if np.max(excess) <= 1.0:
             break
         factors = _optimal_factors(shares, target_variances)
-        verified = _predict_tightened(robot, prediction, factors)
+        tightened = [
+            dataclasses.replace(parameter, sd=parameter.sd * float(factor))
+            for parameter, factor in zip(prediction.parameters, factors, strict=True)
+        ]
+        verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
         if 1.0 - _TARGET_BAND <= np.max(excess) <= 1.0:
             break
         target_variances = np.where(
             excess > 1.0, target_variances / np.square(excess) * (1.0 - 0.5 * _TARGET_BAND), target_variances
         )
-    needed = tuple(
-        AllocatedTolerance(parameter, parameter.sd * float(factor))
-        for parameter, factor in zip(prediction.parameters, factors, strict=True)
-    )
+    needed = tuple(map(AllocatedTolerance, prediction.parameters, (parameter.sd for parameter in verified.parameters)))
     uniform_factor = min(1.0, 1.0 / float(np.max(initial_excess)))
     return Allocation(grade, needed, uniform_factor, verified, bool(np.max(_relative_excess(verified, limits)) <= 1.0))
 
@@ -470,14 +471,6 @@ def _relative_excess(prediction: Prediction, limits: tuple[float, float | None])
             0.0 if orientation is None else prediction.orientation.value(statistic) / orientation,
         ]
     )
-
-
-def _predict_tightened(robot: Robot, prediction: Prediction, factors: Array) -> Prediction:
-    tightened = [
-        dataclasses.replace(parameter, sd=parameter.sd * float(factor))
-        for parameter, factor in zip(prediction.parameters, factors, strict=True)
-    ]
-    return predict_accuracy(robot, tightened, prediction.configurations, prediction.grade.scale, prediction.meaning)
 
 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from robacc.api.schema import schema_names, schema_text
+from robacc.api.schema import schema, schema_names
 
 Schema = dict[str, Any]
 _SHAPES = {"vector3": "[3]", "matrix3": "[3][3]", "rows3": "[n][3]"}
@@ -19,18 +19,18 @@ _ORDER = ("estimate", "estimate-many", "predict", "calibrate", "trace", "iso9283
 def results() -> str:
     """Return the keys of every result, a section for each result, and the shared parts."""
     names = (*_ORDER, *(name for name in schema_names() if name not in _ORDER))
-    schemas = {name: _described(json.loads(schema_text(name))) for name in names}
+    schemas = {name: _described(schema(name)) for name in names}
     first = schemas["estimate"]["properties"]
     every = ("schema", "robacc", "command", "options", "inputs", "seed", "gate")
     parts = ["## Every result", _table({key: first[key] for key in every}, every[:-1])]
     shared: dict[str, Schema] = {}
-    for name, schema in schemas.items():
+    for name, document in schemas.items():
         # The gate of a check is the result itself, not an optional part of it.
         shown = every[:-1] if name == "check" else every
-        own = {key: value for key, value in schema["properties"].items() if key not in shown}
-        purpose = schema["description"].split(" Lengths in m")[0]
-        parts += [f"## {schema['title']}", _prose(purpose), _table(own, schema["required"])]
-        shared |= schema["$defs"]
+        own = {key: value for key, value in document["properties"].items() if key not in shown}
+        purpose = document["description"].split(" Lengths in m")[0]
+        parts += [f"## {document['title']}", _prose(purpose), _table(own, document["required"])]
+        shared |= document["$defs"]
     parts += ["## Shared parts", "Parts that several results or places use."]
     for name in sorted(set(shared) - set(_SHAPES)):
         part = shared[name]
@@ -42,7 +42,7 @@ def results() -> str:
     return "\n\n".join(parts)
 
 
-def _described(schema: Schema) -> Schema:
+def _described(document: Schema) -> Schema:
     """Return the schema with descriptions of shared parts copied to references without a description."""
 
     def described(value: Any) -> Any:
@@ -50,11 +50,11 @@ def _described(schema: Schema) -> Schema:
             return [described(item) for item in value]
         if not isinstance(value, dict):
             return value
-        part = schema["$defs"].get(value.get("$ref", "").rpartition("/")[2], {})
+        part = document["$defs"].get(value.get("$ref", "").rpartition("/")[2], {})
         known = {"description": part["description"]} if "description" in part else {}
         return known | {key: described(item) for key, item in value.items()}
 
-    result: Schema = described(schema)
+    result: Schema = described(document)
     return result
 
 

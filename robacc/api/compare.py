@@ -48,9 +48,9 @@ class Compared(Result, ResultComparison):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
-        from robacc.documents.compare import payload
+        from robacc.documents.compare import COMPARE
 
-        return payload(self)
+        return COMPARE.write(self)
 
 
 def compare(
@@ -188,9 +188,9 @@ class ComparedTargets(Result, PairedTargets):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.compare import paired_payload
+        from robacc.documents.compare import COMPARE_PAIRED
 
-        return paired_payload(self)
+        return COMPARE_PAIRED.write(self)
 
 
 @single_threaded

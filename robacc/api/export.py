@@ -29,9 +29,9 @@ class Exported(Result, ExportedModel):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
-        from robacc.documents.export import export_payload
+        from robacc.documents.export import EXPORT
 
-        return export_payload(self, self.format)
+        return EXPORT.write(self)
 
     def write(self, path: StrPath) -> None:
         """Write the model to a file; a failure leaves no partial file.

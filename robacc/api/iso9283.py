@@ -47,9 +47,9 @@ class Iso9283(Result, Iso9283Result):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.iso9283 import payload
+        from robacc.documents.iso9283 import ISO9283
 
-        return payload(self)
+        return ISO9283.write(self)
 
 
 @single_threaded

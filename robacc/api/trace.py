@@ -34,11 +34,10 @@ class Traced(FitResult, Trace):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import baseline_payload, trace_payload
+        from robacc.documents.fit import trace_payload
 
         inputs = self.fit_inputs
-        document = trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
-        return {**document, "declared": baseline_payload(self.baseline)}
+        return trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
 
     def draw(self, stream: TextIO) -> None:
         """Write how good, why, and what now."""

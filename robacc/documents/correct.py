@@ -5,53 +5,316 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.accuracy.pose_errors import ErrorMetrics
-from robacc.correction.correction import Correction, ExpectedErrors, grade_counts
+from robacc.correction.correction import grade_counts
 from robacc.documents.envelope import csv_cell, csv_text
-from robacc.documents.parts import rounded
-from robacc.geometry import Array, Poses, quaternion_from_rotation
-from robacc.measurements import Measurements
+from robacc.documents.keys import Document, Key, array, choice, count, flag, integer, number, part, size, table, text
+from robacc.documents.parts import rounded, texts
+from robacc.geometry import quaternion_from_rotation
 from robacc.quantities import number_text
-from robacc.robots.description import Robot
 
-Document = dict[str, Any]
+if TYPE_CHECKING:
+    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.correction.correction import Correction, ExpectedErrors
+    from robacc.geometry import Array, Poses
+    from robacc.measurements import Measurements
+    from robacc.robots.description import Robot
+
+
+def _orientation_rms(errors: ExpectedErrors) -> Array | None:
+    return errors.orientation_rms if errors.orientation_is_known else None
+
+
+_EXPECTED = part(
+    {
+        "position": Key(
+            part(
+                {
+                    "rms_m": Key(size, "Rms of the predicted error, m."),
+                    "max_m": Key(size, "Largest predicted error, m."),
+                    "expected_rms_m": Key(
+                        size,
+                        "Rms error to expect: predicted error and uncertainty of the model, m.",
+                    ),
+                    "largest_bound95_m": Key(
+                        size | None,
+                        "Largest bound of 95 % of the errors of any target, m; null if the model has no uncertainty.",
+                    ),
+                }
+            )
+            | None,
+            "Position errors; null without a corrected target.",
+        ),
+        "orientation": Key(
+            part(
+                {
+                    "rms_rad": Key(size, "Rms of the predicted error, rad."),
+                    "max_rad": Key(size, "Largest predicted error, rad."),
+                    "expected_rms_rad": Key(
+                        size | None,
+                        (
+                            "Rms error to expect: predicted error and uncertainty of the model, rad; null if the "
+                            "model was fitted to positions alone."
+                        ),
+                    ),
+                    "largest_bound95_rad": Key(
+                        size | None,
+                        "Largest bound of 95 % of the errors of any target, rad; null if the model has no uncertainty.",
+                    ),
+                }
+            )
+            | None,
+            "Orientation errors; null if only positions are wanted.",
+        ),
+        "grades": Key(
+            table(count) | None,
+            "Number of targets of each grade by their bounds; null without bounds.",
+        ),
+    }
+)
+"""Expected errors of the corrected targets together."""
+_BOUNDS = part(
+    {
+        "rms_m": Key(
+            array(number),
+            "Rms position error to expect: predicted error and uncertainty of the model, m.",
+            "position_rms",
+        ),
+        "rms_rad": Key(
+            array(number) | None,
+            "Rms orientation error to expect, rad; null if the model was fitted to positions alone.",
+            _orientation_rms,
+        ),
+        "bound95_m": Key(
+            array(number) | None,
+            "Bound of 95 % of the position errors, m; null without uncertainty.",
+            "position_bound",
+        ),
+        "bound95_rad": Key(
+            array(number) | None,
+            "Bound of 95 % of the orientation errors, rad; null without uncertainty.",
+            "orientation_bound",
+        ),
+        "grade": Key(array(text) | None, "Grade by the bounds; null without bounds.", "grades"),
+    }
+)
+"""Expected error of each target."""
+_TARGETS = part(
+    {
+        "line": Key(array(integer), "Line of the file."),
+        "pose": Key(
+            array(text) | None,
+            "Name; null without a column pose.",
+        ),
+        "target": Key(
+            array(text) | None,
+            "Measured target; null without a column target.",
+        ),
+        "corrected": Key(array(flag), "Whether the target is corrected.", "is_corrected"),
+        "cause": Key(
+            array(text | None),
+            "Cause of the refusal; null for a corrected target.",
+            lambda targets: [None if refusal is None else refusal.cause.value for refusal in targets.refusals],
+        ),
+        "reason": Key(
+            array(text | None),
+            "Reason of the refusal as a sentence; null for a corrected target.",
+            lambda targets: [None if refusal is None else refusal.reason for refusal in targets.refusals],
+        ),
+        "q_nominal": Key(
+            array(array(number)),
+            "Joints without a correction, rad or m.",
+            lambda targets: rounded(targets.wanted.q),
+        ),
+        "q": Key(array(array(number)), "Joints to command, rad or m.", lambda targets: rounded(targets.q)),
+        "wanted_m": Key(array(array(number, 3)), "Wanted position, m."),
+        "wanted_quaternion": Key(
+            array(array(number, 4)),
+            "Wanted orientation, w x y z.",
+        ),
+        "command_m": Key(
+            array(array(number, 3)),
+            "Position to command to a controller that takes Cartesian targets, m.",
+        ),
+        "command_quaternion": Key(
+            array(array(number, 4)),
+            "Orientation to command, w x y z.",
+        ),
+        "correction_m": Key(
+            array(array(number, 3)),
+            "Command less wanted position, measuring frame, m.",
+            lambda targets: rounded(targets.correction[:3]),
+        ),
+        "correction_rad": Key(
+            array(array(number, 3)),
+            "Rotation vector from the wanted to the command orientation, measuring frame, rad.",
+            lambda targets: rounded(targets.correction[3:]),
+        ),
+        "error_before_m": Key(
+            array(array(number, 3)),
+            "Predicted position error without a correction, measuring frame, m.",
+            lambda targets: rounded(targets.error_before[:3]),
+        ),
+        "error_before_rad": Key(
+            array(array(number, 3)),
+            "Predicted orientation error without a correction, rad.",
+            lambda targets: rounded(targets.error_before[3:]),
+        ),
+        "error_after_m": Key(
+            array(array(number, 3)),
+            "Predicted position error with the correction, measuring frame, m.",
+            lambda targets: rounded(targets.error_after[:3]),
+        ),
+        "error_after_rad": Key(
+            array(array(number, 3)),
+            "Predicted orientation error with the correction, rad.",
+            lambda targets: rounded(targets.error_after[3:]),
+        ),
+        "before": Key(
+            _BOUNDS,
+            "Expected errors and bounds without a correction.",
+        ),
+        "after": Key(
+            _BOUNDS,
+            "Expected errors and bounds with the correction.",
+        ),
+    }
+)
+"""Columns with an entry for each target."""
+CORRECT = part(
+    {
+        "n_targets": Key(count, "Number of targets."),
+        "n_corrected": Key(count, "Number of corrected targets."),
+        "n_refused": Key(
+            count,
+            "Number of targets that keep their nominal command.",
+            lambda result: result.n_targets - result.n_corrected,
+        ),
+        "refused": Key(
+            table(count),
+            "Number of refused targets by cause.",
+            lambda result: {cause.value: count for cause, count in result.causes.items()},
+        ),
+        "frame": Key(
+            choice("measuring", "base"),
+            "Frame of wanted and command poses: the measuring frame, or the robot's base.",
+            "targets.pair.frame",
+        ),
+        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
+        "model": Key(text, "Name of the model."),
+        "joints": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the joint."),
+                        "type": Key(text, "revolute or prismatic."),
+                    }
+                )
+            ),
+            "Joints in chain order.",
+        ),
+        "limit": Key(
+            part(
+                {
+                    "position_m": Key(number | None, "m; null without a limit.", "limits.position"),
+                    "orientation_rad": Key(number | None, "rad; null without a limit.", "limits.orientation"),
+                    "source": Key(choice("option", "model", "none"), "Source of the limit.", "limits_source"),
+                }
+            ),
+            "Largest correction.",
+            "",
+        ),
+        "weight_m_per_rad": Key(
+            number | None,
+            "Weight of orientation against position, m per rad; null for arms with six axes or more.",
+        ),
+        "correction": Key(
+            part(
+                {
+                    "position": Key(
+                        part(
+                            {
+                                "rms_m": Key(size, "Rms length, m."),
+                                "max_m": Key(size, "Largest length, m."),
+                            }
+                        )
+                        | None,
+                        "Position; null without a corrected target.",
+                    ),
+                    "orientation": Key(
+                        part(
+                            {
+                                "rms_rad": Key(size, "Rms length, rad."),
+                                "max_rad": Key(size, "Largest length, rad."),
+                            }
+                        )
+                        | None,
+                        "Orientation; null if only positions are wanted.",
+                    ),
+                }
+            ),
+            "Command less wanted pose, over the corrected targets.",
+        ),
+        "expected": Key(
+            part(
+                {
+                    "before": Key(
+                        _EXPECTED,
+                        "At the nominal commands.",
+                    ),
+                    "after": Key(
+                        _EXPECTED,
+                        "At the corrected commands.",
+                    ),
+                }
+            ),
+            "Expected errors of the corrected targets.",
+        ),
+        "scale": Key(text, "Name of the grade scale.", "scale.name"),
+        "targets": Key(
+            _TARGETS,
+            "Columns with an entry for each target.",
+        ),
+        "notes": Key(array(text), "Assumptions and limitations."),
+    },
+    about="Commands that make the real arm reach its targets, and the expected errors before and after.",
+)
 
 
 def payload(result: Correction, given: Measurements, model: Robot) -> Document:
     """Return the keys of a correction; arrays stay arrays, with targets first."""
     targets, oriented = result.targets, result.targets.wanted.oriented
-    limits = result.limits
-    return {
-        "n_targets": result.n_targets,
-        "n_corrected": result.n_corrected,
-        "n_refused": result.n_targets - result.n_corrected,
-        "refused": {cause.value: count for cause, count in result.causes.items()},
-        "frame": targets.pair.frame,
-        "given": targets.wanted.given,
-        "model": model.name,
-        "joints": [{"name": joint.name, "type": joint.type} for joint in model.variables],
-        "limit": {
-            "position_m": limits.position,
-            "orientation_rad": limits.orientation,
-            "source": result.limits_source,
+    metrics = result.correction_metrics
+    wanted, command = framed_poses(result)
+    return CORRECT.write(
+        result,
+        model=model.name,
+        joints=model.variables,
+        weight_m_per_rad=result.limits.weight if len(model.variables) < 6 and oriented else None,
+        correction={
+            "position": _extent(metrics.position, "m"),
+            "orientation": _extent(metrics.orientation, "rad") if oriented else None,
         },
-        "weight_m_per_rad": limits.weight if len(model.variables) < 6 and oriented else None,
-        "correction": {
-            "position": _extent(result.correction_metrics.position, "m"),
-            "orientation": _extent(result.correction_metrics.orientation, "rad") if oriented else None,
-        },
-        "expected": {
+        expected={
             "before": _expected(result, result.before, oriented),
             "after": _expected(result, result.after, oriented),
         },
-        "scale": result.scale.name,
-        "targets": _targets(result, given),
-        "notes": list(result.notes),
-    }
+        targets=_TARGETS.write(
+            targets,
+            line=[given.line(i) for i in range(given.n)],
+            pose=texts(given.pose),
+            target=texts(given.target),
+            wanted_m=rounded(wanted.translation),
+            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
+            command_m=rounded(command.translation),
+            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
+            before=result.before,
+            after=result.after,
+        ),
+    )
 
 
 def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
@@ -85,48 +348,6 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
         else None,
         "grades": grades,
     }
-
-
-def _targets(result: Correction, given: Measurements) -> Document:
-    """Return columns with an entry for each target."""
-    targets = result.targets
-    wanted, command = framed_poses(result)
-    return {
-        "line": [given.line(i) for i in range(given.n)],
-        "pose": None if given.pose is None else [str(name) for name in given.pose],
-        "target": None if given.target is None else [str(name) for name in given.target],
-        "corrected": targets.is_corrected,
-        "cause": [None if refusal is None else refusal.cause.value for refusal in targets.refusals],
-        "reason": [None if refusal is None else refusal.reason for refusal in targets.refusals],
-        "q_nominal": rounded(targets.wanted.q),
-        "q": rounded(targets.q),
-        "wanted_m": rounded(wanted.translation),
-        "wanted_quaternion": rounded(quaternion_from_rotation(wanted.rotation)),
-        "command_m": rounded(command.translation),
-        "command_quaternion": rounded(quaternion_from_rotation(command.rotation)),
-        "correction_m": rounded(targets.correction[:3]),
-        "correction_rad": rounded(targets.correction[3:]),
-        "error_before_m": rounded(targets.error_before[:3]),
-        "error_before_rad": rounded(targets.error_before[3:]),
-        "error_after_m": rounded(targets.error_after[:3]),
-        "error_after_rad": rounded(targets.error_after[3:]),
-        "before": _bounds(result.before),
-        "after": _bounds(result.after),
-    }
-
-
-def _bounds(errors: ExpectedErrors) -> Document:
-    return {
-        "rms_m": errors.position_rms,
-        "rms_rad": _orientation_rms(errors),
-        "bound95_m": errors.position_bound,
-        "bound95_rad": errors.orientation_bound,
-        "grade": None if errors.grades is None else list(errors.grades),
-    }
-
-
-def _orientation_rms(errors: ExpectedErrors) -> Array | None:
-    return errors.orientation_rms if errors.orientation_is_known else None
 
 
 def framed_poses(result: Correction) -> tuple[Poses, Poses]:

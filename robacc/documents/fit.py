@@ -3,45 +3,822 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.accuracy.pose_errors import PoseMetrics
-from robacc.accuracy.stages import Gain, Residuals, Stage
-from robacc.calibration.calibrating import Calibration
+from robacc.documents.gate import GATE_KEY
+from robacc.documents.keys import (
+    Document,
+    Key,
+    Kind,
+    array,
+    choice,
+    count,
+    flag,
+    number,
+    part,
+    share,
+    size,
+    table,
+    text,
+)
 from robacc.documents.parts import (
-    covariance_document,
-    curve_document,
-    figures_document,
-    interval_document,
-    parameters_document,
+    COVARIANCE,
+    CURVE,
+    CURVE_KEYS,
+    FIGURES,
+    FITTED_POSES,
+    INTERVAL,
+    METRICS,
+    OUTSIDE_KEY,
+    PARAMETER,
+    QUANTITIES,
+    ROBOT,
     pose_document,
     robot_document,
 )
-from robacc.effects.request import Baseline
-from robacc.error_model.structure import Repeatability
-from robacc.fitting.fit_result import Fit, Identifiability
-from robacc.fitting.masses import BETTER, DeflectionChoice, UndeclaredLoad
+from robacc.fitting.masses import BETTER
 from robacc.fitting.priors import weak_kinds
-from robacc.fitting.sparse_prior import ShrunkKind
 from robacc.fitting.visits import places
-from robacc.fitting.warnings import LackOfFit
 from robacc.geometry import Array
-from robacc.measurements import Measurements
-from robacc.robots.description import Robot
 from robacc.statistics.intervals import Interval
-from robacc.tracing.findings import Finding
-from robacc.tracing.judging import ErrorCause, Judged
-from robacc.tracing.search import Ranked
-from robacc.tracing.trace import Trace
 
-# Stages of a fit as parts of a JSON result: the metrics of each stage with their intervals.
+if TYPE_CHECKING:
+    from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics
+    from robacc.accuracy.stages import Residuals, Stage
+    from robacc.calibration.calibrating import Calibration
+    from robacc.effects.request import Baseline
+    from robacc.measurements import Measurements
+    from robacc.robots.description import Robot
+    from robacc.tracing.findings import Finding
+    from robacc.tracing.judging import Judged
+    from robacc.tracing.trace import Trace
 
 CONFIDENCE = 0.95
+"""Confidence of the intervals of a stage."""
+_WITH_INTERVALS = ("rms", "mean_error", "p95")
+
+GAIN = part(
+    {
+        "value": Key(number, "Error before minus error after, m."),
+        "low": Key(number | None, "Lower limit of the interval, m.", lambda gain: finite(gain.low)),
+        "high": Key(number | None, "Upper limit of the interval, m.", lambda gain: finite(gain.high)),
+        "confidence": Key(share, "Confidence of the interval."),
+    },
+    "gain",
+    "Reduction of the rms position error on held-out poses, m; null if there are none.",
+)
+
+NOISE = part(
+    {
+        "position_m": Key(
+            size | None, "Standard deviation along an axis, m; rms of the three if they differ.", "noise.position"
+        ),
+        "along_axes_m": Key(
+            array(size, 3) | None,
+            "Standard deviations along x, y, z of the measuring frame, m; null if they do not differ.",
+            "noise.along_axes",
+            optional=True,
+        ),
+        "orientation_rad": Key(
+            size | None,
+            "Standard deviation about an axis, rad; null if no orientation was measured.",
+            "noise.orientation",
+        ),
+        "source": Key(
+            choice("file", "file and misfit", "repeats", "residual"),
+            (
+                "Source of the value; file and misfit: the file's sigma columns, and what the remaining error adds "
+                "to them."
+            ),
+            "noise.source",
+        ),
+        "residual_over_noise": Key(size | None, "Rms of the residual over rms of the noise.", "ratio"),
+        "lack_of_fit_p_value": Key(
+            share | None,
+            "Probability of a residual as large by noise alone; null if the noise was estimated from the residual.",
+            "p_value",
+        ),
+    },
+    "noise",
+    "Measurement noise that sets the weights of the fit.",
+)
+
+STAGE_FIGURES = part(
+    {
+        name: Key(
+            part(
+                {
+                    **METRICS[unit],
+                    "n_poses": Key(count, "Number of rows behind the metrics."),
+                    "n_commanded_poses": Key(count, "Number of commanded poses among the rows."),
+                    "intervals": Key(
+                        part({f"{metric}_{unit}": Key(INTERVAL) for metric in _WITH_INTERVALS}),
+                        "Intervals of the metrics, by their keys.",
+                    ),
+                }
+            )
+            | None,
+            f"Metrics of {name}; null if none was measured.",
+        )
+        for unit, name in QUANTITIES
+    },
+    "stage_figures",
+    "Metrics on one set of poses.",
+)
+STAGE = part(
+    {
+        "fitted": Key(STAGE_FIGURES, "Metrics of all calibration poses, outliers included."),
+        "fitted_inliers": Key(
+            STAGE_FIGURES | None, "Metrics of the calibration poses without the outliers; null if there are none."
+        ),
+        "held_out": Key(
+            STAGE_FIGURES | None,
+            (
+                "Metrics of all held-out poses, outliers included, which are used neither for choosing nor for "
+                "fitting; null if there are too few poses."
+            ),
+        ),
+        "held_out_inliers": Key(
+            STAGE_FIGURES | None, "Metrics of the held-out poses without the outliers; null if there are none."
+        ),
+    },
+    "stage",
+    "One stage of the fit.",
+)
+
+REPEATABILITY = part(
+    {
+        "joints": Key(
+            table(size | None),
+            "Standard deviation of each joint's scatter from visit to visit, rad or m; null if it is not identifiable.",
+            lambda repeatability: dict(repeatability.joints),
+        ),
+        "position_m": Key(size, "Rms of the scatter's length at the target, m."),
+        "pose_position_m": Key(
+            size,
+            "Rms of the error that all visits of a pose, or of poses close together, share and no effect explains, m.",
+        ),
+        "source": Key(
+            choice("repeated visits", "several targets", "residual"),
+            (
+                "Source that separates it from the noise; from the residual alone, an effect outside the catalogue "
+                "is not distinguishable."
+            ),
+        ),
+    }
+)
+"""Intrinsic repeatability of an arm."""
+
+
+def finite(value: float) -> float | None:
+    """Return the value; None if it is not finite, which JSON has no number for."""
+    return value if math.isfinite(value) else None
+
+
+_FIT = {
+    "n_poses": Key(count, "Measured poses (rows)."),
+    "noise": Key(NOISE),
+    "nominal_unregistered": Key(STAGE, "Nominal model as it stands in the robot file, base and tool not fitted."),
+    "nominal": Key(STAGE, "Nominal model, registered: base and tool frames fitted as far as the poses allow."),
+    "before": Key(
+        STAGE, "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all)."
+    ),
+    "after": Key(STAGE, "Extended model: all effects are fitted, in trace with the findings."),
+    "causes": Key(
+        array(
+            part(
+                {
+                    "effect": Key(text, "Name of the effect."),
+                    "joints": Key(array(text), "Joints that it changes."),
+                    "settings": Key(table(), "Settings of the effect."),
+                    "declared": Key(flag, "Whether it was declared; else the trace found it."),
+                    "size_at_tool_m": Key(
+                        size, "Root mean square distance by which it alone moves the target, m.", "size"
+                    ),
+                    "low_m": Key(
+                        size, "Lower end of the 95 % interval of that distance, m.", lambda cause: cause.interval[0]
+                    ),
+                    "high_m": Key(size, "Upper end, m.", lambda cause: cause.interval[1]),
+                    "error_without_m": Key(
+                        size, "Root mean square error that no other effect of the fit can describe, m.", "left"
+                    ),
+                    "share": Key(share | None, "Mean square of that error over that of the nominal model, registered."),
+                }
+            )
+        ),
+        (
+            "Effects in the fit other than base and tool, declared or found, that the poses distinguish from "
+            "nothing; the largest first."
+        ),
+    ),
+    "gain_m": Key(GAIN | None),
+    "n_folds": Key(
+        count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
+    ),
+    "parameters": Key(array(PARAMETER), "All coefficients of the extended model."),
+    "parameter_covariance": Key(
+        COVARIANCE,
+        "Covariance of the coefficients that have a standard error.",
+        "covariance",
+    ),
+    "priors": Key(
+        array(
+            part(
+                {
+                    "effect": Key(text, "Effect that the constants belong to."),
+                    "unit": Key(text, "Unit of the constants and of the standard deviation."),
+                    "std": Key(number, "Standard deviation of the prior, estimated from the data."),
+                    "weakly_identifiable": Key(
+                        array(text), "Coefficients of the effect that the poses alone determine poorly.", "names"
+                    ),
+                }
+            )
+        ),
+        (
+            "Gaussian priors about nominal on kinds of constants of which some are weakly identifiable; empty if "
+            "there are none."
+        ),
+        lambda result: weak_kinds(result.fit),
+    ),
+    "repeatability": Key(
+        REPEATABILITY | None,
+        "Intrinsic repeatability of the arm, apart from the measurement noise; null if it cannot be separated.",
+    ),
+    "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
+    "deflection": Key(
+        part(
+            {
+                "form": Key(
+                    choice("equilibrium", "rigid"), "Torques in elastic equilibrium, or at the undeflected pose."
+                ),
+                "difference_rms_m": Key(
+                    size | None, "Rms difference between the positions that the two models predict, m.", "difference"
+                ),
+                "difference_whitened": Key(
+                    size | None, "Length of that difference in units of the noise.", "separation"
+                ),
+                "rigid_better_by": Key(
+                    number | None,
+                    (
+                        "Twice the difference in log-likelihood in favour of the rigid model; null if the two models "
+                        "were not compared."
+                    ),
+                    "gain",
+                ),
+                "needed": Key(
+                    size, "Smallest value of rigid_better_by that selects the rigid model.", lambda choice: BETTER
+                ),
+            }
+        )
+        | None,
+        (
+            "Model of the torques behind elastic effects; null if no elastic effect is fitted or the model was not "
+            "compared."
+        ),
+    ),
+    "outliers": Key(
+        array(
+            part(
+                {
+                    "line": Key(count, "Line of the file."),
+                }
+            )
+        ),
+        "Outliers, which the fit leaves out.",
+    ),
+    "warnings": Key(array(text), "Warnings."),
+    "robot": Key(ROBOT | None),
+    "poses": Key(FITTED_POSES),
+    "poses_apart": Key(
+        FITTED_POSES | None,
+        "Poses of the holdout file; null without such a file.",
+    ),
+}
+
+CALIBRATE = part(
+    {
+        **_FIT,
+        "effects": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "joints": Key(array(text), "Joints of the effect."),
+                    },
+                    has_others=True,
+                )
+            ),
+            "Fitted effects, with the settings of their form.",
+            lambda calibration: [
+                {"effect": effect.name, "joints": list(effect.joints), **effect.settings()}
+                for effect in calibration.effects
+            ],
+        ),
+        "shrinkage": Key(
+            array(
+                part(
+                    {
+                        "unit": Key(text, "m or rad."),
+                        "width": Key(
+                            size | None,
+                            (
+                                "Standard deviation of the prior for constants that differ from their nominal "
+                                "values, in the unit."
+                            ),
+                            "std",
+                        ),
+                        "constants": Key(
+                            array(
+                                part(
+                                    {
+                                        "name": Key(text, "Name of the coefficient."),
+                                        "probability": Key(
+                                            share, "Probability that the constant differs from its nominal value."
+                                        ),
+                                    }
+                                )
+                            ),
+                            "Constants of the kind.",
+                            lambda kind: [
+                                {"name": name, "probability": probability}
+                                for name, probability in zip(kind.names, kind.probability, strict=True)
+                            ],
+                        ),
+                    }
+                )
+            ),
+            "Constants with shrinkage to the nominal values, by kind.",
+            "shrunk",
+        ),
+        "correlations": Key(
+            array(
+                part(
+                    {
+                        "first": Key(text, "Name of the first."),
+                        "second": Key(text, "Name of the second."),
+                        "correlation": Key(
+                            Kind({"type": "number", "minimum": -1, "maximum": 1}), "Correlation, from -1 to 1.", "value"
+                        ),
+                    }
+                )
+            ),
+            "Pairs of strongly correlated coefficients.",
+        ),
+        "chi_square": Key(size | None, "Weighted sum of squared residuals.", "fit.chi_square"),
+        "degrees_of_freedom": Key(number | None, "Degrees of freedom of the fit.", "fit.degrees_of_freedom"),
+        "identifiability": Key(
+            part(
+                {
+                    "n_identifiable": Key(
+                        count,
+                        "Number of identifiable coefficients.",
+                        lambda identifiability: int(identifiability.columns.size),
+                    ),
+                    "not_identifiable": Key(
+                        array(
+                            part(
+                                {
+                                    "name": Key(text, "Name."),
+                                    "partners": Key(array(text), "Coefficients that it is confounded with."),
+                                    "why": Key(text, "Reason."),
+                                }
+                            )
+                        ),
+                        "Coefficients that are not identifiable on these poses.",
+                        "dropped",
+                    ),
+                    "condition_number": Key(size | None, "Condition number of the scaled Jacobian.", "condition"),
+                    "observability": Key(
+                        table(number | None),
+                        "Observability indices O1 to O5.",
+                        lambda identifiability: identifiability.observability(),
+                    ),
+                }
+            ),
+            "Identifiability of the coefficients on these poses.",
+        ),
+        "leverage": Key(
+            array(
+                part(
+                    {
+                        "line": Key(count, "Line of the file."),
+                        "share": Key(share, "Leverage: the row's share in its own prediction."),
+                    }
+                )
+            ),
+            "Rows with high leverage.",
+        ),
+        "partial_residuals": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the effect."),
+                        "joints": Key(array(text), "Joints of the effect."),
+                        **CURVE_KEYS,
+                    }
+                )
+            ),
+            "Partial residuals of each effect that is not a constant.",
+            lambda calibration: [
+                {"name": effect.name, "joints": list(effect.joints), **CURVE.write(curve)}
+                for effect, curve in calibration.partial_residuals
+            ],
+        ),
+        "outside_validity": OUTSIDE_KEY,
+        "gate": GATE_KEY,
+    },
+    about=(
+        "Named effects fitted to measured poses, with the error before and after on calibration poses and on "
+        "held-out poses."
+    ),
+)
+
+
+def _change(finding: Finding) -> Document | None:
+    if finding.change is None:
+        return None
+    unit = "s" if "from_time_s" in finding.settings else "line"
+    return dict(zip(("at", "low", "high"), finding.change, strict=True), unit=unit)
+
+
+FINDING = part(
+    {
+        "effect": Key(text, "Name of the effect."),
+        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
+        "settings": Key(table(), "Settings of the effect, if it has any."),
+        "alternatives": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "joints": Key(
+                            array(text),
+                            "Joints of the effect; empty if it acts on no particular joint.",
+                        ),
+                        "similarity": Key(
+                            share,
+                            "Cosine between the contributions of the two effects on these poses, 0 to 1.",
+                        ),
+                        "evidence_difference": Key(
+                            number | None,
+                            "Evidence (log Bayes factor) of the finding minus that of the alternative.",
+                        ),
+                        "settings": Key(table(), "Settings of the effect, if it has any."),
+                    }
+                )
+            ),
+            "Effects that are not distinguishable from the finding on these poses.",
+        ),
+        "p_value": Key(
+            share | None,
+            "Posterior probability that the effect is not there, prior odds of all candidates included.",
+            lambda finding: finite(finding.p_value),
+        ),
+        "evidence": Key(
+            number | None,
+            "Evidence (log Bayes factor) for the finding.",
+            lambda finding: finite(finding.evidence),
+        ),
+        "size_at_tool_m": Key(
+            size | None,
+            (
+                "Rms over the calibration poses of the distance by which the effect alone moves the target, m; null "
+                "if it cannot be evaluated."
+            ),
+        ),
+        "largest_at_tool_m": Key(size | None, "Largest such distance, m."),
+        "held_out_before_m": Key(
+            size | None,
+            (
+                "Rms position error on held-out poses without the finding, m; null if there are too few poses, and "
+                "for a frame, which every model needs."
+            ),
+        ),
+        "held_out_after_m": Key(size | None, "Rms position error on held-out poses with the finding, m."),
+        "held_out_before_rad": Key(
+            size | None,
+            (
+                "Rms orientation error on held-out poses without the finding, rad; null where orientation is not "
+                "measured, or as held_out_before_m."
+            ),
+            lambda finding: finding.held_out_turn[0],
+            optional=True,
+        ),
+        "held_out_after_rad": Key(
+            size | None,
+            "Rms orientation error on held-out poses with the finding, rad.",
+            lambda finding: finding.held_out_turn[1],
+            optional=True,
+        ),
+        "turn_at_tool_rad": Key(
+            size | None,
+            (
+                "Rms over the calibration poses of the angle by which the effect alone turns the target, rad; null "
+                "where orientation is not measured, or as size_at_tool_m."
+            ),
+            lambda finding: finding.turn_at_tool[0],
+            optional=True,
+        ),
+        "largest_turn_at_tool_rad": Key(
+            size | None,
+            "Largest such angle, rad.",
+            lambda finding: finding.turn_at_tool[1],
+            optional=True,
+        ),
+        "parameters": Key(array(PARAMETER), "Coefficients of the finding."),
+        "harmonics": Key(
+            array(
+                part(
+                    {
+                        "order": Key(number, "Periods per turn."),
+                        "amplitude_rad": Key(
+                            size,
+                            "Amplitude, rad, in amplitude x cos(order x q - phase) with the joint's commanded angle q.",
+                        ),
+                        "amplitude_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
+                        "phase_rad": Key(number, "Phase, rad, -pi to pi."),
+                        "phase_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
+                        "origin": Key(
+                            text | None,
+                            "Physical origin that the order agrees with; null if there is none.",
+                        ),
+                        "aliases": Key(array(number), "Other orders that the poses do not distinguish from it."),
+                    }
+                )
+            ),
+            "Strong harmonics of a periodic effect.",
+        ),
+        "statement": Key(text | None, "What the finding means and what to do; null if its coefficients say it."),
+        "change": Key(
+            part(
+                {
+                    "at": Key(
+                        number,
+                        "Time of the step, or line of the first pose after it.",
+                    ),
+                    "low": Key(number, "First place of the 95 % interval."),
+                    "high": Key(number, "Last place of the 95 % interval."),
+                    "unit": Key(
+                        choice("s", "line"),
+                        "Unit of the three: s, or line for the line (or row) of the file.",
+                    ),
+                }
+            )
+            | None,
+            "Place of a step in the sequence of poses; null for every other effect.",
+            _change,
+        ),
+        "validity": Key(
+            table(array(number, 2)),
+            (
+                "Range of each joint or driver that the finding was fitted on: low and high, in rad, m or the "
+                "driver's unit."
+            ),
+            lambda finding: {name: [low, high] for name, low, high in finding.validity},
+        ),
+        "partial_residuals": Key(array(CURVE), "Residual over the driver of the effect."),
+        "implausible": Key(
+            text | None,
+            "Reason if coefficients are beyond what the effect can be; null if they are plausible.",
+        ),
+        "warnings": Key(array(text), "Warnings about the finding."),
+    }
+)
+"""One identified effect."""
+_CANDIDATES = part(
+    {
+        "step": Key(count, "Step, from 0."),
+        "action": Key(text, "Action: add, drop, swap …"),
+        "effect": Key(text | None, "Chosen effect.", "chosen"),
+        "ranking": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect.", "effect.name"),
+                        "joints": Key(
+                            array(text),
+                            "Joints of the effect; empty if it acts on no particular joint.",
+                            "effect.joints",
+                        ),
+                        "settings": Key(
+                            table(),
+                            "Settings of the effect, if it has any.",
+                            lambda candidate: candidate.effect.settings(),
+                        ),
+                        "evidence": Key(number | None, "Evidence (log Bayes factor)."),
+                        "log_prior": Key(number | None, "Logarithm of the prior probability."),
+                        "p_value": Key(
+                            share | None,
+                            "Posterior probability that the effect is not there, beside the model at this step.",
+                        ),
+                        "explained": Key(
+                            number | None, "Share of the whitened squares that the candidate explains.", "gain"
+                        ),
+                    }
+                )
+            ),
+            "Candidates, the best first.",
+        ),
+    }
+)
+"""Candidates of one step of a search."""
+_DECLARED = part(
+    {
+        "effects": Key(array(text), "Effects as they are written in --declared.", "names"),
+        "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
+        "left_out": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "why": Key(text, "The reason."),
+                    }
+                )
+            ),
+            "Effects of every arm that the poses do not support.",
+            lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
+        ),
+    }
+)
+TRACE = part(
+    {
+        "verdict": Key(
+            choice("clean", "explained", "partly_explained", "unexplained"),
+            "clean: no finding and no remaining structure; otherwise, how far the findings explain the residual.",
+        ),
+        "assumption": Key(
+            text | None,
+            "What the verdict presumes where the measurement noise is known from the residual alone; else null.",
+        ),
+        **_FIT,
+        "findings": Key(
+            array(FINDING),
+            "Identified effects, in the order in which they were added.",
+        ),
+        "undeclared_load": Key(
+            part(
+                {
+                    "statement": Key(text, "What the torques point to, in one sentence."),
+                    "joints": Key(array(text), "Joints whose deflections show it."),
+                    "named": Key(
+                        flag,
+                        (
+                            "Whether a load on one link is far more likely than errors of the file's masses alone: "
+                            "odds of 150 to 1, divided by the number of hypotheses."
+                        ),
+                        "is_named",
+                    ),
+                    "mass_error": Key(
+                        size, "Relative error of the file's masses that explains the torques best without a load."
+                    ),
+                    "places": Key(
+                        array(
+                            part(
+                                {
+                                    "link": Key(text, "Joint that moves the link."),
+                                    "mass_kg": Key(
+                                        number,
+                                        "Median of the load, kg; negative if the link is lighter than the file states.",
+                                        "mass",
+                                    ),
+                                    "low_kg": Key(number, "Lower end of the 95 % credible interval, kg.", "low"),
+                                    "high_kg": Key(number, "Upper end, kg.", "high"),
+                                    "log_bayes_factor": Key(
+                                        number,
+                                        (
+                                            "Natural logarithm of the marginal likelihood over that of errors of the "
+                                            "file's masses alone."
+                                        ),
+                                    ),
+                                }
+                            )
+                        ),
+                        "Links that the poses do not distinguish, best first; the best alone if no load is named.",
+                    ),
+                }
+            )
+            | None,
+            (
+                "Whether the torques point to a load on one link that the robot file does not state; null unless a "
+                "joint_compliance has uncertain masses."
+            ),
+        ),
+        "explained_share": Key(
+            share | None,
+            (
+                "Share of the baseline's held-out variance above noise and repeatability that the findings explain; "
+                "null where nothing was held out or nothing is above the noise."
+            ),
+        ),
+        "unexplained": Key(
+            part(
+                {
+                    "rms_m": Key(size | None, "Rms length of the residual, m."),
+                    "noise_rms_m": Key(
+                        size | None,
+                        "Rms length of the measurement noise, m; null if the noise was estimated from the residual.",
+                    ),
+                    "structured": Key(flag, "True if the remaining error has structure beyond noise."),
+                    "p_value": Key(share, "p-value of no structure."),
+                    "hints": Key(array(text), "Dependences of the remaining error."),
+                    "parts": Key(
+                        part(
+                            {
+                                "noise_m": Key(size, "Measurement noise, m."),
+                                "scatter_m": Key(size, "Scatter of the joints from visit to visit, m.", optional=True),
+                                "pose_m": Key(
+                                    size, "Error that depends on the pose and has no cause, m.", optional=True
+                                ),
+                                "wander_m": Key(size, "Slow random error over time, m.", optional=True),
+                            }
+                        ),
+                        "Parts of the remaining error, rms at the target; those that the data show.",
+                        lambda it: {f"{part}_m": size for part, size in it.parts.items()},
+                    ),
+                }
+            ),
+            "Remaining error of the extended model.",
+        ),
+        "search": Key(
+            part(
+                {
+                    "steps": Key(
+                        count, "Steps of all selections: number of candidates.", lambda trace: len(trace.steps)
+                    ),
+                    "settled": Key(flag, "True if the search ended because no move gained."),
+                }
+            ),
+            "Length of the search.",
+            "",
+        ),
+        "candidates": Key(
+            array(_CANDIDATES),
+            "Candidates of each step, with their scores.",
+            lambda trace: [_CANDIDATES.write(step, step=i) for i, step in enumerate(trace.steps)],
+        ),
+        "next_poses": Key(
+            array(
+                part(
+                    {
+                        "text": Key(text, "Description."),
+                        "q": Key(array(array(number)), "Joint variables of each pose, rad or m."),
+                        "difference_m": Key(
+                            array(number), "Distance between the target positions that the two effects predict, m."
+                        ),
+                    }
+                )
+            ),
+            "Poses that would distinguish a finding from an alternative.",
+        ),
+        "not_offered": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "why": Key(text, "Reason: missing data or robot properties."),
+                    }
+                )
+            ),
+            "Effects that are not candidates, with the reason.",
+            lambda trace: [{"effect": name, "why": why} for name, why in trace.missing.items()],
+        ),
+        "detection_limits": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
+                        "settings": Key(table(), "Settings of the effect, if it has any."),
+                        "limit": Key(
+                            size | None, "Detection limit in the unit; null if no realistic size would be found."
+                        ),
+                        "unit": Key(text, "Unit of limit."),
+                        "rms_m": Key(
+                            size | None, "Rms displacement of the target over the poses by an effect of that size, m."
+                        ),
+                    }
+                )
+            ),
+            "Detection limits: the size of each effect that is found on these poses with probability 1/2.",
+            "detection",
+        ),
+        "declared": Key(
+            _DECLARED,
+            "Declared effects: the baseline.",
+        ),
+        "outside_validity": OUTSIDE_KEY,
+        "gate": GATE_KEY,
+    },
+    about="Identified effects of measured poses, with the error before and after on held-out poses.",
+)
+
+
+# Stages of a fit: the metrics of each stage with their intervals.
 
 
 class ErrorRows(NamedTuple):
@@ -55,54 +832,47 @@ class ErrorRows(NamedTuple):
     """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
 
 
-def stage_document(stage: Stage, fitted: ErrorRows, held_out: ErrorRows | None, seed: int) -> dict[str, Any]:
+def stage_document(stage: Stage, fitted: ErrorRows, held_out: ErrorRows | None, seed: int) -> Document:
     """Return the metrics of one stage on calibration poses, and on held-out poses if there are any.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
-    everything = np.ones_like(fitted.used)
+
+    def figures(metrics: PoseMetrics | None, errors: ErrorRows | None, *, every: bool) -> Document | None:
+        if metrics is None or errors is None:
+            return None
+        used = np.ones_like(errors.used) if every else errors.used
+        return {
+            name: None if own is None else _figures(own, errors.residual[rows, used], errors.groups[used], unit, seed)
+            for (unit, name), rows, own in zip(
+                QUANTITIES, (slice(0, 3), slice(3, 6)), (metrics.position, metrics.orientation), strict=True
+            )
+        }
+
+    return STAGE.write(
+        {
+            "fitted": figures(stage.fitted, fitted, every=True),
+            "fitted_inliers": figures(stage.fitted_inliers, fitted, every=False),
+            "held_out": figures(stage.held_out, held_out, every=True),
+            "held_out_inliers": figures(stage.held_out_inliers, held_out, every=False),
+        }
+    )
+
+
+def _figures(metrics: ErrorMetrics, errors: Array, groups: NDArray[np.int64], unit: str, seed: int) -> Document:
+    intervals: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
+    if errors.shape[1]:
+        (intervals,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
     return {
-        "fitted": _poses(stage.fitted, fitted._replace(used=everything), seed),
-        "fitted_inliers": None if stage.fitted_inliers is None else _poses(stage.fitted_inliers, fitted, seed),
-        "held_out": None
-        if stage.held_out is None or held_out is None
-        else _poses(stage.held_out, held_out._replace(used=np.ones_like(held_out.used)), seed),
-        "held_out_inliers": None
-        if stage.held_out_inliers is None or held_out is None
-        else _poses(stage.held_out_inliers, held_out, seed),
+        **FIGURES[unit].write(metrics),
+        "n_poses": int(groups.size),
+        "n_commanded_poses": int(np.unique(groups).size),
+        "intervals": {f"{name}_{unit}": interval for name, interval in intervals.items()},
     }
 
 
-def _poses(figures: PoseMetrics, errors: ErrorRows, seed: int) -> dict[str, Any]:
-    metrics: dict[str, Any] = {"position": None, "orientation": None}
-    groups = errors.groups[errors.used]
-    for name, unit, rows, quantity_metrics in (
-        ("position", "m", slice(0, 3), figures.position),
-        ("orientation", "rad", slice(3, 6), figures.orientation),
-    ):
-        if quantity_metrics is None:
-            continue
-        metrics[name] = {
-            **figures_document(quantity_metrics, unit),
-            "n_poses": int(groups.size),
-            "n_commanded_poses": int(np.unique(groups).size),
-            "intervals": _intervals(errors.residual[rows, errors.used], groups, unit, seed),
-        }
-    return metrics
-
-
-def _intervals(errors: Array, groups: NDArray[np.int64], unit: str, seed: int) -> dict[str, Any]:
-    if errors.shape[1] == 0:
-        missing = interval_document(Interval.missing(CONFIDENCE, "no pose"))
-        return {f"{name}_{unit}": missing for name in ("rms", "mean_error", "p95")}
-    (by_name,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
-    return {f"{name}_{unit}": interval_document(interval) for name, interval in by_name.items()}
-
-
-def judged_keys(
-    result: Judged, data: Measurements, robot: Robot, apart: Measurements | None, seed: int
-) -> dict[str, Any]:
-    """Return the keys that every fit has; charts need the robot and the residuals of every pose.
+def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements | None, seed: int) -> dict[str, Any]:
+    """Return the keys of every fit that need its poses: the stages, and the robot and poses for charts.
 
     Args:
         result: The result.
@@ -111,67 +881,6 @@ def judged_keys(
         apart: Held-out poses, where they come from a file of their own.
         seed: Seed of the resampling behind intervals.
     """
-
-    def poses(rows: Measurements, residuals: Residuals, used: NDArray[np.bool_] | None) -> dict[str, Any]:
-        return pose_document(rows, rows.position - residuals.nominal[:3], residuals, used)
-
-    return {
-        "n_poses": data.n,
-        "noise": _noise_document(result.noise),
-        **_stage_documents(result, data, apart, seed),
-        "causes": _causes_document(result.causes),
-        "gain_m": _gain_document(result.gain),
-        "n_folds": result.n_folds,
-        "parameters": parameters_document(result.parameters),
-        "parameter_covariance": covariance_document(result.covariance),
-        "priors": _priors_document(result.fit),
-        "repeatability": _repeatability_document(result.repeatability),
-        "converged": result.fit.converged,
-        "deflection": _deflection_document(result.deflection),
-        "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
-        "warnings": list(result.warnings),
-        "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
-        "poses": poses(data, result.residuals, result.fit.inliers),
-        "poses_apart": None if apart is None or result.holdout is None else poses(apart, result.holdout, None),
-    }
-
-
-def _priors_document(fit: Fit) -> list[dict[str, Any]]:
-    """Return the broad priors about nominal, one for each kind of constants of which some are weakly identifiable."""
-    return [
-        {"effect": kind.effect, "unit": kind.unit, "std": kind.std, "weakly_identifiable": list(kind.names)}
-        for kind in weak_kinds(fit)
-    ]
-
-
-def _repeatability_document(repeatability: Repeatability | None) -> dict[str, Any] | None:
-    """Return the key ``repeatability``."""
-    if repeatability is None:
-        return None
-    return {
-        "joints": dict(repeatability.joints),
-        "position_m": repeatability.position,
-        "pose_position_m": repeatability.pose_position,
-        "source": repeatability.source,
-    }
-
-
-def _noise_document(lack_of_fit: LackOfFit) -> dict[str, Any]:
-    """Return the key ``noise``."""
-    return {
-        "position_m": lack_of_fit.noise.position,
-        "along_axes_m": None if lack_of_fit.noise.along_axes is None else list(lack_of_fit.noise.along_axes),
-        "orientation_rad": lack_of_fit.noise.orientation,
-        "source": lack_of_fit.noise.source,
-        "residual_over_noise": lack_of_fit.ratio,
-        "lack_of_fit_p_value": lack_of_fit.p_value,
-    }
-
-
-def _stage_documents(
-    result: Judged, data: Measurements, apart: Measurements | None, seed: int
-) -> dict[str, dict[str, Any]]:
-    """Return ``nominal_unregistered``, ``nominal``, ``before`` and ``after``."""
     residuals, holdout = result.residuals, result.holdout
     groups, used = places(data), result.fit.inliers
     fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
@@ -186,135 +895,47 @@ def _stage_documents(
         held_out = (holdout.unregistered, holdout.nominal, holdout.before, holdout.after)
         held_out_groups, held_out_used = places(apart), np.ones(apart.n, dtype=bool)
     stages = {
-        "nominal_unregistered": result.nominal_unregistered,
-        "nominal": result.nominal,
-        "before": result.before,
-        "after": result.after,
-    }
-    return {
         name: stage_document(
-            stage,
+            getattr(result, name),
             ErrorRows(errors, used, groups),
             None if held_out_errors is None else ErrorRows(held_out_errors, held_out_used, held_out_groups),
             seed,
         )
-        for (name, stage), errors, held_out_errors in zip(stages.items(), fitted, held_out, strict=True)
+        for name, errors, held_out_errors in zip(
+            ("nominal_unregistered", "nominal", "before", "after"), fitted, held_out, strict=True
+        )
     }
 
+    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Document:
+        return pose_document(rows, rows.position - of_rows.nominal[:3], of_rows, inliers)
 
-def _causes_document(causes: Sequence[ErrorCause]) -> list[dict[str, Any]]:
-    """Return the key ``causes``."""
-    return [
-        {
-            "effect": cause.effect,
-            "joints": list(cause.joints),
-            "settings": cause.settings,
-            "declared": cause.declared,
-            "size_at_tool_m": cause.size,
-            "low_m": cause.interval[0],
-            "high_m": cause.interval[1],
-            "error_without_m": cause.left,
-            "share": cause.share,
-        }
-        for cause in causes
-    ]
-
-
-def _gain_document(gain: Gain | None) -> dict[str, Any] | None:
-    """Return the key ``gain_m``."""
-    if gain is None:
-        return None
     return {
-        "value": gain.value,
-        "low": finite(gain.low),
-        "high": finite(gain.high),
-        "confidence": gain.confidence,
+        **stages,
+        "n_poses": data.n,
+        "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
+        "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
+        "poses": poses(data, residuals, used),
+        "poses_apart": None if apart is None or holdout is None else poses(apart, holdout, None),
     }
-
-
-def _deflection_document(choice: DeflectionChoice | None) -> dict[str, Any] | None:
-    """Return the key ``deflection``."""
-    if choice is None:
-        return None
-    return {
-        "form": choice.form,
-        "difference_rms_m": choice.difference,
-        "difference_whitened": choice.separation,
-        "rigid_better_by": choice.gain,
-        "needed": BETTER,
-    }
-
-
-def finite(value: float) -> float | None:
-    """Return the value; None if it is not finite, which JSON has no number for."""
-    return value if math.isfinite(value) else None
-
-
-# The document of `robacc calibrate`.
 
 
 def calibration_payload(
     calibration: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
-) -> dict[str, Any]:
-    """Return the keys of ``robacc.calibrate/2``.
-
-    Args:
-        calibration: The result.
-        data: Calibration poses.
-        robot: The nominal model.
-        apart: Held-out poses, where they come from a file of their own.
-        seed: Seed of the resampling behind intervals.
-    """
-    return {
-        **judged_keys(calibration, data, robot, apart, seed),
-        "effects": [
-            {"effect": effect.name, "joints": list(effect.joints), **effect.settings()}
-            for effect in calibration.effects
-        ],
-        "shrinkage": [_kind(kind) for kind in calibration.shrunk],
-        "correlations": [
-            {"first": pair.first, "second": pair.second, "correlation": pair.value} for pair in calibration.correlations
-        ],
-        "chi_square": calibration.fit.chi_square,
-        "degrees_of_freedom": calibration.fit.degrees_of_freedom,
-        "identifiability": _identifiability(calibration.identifiability),
-        "leverage": [{"line": data.line(i), "share": share} for i, share in calibration.leverage],
-        "partial_residuals": [
-            {"name": effect.name, "joints": list(effect.joints), **curve_document(curve)}
-            for effect, curve in calibration.partial_residuals
-        ],
-    }
-
-
-def _kind(kind: ShrunkKind) -> dict[str, Any]:
-    return {
-        "unit": kind.unit,
-        "width": kind.std,
-        "constants": [
-            {"name": name, "probability": probability}
-            for name, probability in zip(kind.names, kind.probability, strict=True)
-        ],
-    }
-
-
-def _identifiability(identifiability: Identifiability) -> dict[str, Any]:
-    return {
-        "n_identifiable": int(identifiability.columns.size),
-        "not_identifiable": [
-            {"name": parameter.name, "partners": list(parameter.partners), "why": parameter.why}
-            for parameter in identifiability.dropped
-        ],
-        "condition_number": identifiability.condition,
-        "observability": identifiability.observability(),
-    }
-
-
-# The document of `robacc trace`.
+) -> Document:
+    """Return the keys of ``robacc.calibrate/2``; the arguments are those of :func:`trace_payload`."""
+    leverage = [{"line": data.line(i), "share": share} for i, share in calibration.leverage]
+    given = _given(calibration, data, robot, apart, seed)
+    return CALIBRATE.write(calibration, **given, leverage=leverage)
 
 
 def trace_payload(
-    trace: Trace, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
-) -> dict[str, Any]:
+    trace: Trace,
+    data: Measurements,
+    robot: Robot,
+    apart: Measurements | None = None,
+    seed: int = 0,
+    baseline: Baseline | None = None,
+) -> Document:
     """Return the keys of ``robacc.trace/2``.
 
     Args:
@@ -323,143 +944,6 @@ def trace_payload(
         robot: The nominal model.
         apart: Held-out poses, where they come from a file of their own.
         seed: Seed of the resampling behind intervals.
+        baseline: The declared effects.
     """
-    return {
-        "verdict": trace.verdict,
-        "assumption": trace.assumption,
-        **judged_keys(trace, data, robot, apart, seed),
-        "findings": [_finding(finding) for finding in trace.findings],
-        "undeclared_load": _undeclared_load(trace.undeclared_load),
-        "explained_share": trace.explained_share,
-        "unexplained": {
-            "rms_m": trace.unexplained.rms,
-            "noise_rms_m": trace.unexplained.noise_rms,
-            "structured": trace.unexplained.structured,
-            "p_value": trace.unexplained.p_value,
-            "hints": list(trace.unexplained.hints),
-            "parts": {f"{part}_m": size for part, size in trace.unexplained.parts.items()},
-        },
-        "search": {"steps": len(trace.steps), "settled": trace.settled},
-        "candidates": [
-            {
-                "step": i,
-                "action": step.action,
-                "effect": step.chosen,
-                "ranking": [_ranked(candidate) for candidate in step.ranking],
-            }
-            for i, step in enumerate(trace.steps)
-        ],
-        "next_poses": [
-            {"text": advice.text, "q": [list(q) for q in advice.q], "difference_m": list(advice.difference)}
-            for advice in trace.next_poses
-        ],
-        "not_offered": [{"effect": name, "why": why} for name, why in trace.missing.items()],
-        "detection_limits": [
-            {
-                "effect": limit.effect,
-                "joints": list(limit.joints),
-                "settings": limit.settings,
-                "limit": limit.limit,
-                "unit": limit.unit,
-                "rms_m": limit.rms,
-            }
-            for limit in trace.detection
-        ],
-    }
-
-
-def baseline_payload(baseline: Baseline) -> dict[str, Any]:
-    """Return the key ``declared``."""
-    return {
-        "effects": list(baseline.names),
-        "by_default": baseline.by_default,
-        "left_out": [{"effect": name, "why": why} for name, why in baseline.left_out],
-    }
-
-
-def _finding(finding: Finding) -> dict[str, Any]:
-    return {
-        "effect": finding.effect,
-        "joints": list(finding.joints),
-        "settings": finding.settings,
-        "alternatives": [
-            {
-                "effect": rival.effect,
-                "joints": list(rival.joints),
-                "similarity": rival.similarity,
-                "evidence_difference": rival.evidence_difference,
-                "settings": rival.settings,
-            }
-            for rival in finding.alternatives
-        ],
-        "p_value": finite(finding.p_value),
-        "evidence": finite(finding.evidence),
-        "size_at_tool_m": finding.size_at_tool,
-        "largest_at_tool_m": finding.largest_at_tool,
-        "held_out_before_m": finding.held_out_before,
-        "held_out_after_m": finding.held_out_after,
-        "held_out_before_rad": finding.held_out_turn[0],
-        "held_out_after_rad": finding.held_out_turn[1],
-        "turn_at_tool_rad": finding.turn_at_tool[0],
-        "largest_turn_at_tool_rad": finding.turn_at_tool[1],
-        "parameters": parameters_document(finding.parameters),
-        "harmonics": [
-            {
-                "order": harmonic.order,
-                "amplitude_rad": harmonic.amplitude,
-                "amplitude_std_rad": harmonic.amplitude_std,
-                "phase_rad": harmonic.phase,
-                "phase_std_rad": harmonic.phase_std,
-                "origin": harmonic.origin,
-                "aliases": list(harmonic.aliases),
-            }
-            for harmonic in finding.harmonics
-        ],
-        "statement": finding.statement,
-        "change": _change(finding),
-        "validity": {name: [low, high] for name, low, high in finding.validity},
-        "partial_residuals": [curve_document(curve) for curve in finding.partial_residuals],
-        "implausible": finding.implausible,
-        "warnings": list(finding.warnings),
-    }
-
-
-def _undeclared_load(load: UndeclaredLoad | None) -> dict[str, Any] | None:
-    if load is None:
-        return None
-    return {
-        "statement": load.statement,
-        "joints": list(load.joints),
-        "named": load.is_named,
-        "mass_error": load.mass_error,
-        "places": [
-            {
-                "link": place.link,
-                "mass_kg": place.mass,
-                "low_kg": place.low,
-                "high_kg": place.high,
-                "log_bayes_factor": place.log_bayes_factor,
-            }
-            for place in load.places
-        ],
-    }
-
-
-def _change(finding: Finding) -> dict[str, Any] | None:
-    if finding.change is None:
-        return None
-    place, low, high = finding.change
-    return {"at": place, "low": low, "high": high, "unit": "s" if "from_time_s" in finding.settings else "line"}
-
-
-def _ranked(candidate: Ranked) -> dict[str, Any]:
-    effect = candidate.effect
-    return {
-        "effect": effect.name,
-        "joints": list(effect.joints),
-        "settings": effect.settings(),
-        "evidence": candidate.evidence,
-        "log_prior": candidate.log_prior,
-        "p_value": candidate.p_value,
-        "explained": candidate.gain,
-    }
+    return TRACE.write(trace, **_given(trace, data, robot, apart, seed), declared=baseline)

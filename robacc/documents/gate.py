@@ -2,76 +2,198 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robacc.documents.envelope import InputFile, significant_document
+from robacc.documents.keys import (
+    LEFT_OUT,
+    Document,
+    Key,
+    Kind,
+    anything,
+    array,
+    choice,
+    count,
+    flag,
+    number,
+    part,
+    share,
+    size,
+    text,
+)
+from robacc.documents.parts import INPUT
 from robacc.documents.read_result import read_result
 from robacc.errors import InputError, Problem
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of
 from robacc.statistics.confidence_curves import ASSURANCE
 
+if TYPE_CHECKING:
+    from robacc.gates.evaluate import GateOutcome
+
 _UNITS = {"length": "m", "angle": "rad"}
-
-
-def gate_document(outcome: GateOutcome) -> dict[str, Any]:
-    """Return the outcome of the gate and of each criterion."""
-    document = {
-        "name": outcome.gate.name,
-        "outcome": outcome.outcome,
-        "exit_status": outcome.exit_status,
-        "assurance": ASSURANCE,
-        "criteria": [_criterion(evaluation) for evaluation in outcome.evaluations],
-        "warnings": list(outcome.warnings),
-    }
-    rounded: dict[str, Any] = significant_document(document)
-    return rounded
-
-
-def _criterion(evaluation: CriterionEvaluation) -> dict[str, Any]:
-    criterion, decision = evaluation.criterion, evaluation.decision
-    baseline = None
-    if criterion.baseline is not None:
-        baseline = {"file": criterion.baseline, "value": evaluation.baseline_value}
-    return {
-        "name": criterion.name,
-        "key": criterion.key,
-        "outcome": evaluation.outcome,
-        "why": decision.why,
-        "unit": _UNITS.get(evaluation.dimension, "1"),
-        "value": evaluation.value if evaluation.word is None else evaluation.word,
-        "limit": _limit(criterion),
-        "at_least": criterion.at_least,
-        "rule": criterion.rule,
-        "rule_text": RULES[criterion.rule],
-        "confidence": None if criterion.rule == "simple" else criterion.confidence,
-        "share": criterion.share if evaluation.is_by_share else None,
-        "lower_bound": decision.lower_bound,
-        "upper_bound": decision.upper_bound,
-        "margin": decision.margin,
-        "conformity_probability": decision.probability,
-        "method": decision.method,
-        "n_poses": evaluation.n,
-        "poses_to_decide": decision.poses_to_decide,
-        "poses_to_decide_if_value_is_true": decision.poses_if_true,
-        "baseline": baseline,
-        "instrument_uncertainty_over_limit": evaluation.instrument_ratio,
-        "reason": criterion.reason,
-        "warnings": list(evaluation.warnings),
-        "operating_curve_over": "share_within_limit" if evaluation.is_by_share else "value",
-        "operating_curve": [list(point) for point in decision.operating_curve],
-    }
 
 
 def _limit(criterion: GateCriterion) -> list[str] | str | float | None:
     if not criterion.accepted:
         return criterion.limit
     return list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+
+
+OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+
+GATE_RESULT = part(
+    {
+        "name": Key(text, "Name of the gate.", "gate.name"),
+        "outcome": Key(OUTCOME, "Fail if one criterion fails, pass if all criteria pass."),
+        "exit_status": Key(choice(0, 4, 5), "Exit status of the command: 0 pass, 4 fail, 5 undecided."),
+        "assurance": Key(share, "Probability that poses_to_decide poses decide.", lambda _: ASSURANCE),
+        "criteria": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the criterion.", "criterion.name"),
+                        "key": Key(text, "Key of the figure, as in position.p95.", "criterion.key"),
+                        "outcome": Key(OUTCOME),
+                        "why": Key(text | None, "Explanation of the outcome, if it needs one.", "decision.why"),
+                        "unit": Key(
+                            text,
+                            "Unit of value, limit, bounds and margin: m, rad or 1.",
+                            lambda evaluation: _UNITS.get(evaluation.dimension, "1"),
+                        ),
+                        "value": Key(
+                            Kind({"type": ["number", "string"]}) | None,
+                            "Value of the result: a number, a grade or a word.",
+                            lambda evaluation: evaluation.value if evaluation.word is None else evaluation.word,
+                        ),
+                        "limit": Key(
+                            anything,
+                            "Limit: a number, a grade, or the words that pass.",
+                            lambda evaluation: _limit(evaluation.criterion),
+                        ),
+                        "at_least": Key(flag, "True if the limit is a minimum, not a maximum.", "criterion.at_least"),
+                        "rule": Key(
+                            choice("bound", "simple", "guard_band", "guarded_rejection"),
+                            "Decision rule.",
+                            "criterion.rule",
+                        ),
+                        "rule_text": Key(
+                            text,
+                            "Description of the rule, with its source.",
+                            lambda evaluation: RULES[evaluation.criterion.rule],
+                        ),
+                        "confidence": Key(
+                            share | None,
+                            "Confidence of each one-sided bound; null if the rule uses no bound.",
+                            lambda evaluation: (
+                                None if evaluation.criterion.rule == "simple" else evaluation.criterion.confidence
+                            ),
+                        ),
+                        "share": Key(
+                            share | None,
+                            "Share of all poses that must lie within the limit of a largest error; otherwise null.",
+                            lambda evaluation: evaluation.criterion.share if evaluation.is_by_share else None,
+                        ),
+                        "lower_bound": Key(
+                            number | None, "One-sided lower bound at the confidence.", "decision.lower_bound"
+                        ),
+                        "upper_bound": Key(
+                            number | None, "One-sided upper bound at the confidence.", "decision.upper_bound"
+                        ),
+                        "margin": Key(
+                            number | None, "Distance to the limit; negative beyond the limit.", "decision.margin"
+                        ),
+                        "conformity_probability": Key(
+                            share | None, "Confidence that the true value meets the limit.", "decision.probability"
+                        ),
+                        "method": Key(text | None, "Method of the bounds.", "decision.method"),
+                        "n_poses": Key(count | None, "Number of commanded poses behind the value.", "n"),
+                        "poses_to_decide": Key(
+                            count | None,
+                            (
+                                "Total number of poses (of visits for ISO 9283) that would decide an inconclusive "
+                                "criterion."
+                            ),
+                            "decision.poses_to_decide",
+                        ),
+                        "poses_to_decide_if_value_is_true": Key(
+                            count | None,
+                            "The same number if the measured value is the true value.",
+                            "decision.poses_if_true",
+                        ),
+                        "baseline": Key(
+                            part(
+                                {
+                                    "file": Key(text, "Path from the gate file.", "criterion.baseline"),
+                                    "value": Key(
+                                        number | None, "Value of the figure in the baseline.", "baseline_value"
+                                    ),
+                                }
+                            )
+                            | None,
+                            "Stored result that the figure is compared with; otherwise null.",
+                            lambda evaluation: evaluation if evaluation.criterion.baseline is not None else None,
+                        ),
+                        "instrument_uncertainty_over_limit": Key(
+                            size | None,
+                            "The instrument's expanded uncertainty over the limit; null if unknown.",
+                            "instrument_ratio",
+                        ),
+                        "reason": Key(text, "Reason for the limit, from the gate file.", "criterion.reason"),
+                        "warnings": Key(array(text), "Warnings about this criterion."),
+                        "operating_curve_over": Key(
+                            choice("share_within_limit", "value"),
+                            "Abscissa of the operating curve.",
+                            lambda evaluation: "share_within_limit" if evaluation.is_by_share else "value",
+                        ),
+                        "operating_curve": Key(
+                            array(array(number, 2)),
+                            "Pairs of a true value and the probability to pass at that value.",
+                            "decision.operating_curve",
+                        ),
+                    }
+                )
+            ),
+            "Criteria in the order of the gate.",
+            "evaluations",
+        ),
+        "warnings": Key(array(text), "Warnings of all criteria, without repetitions."),
+    },
+    "gate_result",
+    "Outcome of a gate.",
+)
+
+GATE_KEY = Key(GATE_RESULT, "Gate outcome; present only with a gate.", lambda _: LEFT_OUT, optional=True)
+"""Key that a gate adds to a result."""
+
+CHECK = part(
+    {
+        "result": Key(
+            part(
+                {
+                    "schema": Key(text, "Schema of the result."),
+                    "robacc": Key(text, "Version of robacc that made the result."),
+                    "command": Key(text, "Command that made the result."),
+                    "inputs": Key(array(INPUT), "Input files of the result."),
+                }
+            ),
+            "Evaluated result.",
+        ),
+        "gate": Key(GATE_RESULT),
+    },
+    about="Evaluation of a gate on a stored result.",
+)
+
+
+def gate_document(outcome: GateOutcome) -> Document:
+    """Return the outcome of the gate and of each criterion."""
+    document: Document = significant_document(GATE_RESULT.write(outcome))
+    return document
 
 
 # Read a gate file and the baselines that it names.

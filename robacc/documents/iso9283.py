@@ -7,138 +7,352 @@ with its interval under ``intervals``, so that a gate's ``iso9283.RP.max`` finds
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
-from robacc.documents.parts import interval_document, parameters_document
+from robacc.documents.gate import GATE_KEY
+from robacc.documents.keys import (
+    LEFT_OUT,
+    Key,
+    array,
+    choice,
+    count,
+    digest,
+    number,
+    part,
+    rows3,
+    share,
+    size,
+    text,
+    vector3,
+)
+from robacc.documents.parts import ALIGNMENT, INTERVAL, OUTSIDE_KEY, texts
 from robacc.geometry import quaternion_from_rotation
-from robacc.iso_9283.cube import Proposal
-from robacc.iso_9283.records import Characteristic, Iso9283Result, IsoCriterion
-from robacc.iso_9283.visits import CommandedPose
-from robacc.statistics.intervals import EstimateOrReason
 
-Document = dict[str, Any]
+if TYPE_CHECKING:
+    pass
 
 
-def payload(result: Iso9283Result) -> Document:
-    """Return the keys of the evaluation; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
-    by_symbol = {characteristic.symbol: characteristic for characteristic in result.characteristics}
-    return {
-        "n_poses": result.n_poses,
-        "n_commanded_poses": len(result.poses),
-        "files": list(result.sources),
-        "commanded": result.commanded,
-        "alignment": [
-            {
-                "what": alignment.effects,
-                "n_parameters": alignment.n_parameters,
-                "parameters": parameters_document(alignment.parameters),
-            }
-            for alignment in result.alignments
-        ]
-        or None,
-        "unaligned": None if result.unaligned is None else {"AP_max_m": result.unaligned},
-        "confidence": result.confidence,
-        "iso9283": {
-            "AP": _characteristic(by_symbol["AP"]),
-            "RP": _characteristic(by_symbol["RP"]),
-            "vAP": _characteristic(by_symbol["vAP"]),
-            "AD": _characteristic(by_symbol["AD"]),
-            "RD": _characteristic(by_symbol["RD"]),
-            "drift": {
-                "AP": _characteristic(by_symbol["dAP"]),
-                "RP": _characteristic(by_symbol["dRP"]),
-                "barycentre": _characteristic(by_symbol["shift"]),
-            },
-            "exchangeability": _characteristic(by_symbol["E"]),
-        },
-        "protocol": [
-            {
-                "condition": condition.name,
-                "clause": condition.clause,
-                "status": condition.status.replace(" ", "_"),
-                "why": condition.why,
-            }
-            for condition in result.protocol
-        ],
-        "visits": [_visits(pose) for pose in result.poses],
-        "notes": result.notes,
-        "warnings": result.warnings,
-    }
+def _each(figures: str, name: str) -> Callable[[Any], Any]:
+    """Return a source: the attribute ``name`` of each of the figures of a place; None without figures."""
+
+    def values(place: Any) -> Any:
+        own = getattr(place, figures)
+        return None if own is None else [getattr(figure, name) for figure in own]
+
+    return values
 
 
-def proposal_payload(proposal: Proposal) -> Document:
-    """Return the keys of ``robacc.iso9283-poses/1``."""
-    return {
-        "cube": {"edge_m": proposal.edge, "centre_in_base_m": proposal.centre, "plane_rises_towards": proposal.plane},
-        "orientation": proposal.orientation,
-        "target": proposal.target,
-        "joint_margin": proposal.margin,
-        "poses": [
-            {
-                "pose": f"P{i + 1}",
-                "position_m": proposal.poses.translation[:, i],
-                "quaternion": quaternion_from_rotation(proposal.poses.rotation[..., i]),
-                "q": proposal.q[:, i],
-            }
-            for i in range(proposal.q.shape[1])
-        ],
-        "notes": list(proposal.notes),
-    }
+def _symbol(symbol: str) -> Callable[[Any], Any]:
+    """Return a source: the characteristic with a symbol."""
+    return lambda result: next(entry for entry in result.characteristics if entry.symbol == symbol)
 
 
-def _characteristic(characteristic: Characteristic) -> Document:
-    return {
-        "symbol": characteristic.symbol,
-        "clause": f"ISO 9283:1998, {characteristic.clause}",
-        "max_m": characteristic.position.value,
-        "max_at": characteristic.position_at,
-        "intervals": {"max_m": interval_document(characteristic.position.interval)},
-        "why": characteristic.position.interval.why if characteristic.position.value is None else None,
-        "orientation": {
-            "max_rad": characteristic.angle.value,
-            "max_at": characteristic.angle_at,
-            "intervals": {"max_rad": interval_document(characteristic.angle.interval)},
-            "why": characteristic.angle.interval.why if characteristic.angle.value is None else None,
-        },
-        "poses": [_criterion(place) for place in characteristic.places],
-        "notes": characteristic.notes,
-    }
+CHARACTERISTIC = part(
+    {
+        "symbol": Key(text, "Symbol of the standard."),
+        "clause": Key(
+            text, "Clause of ISO 9283:1998.", lambda characteristic: f"ISO 9283:1998, {characteristic.clause}"
+        ),
+        "max_m": Key(
+            number | None,
+            "Largest value, m, by magnitude if the criterion has a sign; null if the data do not support it.",
+            "position.value",
+        ),
+        "max_at": Key(text | None, "Commanded pose, or pair of poses, of the largest value.", "position_at"),
+        "intervals": Key(
+            part(
+                {
+                    "max_m": Key(INTERVAL, source=""),
+                }
+            ),
+            source="position.interval",
+        ),
+        "why": Key(
+            text | None,
+            "Reason why there is no number, or null.",
+            lambda characteristic: (
+                characteristic.position.interval.why if characteristic.position.value is None else None
+            ),
+        ),
+        "orientation": Key(
+            part(
+                {
+                    "max_rad": Key(number | None, "Largest value, rad, or null.", "angle.value"),
+                    "max_at": Key(text | None, "Commanded pose and angle of the largest value.", "angle_at"),
+                    "intervals": Key(
+                        part(
+                            {
+                                "max_rad": Key(INTERVAL, source=""),
+                            }
+                        ),
+                        source="angle.interval",
+                    ),
+                    "why": Key(
+                        text | None,
+                        "Reason why there is no number, or null.",
+                        lambda characteristic: (
+                            characteristic.angle.interval.why if characteristic.angle.value is None else None
+                        ),
+                    ),
+                }
+            ),
+            "Largest value of the angles a, b, c.",
+            "",
+        ),
+        "poses": Key(
+            array(
+                part(
+                    {
+                        "pose": Key(
+                            text,
+                            "Id of the pose; a pair has both ids with a dash.",
+                            lambda place: "–".join(place.poses),
+                        ),
+                        "poses": Key(array(text), "Ids of the poses."),
+                        "file": Key(
+                            text | None, "File of the poses; null for a criterion over several files.", "source"
+                        ),
+                        "n": Key(count, "Number of visits, or pairs of visits."),
+                        "position_m": Key(number | None, "Value of the criterion, m.", "position.value"),
+                        "xyz_m": Key(
+                            array(number | None) | None,
+                            "Values along x, y, z, m; null if the standard defines none.",
+                            _each("axes", "value"),
+                        ),
+                        "abc_rad": Key(
+                            array(number | None) | None,
+                            "Values of a, b, c, rad; null if there are none.",
+                            _each("angles", "value"),
+                        ),
+                        "mean_distance_m": Key(
+                            size | None,
+                            "RP: mean distance of the visits from their barycentre, m.",
+                            lambda place: LEFT_OUT if place.mean_distance is None else place.mean_distance,
+                            optional=True,
+                        ),
+                        "sd_distance_m": Key(
+                            size | None,
+                            "RP: standard deviation of that distance, m.",
+                            lambda place: LEFT_OUT if place.mean_distance is None else place.sd_distance,
+                            optional=True,
+                        ),
+                        "between": Key(
+                            text,
+                            "The two approaches, windows or files with the largest distance.",
+                            lambda place: LEFT_OUT if place.between is None else place.between,
+                            optional=True,
+                        ),
+                        "intervals": Key(
+                            part(
+                                {
+                                    "position_m": Key(INTERVAL, source="position.interval"),
+                                    "xyz_m": Key(array(INTERVAL) | None, source=_each("axes", "interval")),
+                                    "abc_rad": Key(array(INTERVAL) | None, source=_each("angles", "interval")),
+                                }
+                            ),
+                            "Intervals of the numbers, by their keys.",
+                            "",
+                        ),
+                    }
+                )
+            ),
+            "Criterion at each commanded pose, or pair of poses.",
+            "places",
+        ),
+        "notes": Key(array(text), "Notes on the criterion."),
+    },
+    "characteristic",
+    "One criterion over all commanded poses.",
+)
 
+ISO9283 = part(
+    {
+        "n_poses": Key(count, "Number of measured rows of all files."),
+        "n_commanded_poses": Key(count, "Number of commanded poses of all files.", lambda result: len(result.poses)),
+        "files": Key(array(text), "File names, one for each robot.", "sources"),
+        "commanded": Key(
+            choice("robot", "file") | None,
+            "Source of the commanded poses; null if there are none, and then there is no accuracy.",
+        ),
+        "alignment": Key(
+            array(ALIGNMENT) | None,
+            "Frames registered to the poses of each file; null without a registration.",
+            lambda result: result.alignments or None,
+        ),
+        "unaligned": Key(
+            part(
+                {
+                    "AP_max_m": Key(array(number | None), "Largest AP of each file, m.", ""),
+                }
+            )
+            | None,
+            "Values without the registration; null if no frame was registered.",
+        ),
+        "confidence": Key(share, "Confidence of the intervals."),
+        "iso9283": Key(
+            part(
+                {
+                    "AP": Key(
+                        CHARACTERISTIC,
+                        "Pose accuracy.",
+                        _symbol("AP"),
+                    ),
+                    "RP": Key(
+                        CHARACTERISTIC,
+                        "Pose repeatability; never to be called accuracy.",
+                        _symbol("RP"),
+                    ),
+                    "vAP": Key(
+                        CHARACTERISTIC,
+                        "Multi-directional pose accuracy variation.",
+                        _symbol("vAP"),
+                    ),
+                    "AD": Key(
+                        CHARACTERISTIC,
+                        "Distance accuracy.",
+                        _symbol("AD"),
+                    ),
+                    "RD": Key(
+                        CHARACTERISTIC,
+                        "Distance repeatability.",
+                        _symbol("RD"),
+                    ),
+                    "drift": Key(
+                        part(
+                            {
+                                "AP": Key(
+                                    CHARACTERISTIC,
+                                    "Drift of pose accuracy.",
+                                    _symbol("dAP"),
+                                ),
+                                "RP": Key(
+                                    CHARACTERISTIC,
+                                    "Drift of pose repeatability.",
+                                    _symbol("dRP"),
+                                ),
+                                "barycentre": Key(
+                                    CHARACTERISTIC,
+                                    "Drift of the barycentre.",
+                                    _symbol("shift"),
+                                ),
+                            }
+                        ),
+                        "Drift over time.",
+                        "",
+                    ),
+                    "exchangeability": Key(
+                        CHARACTERISTIC,
+                        "Exchangeability: pose accuracy over several robots.",
+                        _symbol("E"),
+                    ),
+                }
+            ),
+            "Criteria by symbol; a criterion without a number gives the reason.",
+            "",
+        ),
+        "protocol": Key(
+            array(
+                part(
+                    {
+                        "condition": Key(text, "Name of the condition.", "name"),
+                        "clause": Key(text, "Clause of the standard."),
+                        "status": Key(
+                            choice("met", "not_met", "unknown"),
+                            "Status: met, not_met or unknown.",
+                            lambda condition: condition.status.replace(" ", "_"),
+                        ),
+                        "why": Key(text, "Result of the check."),
+                    }
+                )
+            ),
+            "Conditions of the standard's protocol.",
+        ),
+        "visits": Key(
+            array(
+                part(
+                    {
+                        "pose": Key(text, "Id of the commanded pose.", "label"),
+                        "file": Key(text, "File of the pose.", "source"),
+                        "n": Key(count, "Number of visits."),
+                        "commanded_m": Key(
+                            vector3 | None, "Commanded position in the measuring frame, m; null if unknown."
+                        ),
+                        "barycentre_m": Key(
+                            vector3, "Barycentre of the visits, m.", lambda pose: pose.attained.mean(axis=1)
+                        ),
+                        "attained_m": Key(rows3, "Measured position, m.", "attained.T"),
+                        "angle_deviations_rad": Key(
+                            rows3 | None,
+                            "Deviations of the angles a, b, c, rad; null if no orientation was measured.",
+                            lambda pose: None if pose.turn is None else pose.turn.T,
+                        ),
+                        "angles_about": Key(
+                            text | None,
+                            "Meaning of the angles a, b, c, or null.",
+                            lambda pose: (
+                                None if pose.turn is None else "x, y, z" if pose.at_pole else "roll, pitch, yaw"
+                            ),
+                        ),
+                        "cycle": Key(array(text) | None, "Cycle of each visit.", lambda pose: texts(pose.cycle)),
+                        "time_s": Key(array(number) | None, "Time, s.", "time"),
+                    }
+                )
+            ),
+            "Every visit of each commanded pose.",
+            "poses",
+        ),
+        "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
+        "warnings": Key(array(text), "Warnings."),
+        "outside_validity": OUTSIDE_KEY,
+        "gate": GATE_KEY,
+    },
+    about="Pose criteria of ISO 9283:1998 and the conditions of its protocol that the data meet.",
+)
 
-def _criterion(place: IsoCriterion[EstimateOrReason]) -> Document:
-    document: Document = {
-        "pose": "–".join(place.poses),
-        "poses": list(place.poses),
-        "file": place.source,
-        "n": place.n,
-        "position_m": place.position.value,
-    }
-    intervals: Document = {"position_m": interval_document(place.position.interval)}
-    for key, figures in (("xyz_m", place.axes), ("abc_rad", place.angles)):
-        document[key] = None if figures is None else [figure.value for figure in figures]
-        intervals[key] = None if figures is None else [_interval(figure) for figure in figures]
-    if place.mean_distance is not None:
-        document |= {"mean_distance_m": place.mean_distance, "sd_distance_m": place.sd_distance}
-    if place.between is not None:
-        document["between"] = place.between
-    return {**document, "intervals": intervals}
-
-
-def _interval(figure: EstimateOrReason) -> Document:
-    return interval_document(figure.interval)
-
-
-def _visits(pose: CommandedPose) -> Document:
-    """Return every visit of a commanded pose, for charts."""
-    return {
-        "pose": pose.label,
-        "file": pose.source,
-        "n": pose.n,
-        "commanded_m": pose.commanded,
-        "barycentre_m": pose.attained.mean(axis=1),
-        "attained_m": pose.attained.T,
-        "angle_deviations_rad": None if pose.turn is None else pose.turn.T,
-        "angles_about": None if pose.turn is None else ("x, y, z" if pose.at_pole else "roll, pitch, yaw"),
-        "cycle": None if pose.cycle is None else [str(name) for name in pose.cycle],
-        "time_s": pose.time,
-    }
+ISO9283_POSES = part(
+    {
+        "cube": Key(
+            part(
+                {
+                    "edge_m": Key(size, "Edge of the cube, m."),
+                    "centre_in_base_m": Key(vector3, "Centre of the cube in the base frame, m.", "centre"),
+                    "plane_rises_towards": Key(choice("x+", "x-", "y+", "y-"), "The plane of the poses.", "plane"),
+                }
+            ),
+            "Cube of the five poses.",
+            "",
+        ),
+        "orientation": Key(choice("down", "forward", "own", "free"), "Orientation of the tool."),
+        "target": Key(text | None, "Target, for a robot with several targets."),
+        "joint_margin": Key(
+            number | None, "Smallest distance of a joint to its limits, as a share of its range.", "margin"
+        ),
+        "poses": Key(
+            array(
+                part(
+                    {
+                        "pose": Key(text, "Name of the pose, P1 to P5."),
+                        "position_m": Key(vector3, "Position in the measuring frame, m."),
+                        "quaternion": Key(array(number, 4), "Quaternion w, x, y, z."),
+                        "q": Key(array(number), "Joint variables, rad or m."),
+                    }
+                ),
+                5,
+            ),
+            "Poses P1 to P5.",
+            lambda proposal: [
+                {
+                    "pose": f"P{i + 1}",
+                    "position_m": proposal.poses.translation[:, i],
+                    "quaternion": quaternion_from_rotation(proposal.poses.rotation[..., i]),
+                    "q": proposal.q[:, i],
+                }
+                for i in range(proposal.q.shape[1])
+            ],
+        ),
+        "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
+        "file_sha256": Key(digest, "SHA-256 of the written CSV file."),
+    },
+    about="Cube of ISO 9283 in an arm's workspace and its five poses.",
+)

@@ -2,86 +2,491 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.accuracy.grade import Grade, QuantityGrade
-from robacc.accuracy.pose_errors import ErrorMetrics
-from robacc.accuracy.stages import Residuals
-from robacc.diagnostics.partial_residuals import PartialResidual
-from robacc.geometry import Array
-from robacc.measurements import Measurements
-from robacc.modelling.validity import OutsideValidity
+from robacc.documents.keys import (
+    LEFT_OUT,
+    Document,
+    Key,
+    array,
+    choice,
+    count,
+    digest,
+    flag,
+    integer,
+    matrix3,
+    number,
+    ordinal,
+    part,
+    rows3,
+    share,
+    size,
+    table,
+    text,
+    vector3,
+)
 from robacc.robots.arm import Arm, skeleton, typical_pose
-from robacc.robots.description import Robot
-from robacc.statistics.intervals import EstimateOrReason, Interval
-from robacc.statistics.multivariate import AssumptionTest
-from robacc.statistics.records import ErrorStatistics, MatrixInterval
 
 if TYPE_CHECKING:
-    from robacc.fitting.parameters import FittedParameter, ParameterCovariance
+    from numpy.typing import NDArray
 
+    from robacc.accuracy.stages import Residuals
+    from robacc.fitting.parameters import ParameterCovariance
+    from robacc.geometry import Array
+    from robacc.measurements import Measurements
+    from robacc.modelling.validity import OutsideValidity
+    from robacc.robots.description import Robot
 
-# JSON key of the poses outside a model's validity ranges.
-
-
-def outside_document(outside: OutsideValidity | None) -> dict[str, Any]:
-    """Return the key ``outside_validity``; None is a model without ranges."""
-    if outside is None:
-        return {"n_poses": 0, "position_std_max_m": 0.0, "ranges": []}
-    return {
-        "n_poses": outside.n_poses,
-        "position_std_max_m": outside.std_max,
-        "ranges": [
-            {
-                "effect": item.effect,
-                "driver": item.driver,
-                "unit": item.unit,
-                "low": item.low,
-                "high": item.high,
-                "n_poses": item.n_poses,
-                "largest_excess": item.excess,
-                "rule": "held" if item.is_held else "extrapolated",
-            }
-            for item in outside.ranges
-        ],
-    }
-
-
-# Parts of a JSON result for charts: the robot's outline, every pose, and the curves of effects.
-#
-# Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document.
-
+QUANTITIES = (("m", "position"), ("rad", "orientation"))
+"""Quantities with the units of their keys."""
 _DECIMALS = 12
+"""Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document."""
+_COVARIANCE_DIGITS = 8
+"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
-def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> dict[str, Any] | None:
+@overload
+def rounded(values: Array) -> Array: ...
+@overload
+def rounded(values: Array | None) -> Array | None: ...
+def rounded(values: Array | None) -> Array | None:
+    """Return rounded values with poses first, the order of a document; None without values."""
+    return None if values is None else np.round(values, _DECIMALS).T
+
+
+def texts(column: NDArray[Any] | None) -> list[str] | None:
+    """Return a column of names as texts; None without such a column."""
+    return None if column is None else [str(value) for value in column]
+
+
+OUTSIDE = part(
+    {
+        "n_poses": Key(count, "Poses outside at least one range."),
+        "position_std_max_m": Key(
+            size,
+            "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
+            "std_max",
+        ),
+        "ranges": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Effect and its joints."),
+                        "driver": Key(
+                            text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."
+                        ),
+                        "unit": Key(text, "Unit of the range."),
+                        "low": Key(number, "Lowest value that the effect was fitted on."),
+                        "high": Key(number, "Highest value that the effect was fitted on."),
+                        "n_poses": Key(ordinal, "Poses outside this range."),
+                        "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
+                        "rule": Key(
+                            choice("held", "extrapolated"),
+                            (
+                                "held: the effect keeps its value at the end of the range; extrapolated: it follows "
+                                "its law."
+                            ),
+                            lambda item: "held" if item.is_held else "extrapolated",
+                        ),
+                    }
+                )
+            ),
+            "Ranges that some pose exceeds, most poses first.",
+        ),
+    }
+)
+OUTSIDE_KEY = Key(
+    OUTSIDE, "Poses outside the validity range of the robot file's effects.", lambda _: LEFT_OUT, optional=True
+)
+"""Key that the use of a model adds to a result."""
+
+INPUT = part(
+    {
+        "name": Key(
+            text, "File name without its folder; - is standard input; a label for data that did not come from a file."
+        ),
+        "sha256": Key(
+            digest,
+            (
+                "SHA-256 of the file's bytes, hexadecimal; for data that did not come from a file, of the file that "
+                "they would make."
+            ),
+        ),
+        "kind": Key(text, "Kind of file: poses, robot, scale, gate, baseline, result …"),
+        "reading": Key(
+            table(),
+            "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
+            optional=True,
+        ),
+        "identity": Key(
+            table(text),
+            (
+                "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
+                "absent without any."
+            ),
+            optional=True,
+        ),
+    },
+    "input",
+    "One input file of the result.",
+)
+
+INTERVAL = part(
+    {
+        "lower": Key(number | None, "Lower limit of the two-sided interval, or null."),
+        "upper": Key(number | None, "Upper limit of the two-sided interval, or null."),
+        "upper_bound": Key(number | None, "One-sided upper bound at the same confidence, or null."),
+        "confidence": Key(share, "Confidence of the interval, and of the upper bound by itself."),
+        "method": Key(text, "Method of the interval; none if there is no interval."),
+        "why": Key(text | None, "Reason why there is no interval, or null."),
+    },
+    "interval",
+    "Confidence interval of a number, in the number's unit.",
+)
+
+MATRIX_INTERVAL = part(
+    {
+        "lower": Key(matrix3 | None, "Lower limits, or null."),
+        "upper": Key(matrix3 | None, "Upper limits, or null."),
+        "confidence": Key(share, "Confidence of each interval."),
+        "method": Key(text, "Method of the intervals; none if there are no intervals."),
+        "why": Key(text | None, "Reason why there are no intervals, or null."),
+    },
+    "matrix_interval",
+    "Confidence interval of each element of a covariance, in its unit.",
+)
+
+TEST = part(
+    {
+        "method": Key(text, "Name of the test and its hypothesis."),
+        "statistic": Key(number | None, "Statistic of the test, or null."),
+        "p_value": Key(share | None, "Probability of a statistic as extreme if the assumption holds, or null."),
+        "dimension": Key(count | None, "Dimension of the tested errors: below 3 if they lie in a plane or on a line."),
+        "why": Key(text | None, "Reason why there is no test, or null."),
+    },
+    "test",
+    "A test of an assumption.",
+)
+
+METRICS = {
+    unit: {
+        f"rms_{unit}": Key(size, f"Rms of the {name} error's length, {unit}."),
+        f"mean_error_{unit}": Key(size, f"Mean of the error's length, {unit}.", "mean"),
+        f"p95_{unit}": Key(size, f"95th percentile of the error's length in the sample, {unit}."),
+        f"max_{unit}": Key(size, f"Largest length of an error in the sample, {unit}."),
+    }
+    for unit, name in QUANTITIES
+}
+"""Keys of the four metrics of an error's length by unit."""
+FIGURES = {
+    unit: part(METRICS[unit], f"{name}_figures", f"Metrics of the {name} error's length.") for unit, name in QUANTITIES
+}
+"""The metrics as a part, by unit."""
+_RADIUS = {
+    unit: part(
+        {
+            f"radius_{unit}": Key(size | None, f"Radius, {unit}, or null.", "value"),
+            "interval": Key(INTERVAL),
+            "why": Key(text | None, "Reason why there is no interval, or null."),
+        }
+    )
+    for unit, _ in QUANTITIES
+}
+STATISTICS = {
+    unit: part(
+        {
+            f"mean_{unit}": Key(vector3, f"Mean error along x, y, z of the frame, {unit}."),
+            f"covariance_{unit}2": Key(
+                matrix3, f"Maximum-likelihood covariance about zero (divisor n), {unit}²: equations (13), (14)."
+            ),
+            f"centred_covariance_{unit}2": Key(
+                matrix3, f"Maximum-likelihood covariance about the mean (divisor n), {unit}²."
+            ),
+            f"rms_{unit}": Key(size, f"Rms of the {name} error's length, {unit}."),
+            f"mean_error_{unit}": Key(size, f"Mean of the error's length, {unit}."),
+            f"p95_{unit}": Key(size, f"95th percentile of the error's length in the sample, {unit}."),
+            f"max_{unit}": Key(size, f"Largest length of an error in the sample, {unit}."),
+            "percentile_definition": Key(
+                text,
+                "Interpolation of the sample percentile.",
+                lambda _: "linear interpolation at (n - 1) p (Hyndman and Fan type 7)",
+            ),
+            "share_below_max": Key(
+                share | None, "Share of all poses below the largest measured error, at the confidence; null if unknown."
+            ),
+            "n_commanded_poses": Key(count, "Number of commanded poses.", "n_poses"),
+            "independent_poses": Key(
+                size,
+                "Number of poses that the intervals count: the commanded poses, less those that the fitted frames use.",
+                "n_independent",
+                optional=True,
+            ),
+            "confidence": Key(share, "Confidence of the intervals."),
+            "assumption": Key(text, "Assumptions of the covariance, and the tests that contradict them."),
+            "intervals": Key(
+                part(
+                    {
+                        f"mean_{unit}": Key(array(INTERVAL, 3), f"Intervals along x, y, z, {unit}.", "intervals.mean"),
+                        f"covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.covariance"),
+                        f"centred_covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.centred_covariance"),
+                        f"rms_{unit}": Key(INTERVAL, source="intervals.rms"),
+                        f"mean_error_{unit}": Key(INTERVAL, source="intervals.mean_error"),
+                        f"p95_{unit}": Key(INTERVAL, source="intervals.p95"),
+                        f"max_{unit}": Key(INTERVAL, source=lambda statistics: statistics.estimate("max")[1]),
+                    }
+                ),
+                "Intervals of the metrics, by their keys.",
+                "",
+            ),
+            "ellipsoid": Key(
+                array(
+                    part(
+                        {
+                            "direction": Key(vector3, "Unit vector in the frame's axes."),
+                            f"sd_{unit}": Key(size | None, f"Standard deviation along the direction, {unit}."),
+                            "interval": Key(INTERVAL),
+                        }
+                    )
+                ),
+                "Principal axes of the covariance about the mean, the longest first.",
+                lambda statistics: [
+                    {"direction": direction, f"sd_{statistics.unit}": sd, "interval": interval}
+                    for direction, sd, interval in zip(
+                        statistics.ellipsoid.axes.T,
+                        statistics.ellipsoid.sd,
+                        statistics.ellipsoid.intervals,
+                        strict=True,
+                    )
+                ],
+            ),
+            "radius95": Key(
+                part(
+                    {
+                        "zero_mean": Key(
+                            _RADIUS[unit],
+                            "Gaussian of zero mean, with the covariance about zero.",
+                            "radius95_zero_mean",
+                        ),
+                        "fitted_mean": Key(
+                            _RADIUS[unit],
+                            "Gaussian of the fitted mean, with the covariance about the mean.",
+                            "radius95_fitted_mean",
+                        ),
+                    }
+                ),
+                "Radius that contains 95 % of the errors of the fitted Gaussian.",
+                "",
+            ),
+            "tests": Key(
+                part(
+                    {
+                        "zero_mean": Key(TEST),
+                        "skewness": Key(TEST),
+                        "kurtosis": Key(TEST),
+                    }
+                ),
+                "Tests of the assumptions of the covariance.",
+            ),
+            "pose_structure": Key(
+                part(
+                    {
+                        f"between_{unit}2": Key(size | None, f"Variance between commanded poses, {unit}²."),
+                        f"within_{unit}2": Key(size | None, f"Variance within commanded poses, {unit}²."),
+                        "intraclass_correlation": Key(number | None, "Share of the variance between poses."),
+                        "effective_poses": Key(size | None, "Number of independent poses equivalent to the rows."),
+                        "text": Key(text, "Summary of the structure."),
+                        "why": Key(text | None, "Reason why it is unknown, or null."),
+                    }
+                ),
+                "Shares of the error between and within commanded poses, from repetitions.",
+                "structure",
+            ),
+            f"errors_{unit}": Key(
+                rows3, f"Error of each pose along x, y, z of the frame, {unit}, in the file's order."
+            ),
+        },
+        f"{name}_statistics",
+        f"{name.capitalize()} errors, {unit}.",
+    )
+    for unit, name in QUANTITIES
+}
+"""Statistics of the errors by unit; the errors themselves are given."""
+REGISTERED_PARAMETER = part(
+    {
+        "name": Key(text, "Name of effect and coordinate, as in base_frame.x."),
+        "value": Key(number, "Value in the unit.", lambda parameter: parameter.value + 0.0),
+        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+        "unit": Key(text, "m or rad."),
+        "why": Key(text, "Reason why std is null.", lambda parameter: parameter.why or LEFT_OUT, optional=True),
+    },
+    "registered_parameter",
+    "One coordinate of a registered frame.",
+)
+
+PARAMETER = part(
+    {
+        "name": Key(text, "effect.joint.term"),
+        "value": Key(
+            number | None,
+            (
+                "Value in the unit: of base_frame and tool_frame the fitted frame, of other constants the correction "
+                "to the robot file; null if it is not identifiable."
+            ),
+            lambda parameter: parameter.value + 0.0,
+        ),
+        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+        "unit": Key(text, "Unit of value and std."),
+        "why": Key(
+            text,
+            "Reason for a missing standard error, or confounded coefficients.",
+            lambda parameter: parameter.why or LEFT_OUT,
+            optional=True,
+        ),
+    },
+    "parameter",
+    "One coefficient.",
+)
+
+ALIGNMENT = part(
+    {
+        "what": Key(array(text), "Fitted frames: base_frame, tool_frame or both.", "effects"),
+        "n_parameters": Key(count, "Number of fitted coefficients."),
+        "parameters": Key(array(REGISTERED_PARAMETER), "Fitted coefficients."),
+    }
+)
+"""Frames registered to the poses."""
+
+JOINTS = array(
+    part(
+        {
+            "name": Key(text, "Name of the joint."),
+            "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
+        }
+    )
+)
+ROBOT = part(
+    {
+        "name": Key(text, "Name in the robot file."),
+        "joints": Key(
+            JOINTS,
+            "Joints with a variable, in chain order.",
+            "variables",
+        ),
+        "effects": Key(
+            array(text),
+            "Names of the effects that the robot file lists; they are applied.",
+            lambda robot: list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
+            optional=True,
+        ),
+        "fitted_to": Key(
+            array(text), "SHA-256 of each file of poses that the robot file was fitted to.", optional=True
+        ),
+        "outline": Key(
+            part(
+                {
+                    "q": Key(array(number), "Joint variables, rad or m."),
+                    "line_m": Key(rows3, "Corners of the arm's outline from base to target, m."),
+                }
+            )
+            | None,
+            "Outline of the arm at a typical pose; null if the joints are unknown.",
+        ),
+    },
+    "robot",
+    "Robot and its outline; null without a robot.",
+)
+
+
+def outside_document(outside: OutsideValidity | None) -> Document:
+    """Return the key ``outside_validity``; None is a model without ranges."""
+    nothing = {"n_poses": 0, "position_std_max_m": 0.0, "ranges": []}
+    return OUTSIDE.write(nothing if outside is None else outside)
+
+
+def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> Document | None:
     """Return the robot's name, joints, and outline at a typical pose of ``q`` ``(J, N)``; None without a robot.
 
     The outline is that of the ``registered`` robot if there is one, among the poses in the measuring frame.
     """
     if robot is None:
         return None
-    arm = Arm.of(registered or robot)
     outline = None
     if q is not None and q.shape[1]:
         typical = q[:, typical_pose(q)]
-        outline = {"q": typical, "line_m": rounded(skeleton(arm, typical))}
-    return {
-        "name": robot.name,
-        "joints": [{"name": joint.name, "type": joint.type} for joint in robot.variables],
-        "effects": list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
-        "fitted_to": list(robot.fitted_to),
-        "outline": outline,
-    }
+        outline = {"q": typical, "line_m": rounded(skeleton(Arm.of(registered or robot), typical))}
+    return ROBOT.write(robot, outline=outline)
+
+
+_POSES = {
+    "line": Key(
+        array(ordinal),
+        "Line of the file, from 1; the row's number if there is no file.",
+        lambda data: [data.line(i) for i in range(data.n)],
+    ),
+    "pose": Key(array(text) | None, "Id of the commanded pose.", lambda data: texts(data.pose)),
+    "cycle": Key(array(text) | None, "Repetition of the commanded pose.", lambda data: texts(data.cycle)),
+    "target": Key(array(text) | None, "Name of the measured target.", lambda data: texts(data.target)),
+    "group": Key(
+        array(integer),
+        "Number of the commanded pose; rows that share it are repetitions.",
+        lambda data: data.groups(),
+    ),
+    "q": Key(
+        array(array(number)) | None,
+        "Commanded joint variables of each pose, rad or m.",
+        lambda data: rounded(data.q),
+    ),
+    "commanded_m": Key(rows3, "Commanded position of the target in the measuring frame, m."),
+    "attained_m": Key(rows3, "Measured position of the target, m.", lambda data: rounded(data.position)),
+    "time_s": Key(array(number) | None, "Time, s.", "time"),
+    "temperature_c": Key(array(number) | None, "Temperature, °C.", "temperature"),
+    "payload_kg": Key(array(number) | None, "Payload, kg.", "payload"),
+    "used": Key(array(flag) | None, "True for rows in the fit; null if the fit uses all rows."),
+}
+_ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
+POSES = part(_POSES, "poses", _ABOUT_POSES)
+_STAGE_ERRORS = {
+    unit: part(
+        {
+            "nominal_unregistered": Key(
+                rows3 | None,
+                f"Errors of the nominal model as it stands in the robot file, {unit}; null if there are none.",
+            ),
+            "nominal": Key(rows3 | None, f"Errors of the nominal model, registered, {unit}; null if there are none."),
+            "before": Key(rows3 | None, f"Errors of the baseline, {unit}; null if there are none."),
+            "after": Key(rows3 | None, f"Errors of the extended model, {unit}; null if there are none."),
+            "held_out_nominal": Key(
+                rows3 | None,
+                f"Errors of the nominal model registered without the pose, {unit}; null if there are none.",
+            ),
+            "held_out_before": Key(
+                rows3 | None, f"Errors of the baseline fitted without the pose, {unit}; null if there are none."
+            ),
+            "held_out_after": Key(
+                rows3 | None, f"Errors of the extended model fitted without the pose, {unit}; null if there are none."
+            ),
+        }
+    )
+    for unit, _ in QUANTITIES
+}
+FITTED_POSES = part(
+    {
+        **_POSES,
+        "errors_m": Key(_STAGE_ERRORS["m"], "Position error of each row in the measuring frame, m."),
+        "errors_rad": Key(
+            _STAGE_ERRORS["rad"] | None, "Orientation error of each row, rad; null if no orientation was measured."
+        ),
+    },
+    "fitted_poses",
+    _ABOUT_POSES,
+)
 
 
 def pose_document(
     data: Measurements, commanded: Array, residuals: Residuals | None = None, used: NDArray[np.bool_] | None = None
-) -> dict[str, Any]:
+) -> Document:
     """Return columns with an entry for each row: its line, ids, commanded and measured values, and residuals.
 
     Rows with the same ``group`` are repetitions of one commanded pose.
@@ -92,24 +497,9 @@ def pose_document(
         residuals: Residuals of a fit, if there is a fit.
         used: ``(N,)`` rows without outliers.
     """
-    return {
-        "line": [data.line(i) for i in range(data.n)],
-        "pose": _texts(data.pose),
-        "cycle": _texts(data.cycle),
-        "target": _texts(data.target),
-        "group": data.groups(),
-        "q": None if data.q is None else rounded(data.q),
-        "commanded_m": rounded(commanded),
-        "attained_m": rounded(data.position),
-        "time_s": data.time,
-        "temperature_c": data.temperature,
-        "payload_kg": data.payload,
-        "used": used,
-        **({} if residuals is None else _stages(residuals)),
-    }
-
-
-def _stages(residuals: Residuals) -> dict[str, Any]:
+    given: Document = {"commanded_m": rounded(commanded), "used": used}
+    if residuals is None:
+        return POSES.write(data, **given)
     by_stage = {
         "nominal_unregistered": residuals.unregistered,
         "nominal": residuals.nominal,
@@ -119,224 +509,67 @@ def _stages(residuals: Residuals) -> dict[str, Any]:
         "held_out_before": residuals.held_out_before,
         "held_out_after": residuals.held_out_after,
     }
-    return {
-        "errors_m": {name: None if errors is None else rounded(errors[:3]) for name, errors in by_stage.items()},
-        "errors_rad": None
-        if residuals.nominal.shape[0] == 3
-        else {name: None if errors is None else rounded(errors[3:]) for name, errors in by_stage.items()},
-    }
+    oriented = residuals.nominal.shape[0] > 3
+    given["errors_m"] = {stage: None if errors is None else rounded(errors[:3]) for stage, errors in by_stage.items()}
+    given["errors_rad"] = (
+        {stage: None if errors is None else rounded(errors[3:]) for stage, errors in by_stage.items()}
+        if oriented
+        else None
+    )
+    return FITTED_POSES.write(data, **given)
 
 
-def curve_document(curve: PartialResidual) -> dict[str, Any]:
-    """Return one curve of an effect; ``x`` and ``grid`` are in ``driver_unit``, all other values in ``unit``."""
-    spectrum = curve.spectrum
-    return {
-        "joint": curve.joint,
-        "driver": curve.driver,
-        "driver_unit": curve.driver_unit,
-        "unit": curve.unit,
-        "x": curve.x,
-        "effect": rounded(curve.effect),
-        "residual_before": rounded(curve.before),
-        "residual_after": rounded(curve.after),
-        "sd": rounded(curve.sd),
-        "grid": curve.grid,
-        "curve": None if curve.value is None else rounded(curve.value),
-        "spectrum": None
-        if spectrum is None
-        else {
-            "orders": spectrum.orders,
-            "before_rad": rounded(spectrum.before),
-            "after_rad": rounded(spectrum.after),
-            "noise_rad": spectrum.noise,
-        },
-    }
+CURVE_KEYS = {
+    "joint": Key(
+        text | None, "Joint whose error is given; null for the component along the displacement by the effect."
+    ),
+    "driver": Key(text, "Driver of the effect: a joint angle, a torque, time …"),
+    "driver_unit": Key(text, "Unit of x and grid."),
+    "unit": Key(text, "Unit of all other numbers."),
+    "x": Key(array(number | None), "Driver at each row."),
+    "effect": Key(array(number | None), "Contribution of the effect at each row.", lambda curve: rounded(curve.effect)),
+    "residual_before": Key(array(number | None), "Residual without the effect.", lambda curve: rounded(curve.before)),
+    "residual_after": Key(array(number | None), "Residual with the effect.", lambda curve: rounded(curve.after)),
+    "sd": Key(array(number | None), "Standard deviation of each row's residual.", lambda curve: rounded(curve.sd)),
+    "grid": Key(array(number) | None, "Values of the driver for the curve."),
+    "curve": Key(array(number) | None, "Effect at the values of the grid.", lambda curve: rounded(curve.value)),
+    "spectrum": Key(
+        part(
+            {
+                "orders": Key(array(number), "Periods per turn."),
+                "before_rad": Key(array(number), "Amplitude without the effect, rad.", lambda it: rounded(it.before)),
+                "after_rad": Key(array(number), "Amplitude with the effect, rad.", lambda it: rounded(it.after)),
+                "noise_rad": Key(size | None, "Amplitude that noise alone produces, rad."),
+            }
+        )
+        | None,
+        "Amplitudes by order of a periodic effect; otherwise null.",
+    ),
+}
+CURVE = part(
+    CURVE_KEYS, "curve", "Partial residual of an effect over its driver: residual_before = effect + residual_after."
+)
 
 
-def rounded(values: Array) -> Array:
-    """Return rounded values with poses first, the order of a document."""
-    result: Array = np.round(values, _DECIMALS).T
-    return result
-
-
-def _texts(column: NDArray[Any] | None) -> list[str] | None:
-    return None if column is None else [str(value) for value in column]
-
-
-# Statistics, grades and coefficients as parts of a JSON result: SI units in the keys, null with ``why`` if missing.
-#
-# Keys of position statistics end in ``_m`` and ``_m2``, those of orientation statistics in ``_rad`` and ``_rad2``.
-
-Document = dict[str, Any]
-_COVARIANCE_DIGITS = 8
-"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
-
-
-def statistics_document(statistics: ErrorStatistics) -> Document:
-    """Return the ``position`` or ``orientation`` part of ``robacc.estimate/1``, without the errors themselves."""
-    unit = statistics.unit
-    intervals = statistics.intervals
-    return {
-        f"mean_{unit}": statistics.mean,
-        f"covariance_{unit}2": statistics.covariance,
-        f"centred_covariance_{unit}2": statistics.centred_covariance,
-        f"rms_{unit}": statistics.rms,
-        f"mean_error_{unit}": statistics.mean_error,
-        f"p95_{unit}": statistics.p95,
-        f"max_{unit}": statistics.max,
-        "percentile_definition": "linear interpolation at (n - 1) p (Hyndman and Fan type 7)",
-        "share_below_max": statistics.share_below_max,
-        "n_commanded_poses": statistics.n_poses,
-        "independent_poses": statistics.n_independent,
-        "confidence": statistics.confidence,
-        "assumption": statistics.assumption,
-        "intervals": {
-            f"mean_{unit}": [interval_document(interval) for interval in intervals.mean],
-            f"covariance_{unit}2": _matrix_interval(intervals.covariance),
-            f"centred_covariance_{unit}2": _matrix_interval(intervals.centred_covariance),
-            f"rms_{unit}": interval_document(intervals.rms),
-            f"mean_error_{unit}": interval_document(intervals.mean_error),
-            f"p95_{unit}": interval_document(intervals.p95),
-            f"max_{unit}": interval_document(statistics.estimate("max")[1]),
-        },
-        "ellipsoid": [
-            {"direction": direction, f"sd_{unit}": sd, "interval": interval_document(interval)}
-            for direction, sd, interval in zip(
-                statistics.ellipsoid.axes.T, statistics.ellipsoid.sd, statistics.ellipsoid.intervals, strict=True
-            )
-        ],
-        "radius95": {
-            "zero_mean": _radius(statistics.radius95_zero_mean, unit),
-            "fitted_mean": _radius(statistics.radius95_fitted_mean, unit),
-        },
-        "tests": {
-            "zero_mean": _test(statistics.tests.zero_mean),
-            "skewness": _test(statistics.tests.skewness),
-            "kurtosis": _test(statistics.tests.kurtosis),
-        },
-        "pose_structure": {
-            f"between_{unit}2": statistics.structure.between,
-            f"within_{unit}2": statistics.structure.within,
-            "intraclass_correlation": statistics.structure.intraclass_correlation,
-            "effective_poses": statistics.structure.effective_poses,
-            "text": statistics.structure.text,
-            "why": statistics.structure.why,
-        },
-    }
-
-
-def grade_document(grade: Grade) -> Document:
-    """Return the ``grade`` part of ``robacc.estimate/1``; limits, values and bounds in m and rad."""
-    scale, following = grade.scale, grade.next
-    return {
-        "grade": grade.grade,
-        "demonstrated": grade.demonstrated,
-        "demonstrated_grade": grade.demonstrated_grade,
-        "scale": scale.name,
-        "statistic": scale.statistic,
-        "confidence": scale.confidence,
-        "position": _quantity(grade.position),
-        "orientation": None if grade.orientation is None else _quantity(grade.orientation),
-        "limited_by": grade.limited_by,
-        "next": None
-        if following is None
-        else {
-            "grade": following.grade,
-            "position_excess_m": following.position,
-            "orientation_excess_rad": following.orientation,
-        },
-        "probability": grade.probability,
-        "probabilities": [{"grade": name, "probability": share} for name, share in grade.probabilities],
-        "poses_to_demonstrate": grade.poses_to_demonstrate,
-        "reason": grade.reason,
-        "steps": [
-            {"grade": step.grade, "position_m": step.position, "orientation_rad": step.orientation}
-            for step in scale.steps
-        ],
-        "otherwise": scale.otherwise,
-    }
-
-
-def parameters_document(parameters: Iterable[FittedParameter]) -> list[Document]:
-    """Return name, value, standard error and unit of each coefficient, and why a standard error is missing.
-
-    A value of -0.0 becomes 0.0.
-    """
+def _lower_triangle(covariance: ParameterCovariance) -> list[list[float]]:
+    """Return the lower triangle of the covariance, which tells all, in few digits."""
     return [
-        {
-            "name": parameter.name,
-            "value": parameter.value + 0.0,
-            "std": parameter.std,
-            "unit": parameter.unit,
-            **({"why": parameter.why} if parameter.why else {}),
-        }
-        for parameter in parameters
-    ]
-
-
-def covariance_document(covariance: ParameterCovariance) -> Document:
-    """Return the covariance of the coefficients: its lower triangle, which tells all, in few digits."""
-    rows = [
         [*(float(f"{value:.{_COVARIANCE_DIGITS}g}") for value in row[:i]), float(row[i])]
         for i, row in enumerate(covariance.matrix.tolist())
     ]
-    return {"names": list(covariance.names), "lower_triangle": rows}
 
 
-def figures_document(figures: ErrorMetrics, unit: str) -> Document:
-    """Return the four metrics of an error's length."""
-    return {
-        f"rms_{unit}": figures.rms,
-        f"mean_error_{unit}": figures.mean,
-        f"p95_{unit}": figures.p95,
-        f"max_{unit}": figures.max,
+COVARIANCE = part(
+    {
+        "names": Key(array(text), "Names of the coefficients, as in parameters."),
+        "lower_triangle": Key(
+            array(array(number)),
+            (
+                "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
+                "units; eight significant digits. The roots of the diagonal are the standard errors."
+            ),
+            _lower_triangle,
+        ),
     }
-
-
-def interval_document(interval: Interval) -> Document:
-    """Return an interval in the unit of its number."""
-    return {
-        "lower": interval.lower,
-        "upper": interval.upper,
-        "upper_bound": interval.upper_bound,
-        "confidence": interval.confidence,
-        "method": interval.method,
-        "why": interval.why,
-    }
-
-
-def _matrix_interval(interval: MatrixInterval) -> Document:
-    return {
-        "lower": interval.lower,
-        "upper": interval.upper,
-        "confidence": interval.confidence,
-        "method": interval.method,
-        "why": interval.why,
-    }
-
-
-def _radius(radius: EstimateOrReason, unit: str) -> Document:
-    return {f"radius_{unit}": radius.value, "interval": interval_document(radius.interval), "why": radius.why}
-
-
-def _test(test: AssumptionTest) -> Document:
-    return {
-        "method": test.method,
-        "statistic": test.statistic,
-        "p_value": test.p_value,
-        "dimension": test.dimension,
-        "why": test.why,
-    }
-
-
-def _quantity(quantity: QuantityGrade) -> Document:
-    unit = quantity.unit
-    return {
-        "grade": quantity.grade,
-        "demonstrated_grade": quantity.demonstrated_grade,
-        f"value_{unit}": quantity.value,
-        f"upper_bound_{unit}": quantity.interval.upper_bound,
-        f"limit_{unit}": quantity.limit,
-        "method": quantity.interval.method,
-        "why": quantity.why,
-    }
+)
+"""Covariance of coefficients."""

@@ -4,161 +4,447 @@ from __future__ import annotations
 
 import dataclasses
 from hashlib import sha256
-from typing import Any
+from typing import TYPE_CHECKING
 
-from robacc.documents.parts import robot_document, rounded
-from robacc.planning.campaign import CampaignPlan
+from robacc.documents.keys import (
+    Document,
+    Key,
+    array,
+    choice,
+    count,
+    flag,
+    integer,
+    number,
+    ordinal,
+    part,
+    share,
+    size,
+    table,
+    text,
+)
+from robacc.documents.parts import ROBOT, robot_document, rounded, texts
 from robacc.planning.candidates import targets_in_base
-from robacc.planning.expected import AccuracyPoint
 from robacc.robots.description import Frame
 
+if TYPE_CHECKING:
+    from robacc.planning.campaign import CampaignPlan
 
-def payload(plan: CampaignPlan, csv: str) -> dict[str, Any]:
-    """Return the keys of a plan; ``csv`` is the file of the visits."""
-    collisions, sight = plan.settings.constraints.collisions, plan.settings.constraints.sight
-    noise, route, accuracy, worth = plan.noise, plan.route, plan.accuracy, plan.worth
-    detectability, sufficiency = plan.detectability, plan.sufficiency
-    in_base = dataclasses.replace(plan.robot, base=Frame())
+_POINT = part(
+    {
+        "n_poses": Key(ordinal, "Number of poses.", "n"),
+        "rms_m": Key(
+            size,
+            "Root mean variance over the region, from the uncertainty of the coefficients, m.",
+        ),
+        "worst_m": Key(size, "The same at the worst task pose, m."),
+        "total_rms_m": Key(
+            size,
+            "The same with repeatability and unexplained error, which no fit removes, m.",
+            "total",
+        ),
+        "random_rms_m": Key(
+            size | None,
+            "Mean of rms_m over draws of as many random feasible poses, m; null where they do not identify the model.",
+        ),
+    }
+)
+"""Predicted accuracy for a number of poses."""
+
+
+def _visits(plan: CampaignPlan) -> Document:
     visits = plan.visits()
-    assert visits.pose is not None
     assert visits.direction is not None
     assert visits.speed is not None
     return {
-        "purpose": plan.settings.purpose,
-        "criterion": plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
-        "n_poses": int(plan.chosen.size),
-        "n_visits": len(route.roles),
-        "fit": plan.settings.fit,
-        "candidates": {
-            "source": plan.candidates.source,
-            "drawn": plan.candidates.n_drawn,
-            "feasible": plan.candidates.n_poses,
-            "excluded": [dataclasses.asdict(entry) for entry in plan.candidates.excluded],
-        },
-        "collisions": None
-        if collisions is None
-        else {
-            "pairs": [[collisions.shapes[i].link for i in pair] for pair in collisions.pairs],
-            "overlapping": [list(pair) for pair in collisions.overlapping],
-        },
-        "noise": {
-            "position_m": noise.position,
-            "orientation_rad": noise.orientation,
-            "repeatability_joints": noise.joints,
-            "repeatability_m": plan.repeatability,
-            "unexplained_m": noise.unexplained,
-            "source": noise.source,
-        },
-        "visits": {
-            "pose": [str(name) for name in visits.pose],
-            "role": list(route.roles),
-            "q": rounded(plan.q),
-            "direction": visits.direction.T.astype(int),
-            "speed": rounded(visits.speed),
-            "payload_kg": plan.payload_kg,
-            "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[route.visits]]),
-        },
-        "route": {
-            "passes": route.passes,
-            "length": route.length,
-            "random_length": route.random_length,
-            "rarer_direction_share": route.direction_share,
-            "speed_std": route.speed_std,
-            "drift_share": route.drift_share,
-            "repeats": route.roles.count("repeat"),
-            "checks": route.roles.count("check"),
-        },
-        "payloads": [
-            {
-                "payload_kg": block.payload,
-                "first_visit": block.first,
-                "n_visits": block.n_visits,
-                "n_poses": block.n_poses,
-            }
-            for block in plan.payload_blocks
-        ],
-        "validation": None
-        if plan.validation is None
-        else {
-            "q": rounded(plan.validation),
-            "payload_kg": plan.validation_payload,
-            "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
-        },
-        "instrument_in_base_m": None if sight is None else list(sight.position),
-        "robot": robot_document(in_base, plan.q),
-        "coefficients": [dataclasses.asdict(entry) for entry in plan.coefficients],
-        "correlations": [dataclasses.asdict(pair) for pair in plan.correlations],
-        "accuracy": None
-        if accuracy is None
-        else {
-            "planned": None if accuracy.planned is None else _point(accuracy.planned),
-            "curve": [_point(point) for point in accuracy.points],
-            "knee": accuracy.knee,
-        },
-        "worth": None
-        if worth is None
-        else {
-            "new_poses_rms_m": worth.new_poses,
-            "repeated_poses_rms_m": worth.repeated_poses,
-            "readings_rms_m": worth.readings,
-            "verdict": worth.verdict,
-        },
-        "detection_limits": None
-        if detectability is None
-        else [
-            {
-                "effect": limit.effect,
-                "joints": list(limit.joints),
-                "settings": limit.settings,
-                "limit": limit.limit,
-                "unit": limit.unit,
-                "usual_size": limit.usual,
-                "power": limit.power,
-                "rms_m": limit.rms,
-            }
-            for limit in detectability.limits
-        ],
-        "inseparable": None if detectability is None else [dataclasses.asdict(pair) for pair in detectability.pairs],
-        "not_testable": None if detectability is None else detectability.missing,
-        "power": None
-        if plan.power is None or plan.random_power is None
-        else {
-            "found": plan.power.detected,
-            "separated": plan.power.separated,
-            "random_found": plan.random_power.detected,
-            "random_separated": plan.random_power.separated,
-        },
-        "needed_poses": [
-            {
-                "name": entry.demand.label,
-                "statistic": entry.demand.statistic,
-                "limit_m": entry.demand.limit,
-                "confidence": entry.demand.confidence,
-                "true_over_limit": entry.ratio,
-                "n_poses": entry.poses,
-                "by_ratio": [{"true_over_limit": ratio, "n_poses": number} for ratio, number in entry.by_ratio],
-            }
-            for entry in plan.needed
-        ],
-        "sufficiency": None
-        if sufficiency is None
-        else {
-            "n_already": sufficiency.n,
-            "enough": sufficiency.enough,
-            "why": sufficiency.why,
-            "now_m": sufficiency.now,
-            "later_m": sufficiency.later,
-            "of_model": sufficiency.of_model,
-        },
-        "file_sha256": sha256(csv.encode()).hexdigest(),
+        "pose": texts(visits.pose),
+        "role": list(plan.route.roles),
+        "q": rounded(plan.q),
+        "direction": visits.direction.T.astype(int),
+        "speed": rounded(visits.speed),
+        "payload_kg": plan.payload_kg,
+        "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
     }
 
 
-def _point(point: AccuracyPoint) -> dict[str, Any]:
+def _validation(plan: CampaignPlan) -> Document | None:
+    if plan.validation is None:
+        return None
     return {
-        "n_poses": point.n,
-        "rms_m": point.rms,
-        "worst_m": point.worst,
-        "total_rms_m": point.total,
-        "random_rms_m": point.random_rms,
+        "q": rounded(plan.validation),
+        "payload_kg": plan.validation_payload,
+        "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
     }
+
+
+PLAN = part(
+    {
+        "purpose": Key(
+            choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement.", "settings.purpose"
+        ),
+        "criterion": Key(
+            choice("I", "G", "D", "A") | None,
+            (
+                "Criterion of the choice: mean (I) or worst (G) predicted error, determinant (D) or sum of variances "
+                "(A) of the coefficients; null where the purpose sets it."
+            ),
+            lambda plan: plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
+        ),
+        "n_poses": Key(ordinal, "Number of different poses.", lambda plan: int(plan.chosen.size)),
+        "n_visits": Key(
+            ordinal, "Number of visits, with repeats and drift checks.", lambda plan: len(plan.route.roles)
+        ),
+        "fit": Key(text, "Effects that the fit leaves free.", "settings.fit"),
+        "candidates": Key(
+            part(
+                {
+                    "source": Key(text, "Origin of the candidates."),
+                    "drawn": Key(count, "Number of candidates before the filters.", "n_drawn"),
+                    "feasible": Key(count, "Number of feasible candidates that were chosen from.", "n_poses"),
+                    "excluded": Key(
+                        array(
+                            part(
+                                {
+                                    "reason": Key(text, "Reason."),
+                                    "count": Key(count, "Candidates that the reason excludes."),
+                                    "alone": Key(count, "Candidates that no other reason excludes."),
+                                }
+                            )
+                        ),
+                        "Candidates excluded, by reason, the largest first.",
+                    ),
+                }
+            ),
+            "Poses that were chosen from.",
+        ),
+        "collisions": Key(
+            part(
+                {
+                    "pairs": Key(
+                        array(array(text)),
+                        "Links of each pair that was checked.",
+                        lambda it: [[it.shapes[i].link for i in pair] for pair in it.pairs],
+                    ),
+                    "overlapping": Key(
+                        array(array(text)),
+                        "Links of each pair that was not checked, because they touch at nearly all poses.",
+                    ),
+                }
+            )
+            | None,
+            "Pairs of links that were checked for collisions; null without `--collisions`.",
+            "settings.constraints.collisions",
+        ),
+        "noise": Key(
+            part(
+                {
+                    "position_m": Key(size, "Instrument along each axis, m.", "noise.position"),
+                    "orientation_rad": Key(
+                        size | None,
+                        "Instrument about each axis, rad; null where orientation is not measured.",
+                        "noise.orientation",
+                    ),
+                    "repeatability_joints": Key(
+                        array(number), "Repeatability of each joint, rad or m.", "noise.joints"
+                    ),
+                    "repeatability_m": Key(size, "Repeatability of the target along each axis, m rms over the task."),
+                    "unexplained_m": Key(
+                        size,
+                        "Error of the model that stays the same at a pose, along each axis, m.",
+                        "noise.unexplained",
+                    ),
+                    "source": Key(text, "Origin of the figures.", "noise.source"),
+                }
+            ),
+            "Errors that no model predicts, standard deviations.",
+            "",
+        ),
+        "visits": Key(
+            part(
+                {
+                    "pose": Key(array(text), "Name of the pose."),
+                    "role": Key(
+                        array(choice("pose", "repeat", "check")),
+                        "pose, repeat (a second visit) or check (drift check).",
+                    ),
+                    "q": Key(array(array(number)), "Joint variables, rad or m."),
+                    "direction": Key(
+                        array(array(integer)),
+                        "Direction of approach of each joint: -1, 0 or 1.",
+                    ),
+                    "speed": Key(
+                        array(array(number)),
+                        "Last speed of each joint as a fraction of full speed, signed.",
+                    ),
+                    "payload_kg": Key(
+                        array(number) | None, "Payload at each visit, kg; null where no payload was given."
+                    ),
+                    "target_in_base_m": Key(
+                        array(array(number)),
+                        "Nominal position of the target in the base frame, m; the mean of several targets.",
+                    ),
+                }
+            ),
+            "Visits in order; each list has an entry for each visit.",
+            _visits,
+        ),
+        "route": Key(
+            part(
+                {
+                    "passes": Key(ordinal, "Number of passes through the workspace."),
+                    "length": Key(
+                        size, "Sum over all moves of the largest joint move, in ranges of the planned poses."
+                    ),
+                    "random_length": Key(size, "The same in a random order."),
+                    "rarer_direction_share": Key(
+                        array(number),
+                        "Share of the rarer direction among the approaches of each joint; 0.5 is balanced.",
+                        "direction_share",
+                    ),
+                    "speed_std": Key(
+                        array(number), "Standard deviation of the size of each joint's relative last speed."
+                    ),
+                    "drift_share": Key(
+                        size, "Share of a drift linear in time that a linear function of the joints explains."
+                    ),
+                    "repeats": Key(count, "Number of second visits.", lambda it: it.roles.count("repeat")),
+                    "checks": Key(
+                        count, "Number of visits of the drift check pose.", lambda it: it.roles.count("check")
+                    ),
+                }
+            ),
+            "Figures of the order.",
+        ),
+        "payloads": Key(
+            array(
+                part(
+                    {
+                        "payload_kg": Key(size, "Payload, kg.", "payload"),
+                        "first_visit": Key(ordinal, "Number of the first visit, from 1.", "first"),
+                        "n_visits": Key(ordinal, "Number of visits."),
+                        "n_poses": Key(ordinal, "Number of different poses."),
+                    }
+                )
+            ),
+            "Payloads in the order in which they are mounted; empty where no payload was given.",
+            "payload_blocks",
+        ),
+        "validation": Key(
+            part(
+                {
+                    "q": Key(array(array(number)), "Joint variables of each pose, rad or m."),
+                    "payload_kg": Key(
+                        array(number) | None,
+                        "Payload of each pose, kg; null where no payload was given.",
+                    ),
+                    "target_in_base_m": Key(
+                        array(array(number)),
+                        "Nominal position of the target in the base frame, m; the mean of several targets.",
+                    ),
+                }
+            )
+            | None,
+            "Validation poses in order; null without.",
+            _validation,
+        ),
+        "instrument_in_base_m": Key(
+            array(number) | None,
+            "Position of the instrument in the base frame, m; null if it was not given.",
+            "settings.constraints.sight.position",
+        ),
+        "robot": Key(
+            ROBOT,
+            "Robot, with its outline in the base frame.",
+            lambda plan: robot_document(dataclasses.replace(plan.robot, base=Frame()), plan.q),
+        ),
+        "coefficients": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name, effect.joint.term."),
+                        "unit": Key(text, "Unit."),
+                        "std": Key(size | None, "Predicted standard error; null if it is not identifiable."),
+                        "prior_std": Key(size | None, "Prior standard deviation in the choice of poses."),
+                        "why": Key(text | None, "Reason if std is null."),
+                    }
+                )
+            ),
+            "Coefficients of the fit.",
+        ),
+        "correlations": Key(
+            array(
+                part(
+                    {
+                        "first": Key(text, "Name of a coefficient."),
+                        "second": Key(text, "Name of the other."),
+                        "value": Key(number, "Correlation."),
+                    }
+                )
+            ),
+            "Pairs of coefficients whose estimates will be strongly correlated.",
+        ),
+        "accuracy": Key(
+            part(
+                {
+                    "planned": Key(
+                        _POINT | None,
+                        "The planned poses; null where they do not identify the model.",
+                    ),
+                    "curve": Key(
+                        array(_POINT),
+                        "Over the number of poses.",
+                        "points",
+                    ),
+                    "knee": Key(
+                        integer | None,
+                        (
+                            "Number of poses from which ten more reduce the error by less than a tenth; null beyond "
+                            "the curve."
+                        ),
+                    ),
+                }
+            )
+            | None,
+            "Predicted accuracy after calibration; null for other purposes.",
+        ),
+        "worth": Key(
+            part(
+                {
+                    "new_poses_rms_m": Key(number | None, "Twice as many poses, m.", "new_poses"),
+                    "repeated_poses_rms_m": Key(number | None, "Every pose visited twice, m.", "repeated_poses"),
+                    "readings_rms_m": Key(number | None, "Every pose read twice at one visit, m.", "readings"),
+                    "verdict": Key(text, "Comparison in words."),
+                }
+            )
+            | None,
+            "Predicted error for the same number of measurements, spent in different ways; null for other purposes.",
+        ),
+        "detection_limits": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "joints": Key(array(text), "Joints."),
+                        "settings": Key(table(), "Settings of the form."),
+                        "limit": Key(
+                            number | None, "Size found with probability 1/2; null if no plausible size is found."
+                        ),
+                        "unit": Key(text, "Unit of limit and usual_size."),
+                        "usual_size": Key(size, "Geometric mean of the catalogue's usual sizes.", "usual"),
+                        "power": Key(share, "Probability that an effect of the usual size is found."),
+                        "rms_m": Key(
+                            number | None,
+                            "Displacement of the target by an effect of the limit's size, m rms over the visits.",
+                        ),
+                    }
+                )
+            )
+            | None,
+            "Detection limit of every form of an effect; null for acceptance.",
+            "detectability.limits",
+        ),
+        "inseparable": Key(
+            array(
+                part(
+                    {
+                        "first": Key(text, "An effect of its usual size."),
+                        "second": Key(text, "The effect that explains it."),
+                        "similarity": Key(share, "Largest cosine between their columns."),
+                        "evidence": Key(size, "Expected difference in evidence (log Bayes factor)."),
+                    }
+                )
+            )
+            | None,
+            "Pairs of detectable effects of which the second explains the first within the noise; null for acceptance.",
+            "detectability.pairs",
+        ),
+        "not_testable": Key(
+            table() | None,
+            "Reason why an effect cannot be tested on these poses, by effect; null for acceptance.",
+            "detectability.missing",
+        ),
+        "power": Key(
+            part(
+                {
+                    "found": Key(share, "Probability that a coefficient is found.", "power.detected"),
+                    "separated": Key(
+                        share,
+                        "Probability that it is found and distinguished from the most similar effect.",
+                        "power.separated",
+                    ),
+                    "random_found": Key(
+                        share, "found, for random candidates in the same number.", "random_power.detected"
+                    ),
+                    "random_separated": Key(
+                        share, "separated, for random candidates in the same number.", "random_power.separated"
+                    ),
+                }
+            )
+            | None,
+            (
+                "Mean probabilities over the coefficients of the catalogue at their usual sizes, before repeats and "
+                "checks; null unless the purpose is trace."
+            ),
+            lambda plan: None if plan.power is None or plan.random_power is None else plan,
+        ),
+        "needed_poses": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the criterion or grade.", "demand.label"),
+                        "statistic": Key(
+                            choice("rms", "mean_error", "p95", "max"),
+                            "Statistic of the position error.",
+                            "demand.statistic",
+                        ),
+                        "limit_m": Key(size, "Limit, m.", "demand.limit"),
+                        "confidence": Key(share, "Confidence of the bound.", "demand.confidence"),
+                        "true_over_limit": Key(size, "True value over the limit that the number is for.", "ratio"),
+                        "n_poses": Key(
+                            integer | None, "Poses that decide with probability 0.9; null if too many.", "poses"
+                        ),
+                        "by_ratio": Key(
+                            array(
+                                part(
+                                    {
+                                        "true_over_limit": Key(size, "True value over the limit."),
+                                        "n_poses": Key(integer | None, "Poses that decide; null if too many."),
+                                    }
+                                )
+                            ),
+                            "The same for other true values.",
+                            lambda entry: [
+                                {"true_over_limit": ratio, "n_poses": number} for ratio, number in entry.by_ratio
+                            ],
+                        ),
+                    }
+                )
+            ),
+            "Numbers of poses that decide the limits of an acceptance test.",
+            "needed",
+        ),
+        "sufficiency": Key(
+            part(
+                {
+                    "n_already": Key(count, "Number of poses measured already, or of the model's fit.", "n"),
+                    "enough": Key(flag, "Whether they are enough."),
+                    "why": Key(text, "Reason."),
+                    "now_m": Key(number | None, "Predicted error now, with repeatability, m rms."),
+                    "later_m": Key(number | None, "The same with the next poses, m rms."),
+                    "of_model": Key(
+                        flag,
+                        "Whether the poses are those that the model was fitted to, in place of poses measured already.",
+                    ),
+                }
+            )
+            | None,
+            "Answer to whether the poses measured already are enough; null without such poses.",
+        ),
+        "file_sha256": Key(text, "SHA-256 of the CSV of the visits."),
+    },
+    about="Plan of a measurement: visits in order, and the expected result.",
+)
+
+
+def payload(plan: CampaignPlan, csv: str) -> Document:
+    """Return the keys of a plan; ``csv`` is the file of the visits."""
+    return PLAN.write(plan, file_sha256=sha256(csv.encode()).hexdigest())

@@ -2,21 +2,472 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.documents.parts import parameters_document, robot_document, rounded
-from robacc.prediction.comparison import ChiSquare, MeasuredComparison
-from robacc.prediction.components import VarianceComponents
-from robacc.prediction.model_uncertainty import Coverage
-from robacc.prediction.predicting import Allocation, PredictedErrors, Prediction, Share
-from robacc.prediction.warranty_map import WarrantyMap, warranty_map
+from robacc.documents.gate import GATE_KEY
+from robacc.documents.keys import (
+    Document,
+    Key,
+    Kind,
+    array,
+    choice,
+    constant,
+    count,
+    flag,
+    matrix3,
+    number,
+    ordinal,
+    part,
+    rows3,
+    share,
+    size,
+    table,
+    text,
+    vector3,
+)
+from robacc.documents.parts import OUTSIDE_KEY, QUANTITIES, REGISTERED_PARAMETER, ROBOT, robot_document, rounded
+from robacc.prediction.warranty_map import warranty_map
 from robacc.quantities import number_text
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Robot
+
+if TYPE_CHECKING:
+    from robacc.prediction.comparison import MeasuredComparison
+    from robacc.prediction.model_uncertainty import Coverage
+    from robacc.prediction.predicting import Allocation, Prediction
+    from robacc.robots.description import Robot
+
+COVERED = part(
+    {
+        "n_poses": Key(ordinal, "Measured poses."),
+        "n_inside": Key(count, "Measured poses within their bounds."),
+        "share": Key(share, "Share of the measured poses within their bounds."),
+        "noise_source": Key(
+            choice("given", "file", "fit"),
+            "Source of the measurement noise in the bounds: given, columns of the file, or the fit of the model.",
+        ),
+    },
+    "covered",
+    "Measured poses within their bounds.",
+)
+
+CHI_SQUARE = part(
+    {
+        "statistic": Key(size, "Sum of squares over their predicted variances."),
+        "dof": Key(count, "Degrees of freedom."),
+        "lower": Key(size, "Lower limit of the 95 % range of the statistic."),
+        "upper": Key(size, "Upper limit of the 95 % range of the statistic."),
+        "p_value": Key(share, "Two-sided p-value."),
+        "ratio": Key(size, "Statistic over degrees of freedom."),
+    },
+    "chi_square",
+    "Normalised squared error; null if it is not available.",
+)
+
+PERCENTILES = part(
+    {
+        "p5": Key(size, "5th percentile."),
+        "p25": Key(size, "25th percentile."),
+        "p50": Key(size, "50th percentile."),
+        "p75": Key(size, "75th percentile."),
+        "p95": Key(size, "95th percentile."),
+    },
+    "percentiles",
+    "Percentiles over poses.",
+)
+
+_SHARE = part(
+    {
+        "name": Key(text, "Name of the joint or kind."),
+        "share_position": Key(share, "Share of the position variance; all shares sum to 1.", "position"),
+        "share_orientation": Key(share, "Share of the orientation variance; all shares sum to 1.", "orientation"),
+    },
+    "share",
+    "Contribution of one source to the predicted variance.",
+)
+
+_ERRORS = {
+    unit: part(
+        {
+            f"rms_{unit}": Key(size, f"Rms over robots and poses, {unit}."),
+            f"mean_error_{unit}": Key(size, f"Mean length over robots and poses, {unit}."),
+            f"p95_{unit}": Key(size, f"95th percentile over robots and poses, {unit}."),
+            f"max_radius95_{unit}": Key(size, f"Largest of the poses' 95 % radii, {unit}.", "max"),
+            f"mean_covariance_{unit}2": Key(matrix3, f"Mean covariance over poses, {unit}²."),
+            "percentiles_over_poses": Key(
+                part(
+                    {
+                        f"rms_{unit}": Key(
+                            PERCENTILES,
+                            source=lambda it: {f"p{percent}": rms for percent, (rms, _) in it.percentiles().items()},
+                        ),
+                        f"radius95_{unit}": Key(
+                            PERCENTILES,
+                            source=lambda it: {
+                                f"p{percent}": radius for percent, (_, radius) in it.percentiles().items()
+                            },
+                        ),
+                    }
+                ),
+                "Percentiles over poses.",
+                "",
+            ),
+            "worst": Key(
+                part(
+                    {
+                        "pose": Key(count, "Number of the pose, from 0.", "index"),
+                        "label": Key(text, "Label of the pose."),
+                        "q": Key(array(number), "Joint variables, rad or m."),
+                        f"rms_{unit}": Key(size, f"Rms {name} error, {unit}."),
+                        f"radius95_{unit}": Key(size, f"Radius that contains 95 % of the errors at this pose, {unit}."),
+                        "direction": Key(vector3, "Direction of the largest error: unit vector in the tool frame."),
+                        f"sd_{unit}": Key(size, f"Standard deviation along the direction, {unit}."),
+                    }
+                ),
+                "The pose with the largest predicted rms.",
+            ),
+            f"covariance_{unit}2": Key(
+                array(matrix3),
+                f"Covariance at each pose, {unit}²: equations (7), (8).",
+                lambda errors: np.moveaxis(errors.covariance, -1, 0),
+            ),
+            f"pose_rms_{unit}": Key(array(size), f"Rms at each pose, {unit}."),
+            f"pose_radius95_{unit}": Key(array(size), f"Radius that contains 95 % of the errors at each pose, {unit}."),
+        }
+    )
+    for unit, name in QUANTITIES
+}
+"""Predicted errors by unit."""
+_PREDICTION = part(
+    {
+        "n_poses": Key(count, "Number of configurations.", "configurations.n"),
+        "frame": Key(choice("tool"), "Axes of the covariances.", lambda _: "tool"),
+        "configurations": Key(text, "Source of the configurations.", "configurations.source"),
+        "tolerances": Key(
+            part(
+                {
+                    "meaning": Key(text, "Conversion of a tolerance to a variance."),
+                    "parameters": Key(
+                        array(
+                            part(
+                                {
+                                    "parameter": Key(text, "Parameter, as joint.kind.", "name"),
+                                    "joint": Key(text | None, "Joint; null for base and tool."),
+                                    "kind": Key(text, "Kind of parameter: theta, d, a, alpha …"),
+                                    "sd": Key(size, "Standard deviation, in the unit."),
+                                    "unit": Key(text, "m or rad."),
+                                }
+                            )
+                        ),
+                        "All parameters with a tolerance.",
+                    ),
+                }
+            ),
+            "Tolerances behind the prediction.",
+            "",
+        ),
+        "position": Key(
+            _ERRORS["m"],
+            "Predicted position errors, m, tool frame.",
+        ),
+        "orientation": Key(
+            _ERRORS["rad"],
+            "Predicted orientation errors, rad, tool frame.",
+        ),
+        "budget": Key(
+            array(
+                part(
+                    {
+                        "parameter": Key(text, "Parameter, as joint.kind.", "name"),
+                        "joint": Key(text | None, "Joint; null for base and tool."),
+                        "kind": Key(text | None, "Kind of parameter: theta, d, a, alpha …"),
+                        "sd": Key(size | None, "Standard deviation, in the unit.", "tolerance"),
+                        "unit": Key(text | None, "m or rad."),
+                        "share_position": Key(share, "Share of the position variance.", "position"),
+                        "share_orientation": Key(share, "Share of the orientation variance.", "orientation"),
+                    }
+                )
+            ),
+            "Error budget by parameter, the largest share of position first; shares sum to 1.",
+        ),
+        "budget_by_joint": Key(
+            array(_SHARE),
+            "Error budget by joint.",
+            "by_joint",
+        ),
+        "budget_by_kind": Key(
+            array(_SHARE),
+            "Error budget by kind of parameter.",
+            "by_kind",
+        ),
+        "grade": Key(
+            part(
+                {
+                    "grade": Key(text, "Grade by the predicted statistic."),
+                    "scale": Key(text, "Name of the scale.", "scale.name"),
+                    "statistic": Key(
+                        choice("rms", "mean_error", "p95", "max"),
+                        "Statistic that the limits apply to.",
+                        "scale.statistic",
+                    ),
+                    "position": Key(text, "Grade of position alone."),
+                    "orientation": Key(text, "Grade of orientation alone."),
+                    "limited_by": Key(array(text), "Quantities that prevent a better grade."),
+                    "demonstrated": Key(
+                        constant(False), "Always false: a prediction is not a measurement.", lambda _: False
+                    ),
+                    "share_of_poses_meeting": Key(
+                        table(share), "Share of poses that meet each grade.", lambda grade: dict(grade.meeting)
+                    ),
+                }
+            ),
+            "Grade of the prediction.",
+        ),
+        "allocation": Key(
+            part(
+                {
+                    "grade": Key(text, "Required grade."),
+                    "met": Key(flag, "True if the allocated tolerances reach the grade."),
+                    "uniform_factor": Key(size, "Common factor for all tolerances that would reach the grade."),
+                    "tolerances": Key(
+                        array(
+                            part(
+                                {
+                                    "parameter": Key(text, "Parameter, as joint.kind.", "parameter.name"),
+                                    "joint": Key(text | None, "Joint, or null.", "parameter.joint"),
+                                    "given_sd": Key(
+                                        size, "Given tolerance, one standard deviation, in the unit.", "parameter.sd"
+                                    ),
+                                    "needed_sd": Key(
+                                        size, "Needed tolerance, one standard deviation, in the unit.", "needed"
+                                    ),
+                                    "factor": Key(size, "Needed over given tolerance."),
+                                    "unit": Key(text, "m or rad.", "parameter.unit"),
+                                }
+                            )
+                        ),
+                        "Tolerance of each parameter.",
+                        "needed",
+                    ),
+                    "verified": Key(
+                        part(
+                            {
+                                "grade": Key(text, "Reached grade.", "grade.grade"),
+                                "position": Key(
+                                    part(
+                                        {
+                                            "rms_m": Key(size, "Rms position error, m."),
+                                            "p95_m": Key(size, "95th percentile of the position error, m."),
+                                        }
+                                    )
+                                ),
+                                "orientation": Key(
+                                    part(
+                                        {
+                                            "rms_rad": Key(size, "Rms orientation error, rad."),
+                                            "p95_rad": Key(size, "95th percentile of the orientation error, rad."),
+                                        }
+                                    )
+                                ),
+                            }
+                        ),
+                        "Prediction with the allocated tolerances.",
+                    ),
+                }
+            )
+            | None,
+            "Tolerances that would reach the required grade; null without one.",
+        ),
+        "against": Key(
+            part(
+                {
+                    "n_poses": Key(count, "Measured poses."),
+                    "measured": Key(
+                        part(
+                            {
+                                "position_rms_m": Key(size, "Rms position error, m."),
+                                "orientation_rms_rad": Key(size | None, "Rms orientation error, rad, or null."),
+                            }
+                        ),
+                        "Measured errors after the registration.",
+                        "",
+                    ),
+                    "alignment": Key(
+                        part(
+                            {
+                                "what": Key(
+                                    array(text), "Fitted frames: base_frame, tool_frame or both.", "alignment.effects"
+                                ),
+                                "degrees_of_freedom": Key(
+                                    count, "Degrees of freedom of the registration.", "statistics.n_aligned"
+                                ),
+                                "parameters": Key(
+                                    array(REGISTERED_PARAMETER), "Fitted coefficients.", "alignment.parameters"
+                                ),
+                            }
+                        )
+                        | None,
+                        "Frames registered to the poses; null without a registration.",
+                        lambda comparison: None if comparison.alignment is None else comparison,
+                    ),
+                    "noise": Key(
+                        part(
+                            {
+                                "position_m": Key(size | None, "Standard deviation along an axis, m."),
+                                "orientation_rad": Key(size | None, "Standard deviation about an axis, rad, or null."),
+                                "source_position": Key(text, "Source of the value."),
+                                "source_orientation": Key(text | None, "Source of the value."),
+                            }
+                        ),
+                        "Measurement noise along and about an axis.",
+                        "statistics.noise",
+                    ),
+                    "verdict": Key(text, "Verdict on the consistency.", "consistency.verdict"),
+                    "hint": Key(text | None, "Likely cause of errors that are too large for any tolerance."),
+                    "normalised_squared_error": Key(
+                        part(
+                            {
+                                "total": Key(CHI_SQUARE | None),
+                                "parameters": Key(CHI_SQUARE | None),
+                                "noise": Key(CHI_SQUARE | None),
+                            }
+                        ),
+                        (
+                            "Normalised squared error of all numbers, of the directions that the parameters affect, "
+                            "and of the other directions."
+                        ),
+                        "consistency",
+                    ),
+                    "likelihood_ratio": Key(
+                        part(
+                            {
+                                "factor": Key(size, "Estimated scale of all tolerances: 1 as predicted."),
+                                "statistic": Key(number, "Statistic of the test."),
+                                "p_value": Key(share, "p-value from draws of the prediction."),
+                                "p_value_asymptotic": Key(
+                                    share, "p-value from a chi-square distribution, for comparison."
+                                ),
+                                "draws": Key(count, "Number of draws."),
+                            }
+                        )
+                        | None,
+                        (
+                            "Likelihood-ratio test of a common scale of all tolerances; null if no parameter is "
+                            "identifiable."
+                        ),
+                        "consistency.scale",
+                    ),
+                    "variance_components": Key(
+                        part(
+                            {
+                                "confidence": Key(share, "Confidence of the intervals."),
+                                "components": Key(
+                                    array(
+                                        part(
+                                            {
+                                                "name": Key(text, "Kind of parameter: theta, d, a, alpha …"),
+                                                "n_parameters": Key(count, "Number of parameters of the kind."),
+                                                "unit": Key(text, "m or rad."),
+                                                "predicted": Key(size, "Rms standard deviation, in the unit."),
+                                                "factor": Key(size, "Estimated over predicted standard deviation."),
+                                                "estimate": Key(size, "Estimate in the unit."),
+                                                "lower": Key(size | None, "Lower limit of factor."),
+                                                "upper": Key(
+                                                    size | None, "Upper limit of factor; null if there is none."
+                                                ),
+                                                "dof": Key(size | None, "Effective degrees of freedom."),
+                                                "likelihood_ratio": Key(
+                                                    number | None, "Likelihood ratio of the prediction for this kind."
+                                                ),
+                                                "why": Key(
+                                                    text | None, "Reason why the kind is not identifiable, or null."
+                                                ),
+                                            }
+                                        )
+                                    ),
+                                    "Components by kind.",
+                                ),
+                                "notes": Key(array(text), "Notes on the components."),
+                            }
+                        )
+                        | None,
+                        "Estimated tolerance of each kind; null if none is identifiable.",
+                        "components",
+                    ),
+                    "one_draw": Key(text, "Limitation: the poses come from one robot."),
+                }
+            )
+            | None,
+            "Comparison of the prediction with measured poses; null without them.",
+        ),
+        "coverage": Key(
+            part(
+                {
+                    "probability": Key(share, "Probability of the bound."),
+                    "registered": Key(
+                        array(text),
+                        (
+                            "Frames fitted to one half of the measured poses for the errors of the other half; empty "
+                            "without."
+                        ),
+                    ),
+                    "position": Key(COVERED, "Positions within their bounds."),
+                    "orientation": Key(
+                        COVERED | None, "Orientations within their bounds; null where the poses or the fit have none."
+                    ),
+                }
+            )
+            | None,
+            "Measured poses within the bound of their error; null without them, and for tolerances.",
+        ),
+        "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
+    }
+)
+"""Keys of the prediction itself."""
+_CHARTS = part(
+    {
+        "warranty_map": Key(
+            part(
+                {
+                    "voxel_m": Key(Kind({"type": "number", "exclusiveMinimum": 0}), "Edge of a voxel, m.", "edge"),
+                    "centre_m": Key(
+                        rows3, "Centre of each voxel in the measuring frame, m.", lambda voxels: rounded(voxels.centre)
+                    ),
+                    "configurations": Key(array(ordinal), "Number of configurations in each voxel.", "count"),
+                    "bound95_m": Key(
+                        array(size), "Largest 95 % bound of position in each voxel, m.", lambda voxels: voxels.bound[0]
+                    ),
+                    "bound95_rad": Key(
+                        array(size),
+                        "Largest 95 % bound of orientation in each voxel, rad.",
+                        lambda voxels: voxels.bound[1],
+                    ),
+                    "grade": Key(array(text), "Grade that every configuration of each voxel meets.", "grades"),
+                }
+            )
+            | None,
+            "Grade by voxel of the workspace, of a prediction from the fit of a model; else null.",
+        ),
+        "robot": Key(ROBOT | None),
+        "poses": Key(
+            part(
+                {
+                    "label": Key(array(text), "Label of each pose."),
+                    "q": Key(array(array(number)), "Joint variables, rad or m."),
+                    "commanded_m": Key(rows3, "Position of the target in the measuring frame, m."),
+                }
+            ),
+            "Poses of the prediction.",
+        ),
+    }
+)
+"""Keys for charts."""
+PREDICT = part(
+    {**(_PREDICTION.keys or {}), **(_CHARTS.keys or {}), "outside_validity": OUTSIDE_KEY, "gate": GATE_KEY},
+    about="Covariances, error budget and grade predicted from parameter tolerances.",
+)
 
 
 def payload(
@@ -24,57 +475,31 @@ def payload(
     allocation: Allocation | None = None,
     comparison: MeasuredComparison | None = None,
     coverage: Sequence[Coverage] = (),
-) -> dict[str, Any]:
+) -> Document:
     """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
-    return {
-        "n_poses": prediction.configurations.n,
-        "frame": "tool",
-        "configurations": prediction.configurations.source,
-        "tolerances": {
-            "meaning": prediction.meaning,
-            "parameters": [
-                {"parameter": p.name, "joint": p.joint, "kind": p.kind, "sd": p.sd, "unit": p.unit}
-                for p in prediction.parameters
-            ],
-        },
-        "position": _errors(prediction.position),
-        "orientation": _errors(prediction.orientation),
-        "budget": [_share(share, "parameter") for share in prediction.budget],
-        "budget_by_joint": [_share(share, "name") for share in prediction.by_joint],
-        "budget_by_kind": [_share(share, "name") for share in prediction.by_kind],
-        "grade": _grade(prediction),
-        "allocation": None if allocation is None else _allocation(allocation),
-        "against": None if comparison is None else _comparison(comparison),
-        "coverage": _coverage(coverage),
-        "notes": prediction.notes,
-    }
+    covered: Document | None = None
+    if coverage:
+        shares: Document = {item.quantity: COVERED.write(item) for item in coverage}
+        first = coverage[0]
+        covered = {"probability": first.probability, "registered": first.registered, "orientation": None, **shares}
+    return _PREDICTION.write(prediction, allocation=allocation, against=comparison, coverage=covered)
 
 
-def pose_payload(prediction: Prediction, robot: Robot) -> dict[str, Any]:
+def pose_payload(prediction: Prediction, robot: Robot) -> Document:
     """Return the keys for charts: the robot's outline, and the poses of the prediction."""
     configurations = prediction.configurations
     reached = build_chain(robot).poses(configurations.scalars, configurations.n)
-    voxels = warranty_map(prediction, reached.translation) if prediction.is_calibrated else None
-    return {
-        "warranty_map": None if voxels is None else _voxels(voxels),
-        "robot": robot_document(robot, configurations.q),
-        "poses": {
-            "label": [configurations.label(i) for i in range(configurations.n)],
-            "q": rounded(configurations.q),
-            "commanded_m": rounded(reached.translation),
-        },
-    }
-
-
-def _voxels(voxels: WarrantyMap) -> dict[str, Any]:
-    return {
-        "voxel_m": voxels.edge,
-        "centre_m": rounded(voxels.centre),
-        "configurations": voxels.count,
-        "bound95_m": voxels.bound[0],
-        "bound95_rad": voxels.bound[1],
-        "grade": voxels.grades,
-    }
+    return _CHARTS.write(
+        {
+            "warranty_map": warranty_map(prediction, reached.translation) if prediction.is_calibrated else None,
+            "robot": robot_document(robot, configurations.q),
+            "poses": {
+                "label": [configurations.label(i) for i in range(configurations.n)],
+                "q": rounded(configurations.q),
+                "commanded_m": rounded(reached.translation),
+            },
+        }
+    )
 
 
 def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
@@ -94,139 +519,3 @@ def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
         columns += [[number_text(value) for value in row.tolist()] for row in rows]
     lines = [",".join(header), *(",".join(row) for row in zip(*columns, strict=True))]
     return "\n".join(lines) + "\n"
-
-
-def _errors(errors: PredictedErrors) -> dict[str, Any]:
-    unit = errors.unit
-    worst = errors.worst
-    percentiles = errors.percentiles()
-    return {
-        f"rms_{unit}": errors.rms,
-        f"mean_error_{unit}": errors.mean_error,
-        f"p95_{unit}": errors.p95,
-        f"max_radius95_{unit}": errors.max,
-        f"mean_covariance_{unit}2": errors.mean_covariance,
-        "percentiles_over_poses": {
-            f"rms_{unit}": {f"p{percent}": rms for percent, (rms, _) in percentiles.items()},
-            f"radius95_{unit}": {f"p{percent}": radius for percent, (_, radius) in percentiles.items()},
-        },
-        "worst": {
-            "pose": worst.index,
-            "label": worst.label,
-            "q": worst.q,
-            f"rms_{unit}": worst.rms,
-            f"radius95_{unit}": worst.radius95,
-            "direction": worst.direction,
-            f"sd_{unit}": worst.sd,
-        },
-        f"covariance_{unit}2": np.moveaxis(errors.covariance, -1, 0),
-        f"pose_rms_{unit}": errors.pose_rms,
-        f"pose_radius95_{unit}": errors.pose_radius95,
-    }
-
-
-def _share(share: Share, name: str) -> dict[str, Any]:
-    record: dict[str, Any] = {name: share.name}
-    if name == "parameter":
-        record |= {"joint": share.joint, "kind": share.kind, "sd": share.tolerance, "unit": share.unit}
-    return record | {"share_position": share.position, "share_orientation": share.orientation}
-
-
-def _grade(prediction: Prediction) -> dict[str, Any]:
-    grade = prediction.grade
-    return {
-        "grade": grade.grade,
-        "scale": grade.scale.name,
-        "statistic": grade.scale.statistic,
-        "position": grade.position,
-        "orientation": grade.orientation,
-        "limited_by": grade.limited_by,
-        "demonstrated": False,
-        "share_of_poses_meeting": dict(grade.meeting),
-    }
-
-
-def _allocation(allocation: Allocation) -> dict[str, Any]:
-    verified = allocation.verified
-    return {
-        "grade": allocation.grade,
-        "met": allocation.met,
-        "uniform_factor": allocation.uniform_factor,
-        "tolerances": [
-            {
-                "parameter": item.parameter.name,
-                "joint": item.parameter.joint,
-                "given_sd": item.parameter.sd,
-                "needed_sd": item.needed,
-                "factor": item.factor,
-                "unit": item.parameter.unit,
-            }
-            for item in allocation.needed
-        ],
-        "verified": {
-            "grade": verified.grade.grade,
-            "position": {"rms_m": verified.position.rms, "p95_m": verified.position.p95},
-            "orientation": {"rms_rad": verified.orientation.rms, "p95_rad": verified.orientation.p95},
-        },
-    }
-
-
-def _comparison(comparison: MeasuredComparison) -> dict[str, Any]:
-    evidence, consistency = comparison.statistics, comparison.consistency
-    noise = evidence.noise
-    alignment = comparison.alignment
-    return {
-        "n_poses": comparison.n_poses,
-        "measured": {"position_rms_m": comparison.position_rms, "orientation_rms_rad": comparison.orientation_rms},
-        "alignment": None
-        if alignment is None
-        else {
-            "what": alignment.effects,
-            "degrees_of_freedom": evidence.n_aligned,
-            "parameters": parameters_document(alignment.parameters),
-        },
-        "noise": {
-            "position_m": noise.position,
-            "orientation_rad": noise.orientation,
-            "source_position": noise.source_position,
-            "source_orientation": noise.source_orientation,
-        },
-        "verdict": consistency.verdict,
-        "hint": comparison.hint,
-        "normalised_squared_error": {
-            "total": _chi_square(consistency.total),
-            "parameters": _chi_square(consistency.parameters),
-            "noise": _chi_square(consistency.noise),
-        },
-        "likelihood_ratio": None if consistency.scale is None else dataclasses.asdict(consistency.scale),
-        "variance_components": None if comparison.components is None else _components(comparison.components),
-        "one_draw": comparison.one_draw,
-    }
-
-
-def _coverage(coverage: Sequence[Coverage]) -> dict[str, Any] | None:
-    if not coverage:
-        return None
-    shares: dict[str, Any] = {
-        item.quantity: {
-            "n_poses": item.n_poses,
-            "n_inside": item.n_inside,
-            "share": item.share,
-            "noise_source": item.noise_source,
-        }
-        for item in coverage
-    }
-    first = coverage[0]
-    return {"probability": first.probability, "registered": first.registered, "orientation": None, **shares}
-
-
-def _chi_square(test: ChiSquare | None) -> dict[str, Any] | None:
-    return None if test is None else {**dataclasses.asdict(test), "ratio": test.ratio}
-
-
-def _components(components: VarianceComponents) -> dict[str, Any]:
-    return {
-        "confidence": components.confidence,
-        "components": [dataclasses.asdict(component) for component in components.components],
-        "notes": components.notes,
-    }

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.parts import covariance_document
+from robacc.documents.parts import COVARIANCE
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.parameters import ParameterCovariance, apply_fit, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit
@@ -82,7 +82,7 @@ def test_diagonal_is_the_square_of_the_standard_errors(pitch: float) -> None:
 def test_document_gives_the_covariance_by_its_triangle() -> None:
     result = fitted((0.4, -0.8, 1.9))
     covariance = parameter_covariance(result)
-    document = json.loads(json_text(covariance_document(covariance)))
+    document = json.loads(json_text(COVARIANCE.write(covariance)))
     assert tuple(document["names"]) == covariance.names
     size = len(covariance.names)
     triangle = np.zeros((size, size))
@@ -99,4 +99,4 @@ def test_document_gives_the_covariance_by_its_triangle() -> None:
 
 def test_document_of_a_fit_without_noise_has_no_nan() -> None:
     covariance = ParameterCovariance(("a", "b"), np.zeros((2, 2)))
-    assert covariance_document(covariance)["lower_triangle"] == [[0.0], [0.0, 0.0]]
+    assert COVARIANCE.write(covariance)["lower_triangle"] == [[0.0], [0.0, 0.0]]

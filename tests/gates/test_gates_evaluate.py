@@ -11,8 +11,9 @@ import pytest
 
 from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
+from robacc.documents.estimate import GRADE
 from robacc.documents.gate import gate_document
-from robacc.documents.parts import grade_document, statistics_document
+from robacc.documents.parts import STATISTICS
 from robacc.gates.evaluate import (
     CriterionEvaluation,
     GateOutcome,
@@ -44,9 +45,9 @@ def estimate(position: Any = None, orientation: Any = None, **more: Any) -> dict
         "inputs": [{"name": "p.csv", "sha256": "abc", "kind": "poses"}],
         "seed": 0,
         "n_poses": n,
-        "position": {**statistics_document(of_position), "errors_m": position.T},
-        "orientation": {**statistics_document(of_orientation), "errors_rad": orientation.T},
-        "grade": grade_document(grade(of_position, of_orientation, default_scale())),
+        "position": STATISTICS["m"].write(of_position, errors_m=position.T),
+        "orientation": STATISTICS["rad"].write(of_orientation, errors_rad=orientation.T),
+        "grade": GRADE.write(grade(of_position, of_orientation, default_scale())),
         "poses": {"group": np.arange(n), "used": None, "commanded_m": np.arange(3.0 * n).reshape(n, 3)},
         **more,
     }
@@ -122,7 +123,7 @@ def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
 
     def figures(factor: float, columns: Any = slice(None)) -> dict[str, Any]:
         return {
-            "position": statistics_document(error_statistics(factor * after[:, columns], "m")),
+            "position": STATISTICS["m"].write(error_statistics(factor * after[:, columns], "m"), errors_m=None),
             "orientation": None,
         }
 

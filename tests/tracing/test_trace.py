@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.fit import _finding, trace_payload
+from robacc.documents.fit import FINDING, trace_payload
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
@@ -413,4 +413,4 @@ def test_a_finding_states_the_held_out_orientation_where_it_is_measured() -> Non
     size, largest = finding.turn_at_tool
     assert size == pytest.approx(before, rel=0.3)
     assert 1.5e-3 < largest < 2.5e-3
-    assert " and turns it by up to 0.1" in _at_tool(_finding(finding), None)
+    assert " and turns it by up to 0.1" in _at_tool(FINDING.write(finding), None)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from robacc.documents.fit import _noise_document, _repeatability_document
+from robacc.documents.fit import NOISE, REPEATABILITY
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.warnings import LackOfFit
 from robacc.modelling.observation import Noise
@@ -53,8 +53,8 @@ def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
 
 def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float, noise_rms: float | None) -> Any:
     return {
-        "noise": _noise_document(noise),
-        "repeatability": _repeatability_document(repeatability),
+        "noise": NOISE.write(noise),
+        "repeatability": REPEATABILITY.document(repeatability),
         "before": {"fitted": {"position": {"rms_m": 1.2e-4}}},
         "unexplained": {
             "rms_m": rms,

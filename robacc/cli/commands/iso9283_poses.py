@@ -111,14 +111,14 @@ def _write_summary(
     """Write a summary of the plan to standard output."""
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
-    from robacc.documents.iso9283 import proposal_payload
+    from robacc.documents.iso9283 import ISO9283_POSES
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
     from robacc.render.views.elements import draw
     from robacc.render.views.iso9283 import proposal_view
 
     inputs = (results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"),)
-    payload = {**proposal_payload(proposal), "file_sha256": sha256_of(output)}
+    payload = ISO9283_POSES.write(proposal, file_sha256=sha256_of(output))
     emit(
         form,
         "-",

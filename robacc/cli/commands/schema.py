@@ -19,7 +19,9 @@ def schema(
 
     Example: robacc schema estimate -o estimate.schema.json
     """
-    from robacc.api.schema import schema_names, schema_text
+    from robacc.api.schema import schema as schema_of
+    from robacc.api.schema import schema_names
     from robacc.cli.output import write
+    from robacc.io.json_text import json_text
 
-    write(output, (schema_text(name),) if name is not None else (f"{command}\n" for command in schema_names()))
+    write(output, (json_text(schema_of(name)),) if name is not None else (f"{command}\n" for command in schema_names()))

@@ -1,0 +1,160 @@
+"""Declarations of the keys of results: a key is stated once, and the document and its JSON Schema both come from it.
+
+A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the document, written from a record: each
+:class:`Key` takes its value from the record's attribute of the same name without the unit, unless it says otherwise.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+_UNIT = re.compile(r"_(m|rad)2?$")
+Document = dict[str, Any]
+LEFT_OUT: Any = object()
+"""Value of a key that a document lacks."""
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Kind of a value of a document."""
+
+    words: Mapping[str, Any] = field(default_factory=dict)
+    """Words of JSON Schema: the type and its limits."""
+    null: bool = False
+    """Whether null may stand for a missing value."""
+    items: Kind | None = None
+    """Kind of the entries of a list, or of the values of an object with any keys."""
+    keys: Mapping[str, Key] | None = None
+    """Keys of an object, in their order in the document."""
+    name: str = ""
+    """Name of a part that several places share."""
+    about: str = ""
+    """Description of a shared part."""
+
+    def __or__(self, other: None) -> Kind:
+        """Return the kind of values that may be null."""
+        return dataclasses.replace(self, null=True)
+
+    def write(self, record: Any, **given: Any) -> Document:
+        """Return the object of a record; ``given`` are values of keys that the record does not have.
+
+        A record that is a mapping has its keys already.
+        """
+        entries, values = self.keys or {}, record
+        if not isinstance(record, Mapping):
+            values = {key: given[key] if key in given else entry.value(key, record) for key, entry in entries.items()}
+        return {
+            key: entries[key].kind.document(value) if key in entries else value
+            for key, value in values.items()
+            if value is not LEFT_OUT
+        }
+
+    def document(self, value: Any) -> Any:
+        """Return a value as it stands in a document; values without keys stay as they are, arrays included."""
+        if value is None or (self.keys is None and (self.items is None or self.items.keys is None)):
+            return value
+        if self.items is None:
+            return self.write(value)
+        if isinstance(value, Mapping):
+            return {key: self.items.document(item) for key, item in value.items()}
+        return [self.items.document(item) for item in value]
+
+    def schema(self, shared: dict[str, Document]) -> Document:
+        """Return the JSON Schema of the kind; parts with a name are added to ``shared``."""
+        words = dict(self.words)
+        if self.items is not None:
+            words["items" if words["type"] == "array" else "additionalProperties"] = self.items.schema(shared)
+        if self.keys is not None:
+            required = [key for key, entry in self.keys.items() if not entry.optional]
+            properties = {key: entry.schema(shared) for key, entry in self.keys.items()}
+            words = {"type": "object", "required": required, "properties": properties, **words}
+        if self.name:
+            shared[self.name] = ({"description": self.about} if self.about else {}) | words
+            reference = {"$ref": f"#/$defs/{self.name}"}
+            return {"anyOf": [reference, {"type": "null"}]} if self.null else reference
+        if self.null and "enum" in words:
+            words["enum"] = [*words["enum"], None]
+        elif self.null:
+            types = words["type"] if isinstance(words["type"], list) else [words["type"]]
+            words["type"] = [*types, "null"]
+        return words
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """One key of an object of a document."""
+
+    kind: Kind
+    about: str = ""
+    """Meaning, with the unit; a shared part may describe itself."""
+    source: str | Callable[[Any], Any] | None = None
+    """Attribute of the record by its dotted path, in which a missing owner has no value; the empty path is the record
+    itself. Or a function of the record. None is the attribute with the key's name without its unit."""
+    optional: bool = False
+    """Whether a document may lack the key, as where its value is :data:`LEFT_OUT`."""
+
+    def value(self, key: str, record: Any) -> Any:
+        """Return the value of the key ``key`` for a record."""
+        if callable(self.source):
+            return self.source(record)
+        path = _UNIT.sub("", key) if self.source is None else self.source
+        for name in path.split(".") if path else ():
+            record = None if record is None else getattr(record, name)
+        return record
+
+    def schema(self, shared: dict[str, Document]) -> Document:
+        """Return the JSON Schema of the key's value."""
+        return ({"description": self.about} if self.about else {}) | self.kind.schema(shared)
+
+
+def part(keys: Mapping[str, Key], name: str = "", about: str = "", *, has_others: bool = False) -> Kind:
+    """Return the kind of objects with ``keys``, and with other keys if ``has_others``."""
+    return Kind({"additionalProperties": True} if has_others else {}, keys=keys, name=name, about=about)
+
+
+def within(path: str, keys: Mapping[str, Key]) -> dict[str, Key]:
+    """Return keys whose record is the attribute ``path`` of the owner's record."""
+    return {
+        key: dataclasses.replace(entry, source=f"{path}.{entry.source or _UNIT.sub('', key)}")
+        for key, entry in keys.items()
+    }
+
+
+def array(kind: Kind, length: int | None = None, least: int | None = None) -> Kind:
+    """Return the kind of lists of ``length`` entries, of at least ``least`` entries, or of any number of entries."""
+    limits = {"minItems": least if length is None else length, "maxItems": length}
+    return Kind({"type": "array", **{word: limit for word, limit in limits.items() if limit is not None}}, items=kind)
+
+
+def table(kind: Kind | None = None) -> Kind:
+    """Return the kind of objects with any keys, whose values are of ``kind``."""
+    return Kind({"type": "object"}, items=kind)
+
+
+def choice(*values: Any) -> Kind:
+    """Return the kind of a value from a list."""
+    return Kind({"enum": list(values)})
+
+
+def constant(value: Any) -> Kind:
+    """Return the kind of one value."""
+    return Kind({"const": value})
+
+
+anything = Kind()
+text = Kind({"type": "string"})
+digest = Kind({"type": "string", "pattern": "^[0-9a-f]{64}$"})
+flag = Kind({"type": "boolean"})
+number = Kind({"type": "number"})
+size = Kind({"type": "number", "minimum": 0})
+share = Kind({"type": "number", "minimum": 0, "maximum": 1})
+integer = Kind({"type": "integer"})
+count = Kind({"type": "integer", "minimum": 0})
+ordinal = Kind({"type": "integer", "minimum": 1})
+vector3 = dataclasses.replace(array(number, 3), name="vector3")
+rows3 = dataclasses.replace(array(array(number | None, 3)), name="rows3")
+matrix3 = dataclasses.replace(array(vector3, 3), name="matrix3")

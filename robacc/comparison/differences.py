@@ -141,7 +141,9 @@ def difference(
         confidence: Confidence of the interval.
         seed: Seed of the resampling.
     """
-    sizes = [first.n_groups, second.n_groups]
+    samples, sizes = (first, second), [first.n_groups, second.n_groups]
+    values = [_statistic_of(statistic, sample) for sample in samples]
+    value, n = values[1] - values[0], first.n_groups if paired else None
     why = None
     if min(sizes) < 2:
         why = "one commanded pose shows no scatter between poses"
@@ -150,41 +152,27 @@ def difference(
     elif statistic.startswith("sd_") and min(sizes) < FEWEST_FOR_BOOTSTRAP:
         why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to compare standard deviations"
     if why is not None:
-        value = _statistic_of(statistic, second) - _statistic_of(statistic, first)
-        n = first.n_groups if paired and statistic == "p95" and min(sizes) > 1 else None
+        n = n if statistic == "p95" and min(sizes) > 1 else None
         return Difference(value, Interval.missing(confidence, why), None, paired, n)
+    sums = [sample.sums() for sample in samples]
     if statistic == "p95":
-        return _percentile(first, second, paired, confidence, seed)
-    return _smooth(statistic, first, second, paired, confidence, seed)
-
-
-def _statistic_of(statistic: str, sample: ErrorSample) -> float:
-    if statistic == "p95":
-        lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
-        return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
-    return float(SMOOTH[statistic](sample.sums().sum(axis=1))[0])
-
-
-def _smooth(
-    statistic: str, first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int
-) -> Difference:
-    sums = [first.sums(), second.sums()]
-    parts = [_influence(statistic, part, None) for part in sums]
-    value = float(parts[1][0]) - float(parts[0][0])
-    variances = _variances([influence for _, influence in parts], paired)
-    error = math.sqrt(float(np.sum(variances)))
-    n = first.n_groups if paired else None
-    if error <= _ROUNDING * max(abs(float(part)) for part, _ in parts):
+        resampled = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate(samples)]
+        spread = np.var(resampled[1] - resampled[0])
+        variances = [spread] if paired else [np.var(percentiles) for percentiles in resampled]
+        error = math.sqrt(float(spread))
+        method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws)"
+    else:
+        variances = _variances([_influence(statistic, part, None)[1] for part in sums], paired)
+        error = math.sqrt(float(np.sum(variances)))
+        method = "Student's t"
+    if error <= _ROUNDING * max(map(abs, values)):
         return Difference.same(value, confidence, "the same at every pose", paired, n)
-    sizes = [part.shape[1] for part in sums]
     dof = _degrees_of_freedom(variances, sizes)
-    t = student_quantile(0.5 + 0.5 * confidence, dof)
-    below = above = t
-    method = "Student's t"
-    if min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
-        resampled = _studentised(statistic, sums, value, paired, seed)
+    below = above = t = student_quantile(0.5 + 0.5 * confidence, dof)
+    if statistic != "p95" and min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
+        drawn = _studentised(statistic, sums, value, paired, seed)
         low, high = interpolated(
-            resampled, [tail * (resampled.size - 1) for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)]
+            drawn, [tail * (drawn.size - 1) for tail in (0.5 - 0.5 * confidence, 0.5 + 0.5 * confidence)]
         )
         # The lower limit follows from the upper quantile of t, and the upper limit from the lower quantile.
         below, above = max(t, high), max(t, -low)
@@ -194,6 +182,13 @@ def _smooth(
     basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
     interval = Interval(value - below * error, value + above * error, None, confidence, f"{method}, {basis}")
     return Difference(value, interval, p_value, paired, n)
+
+
+def _statistic_of(statistic: str, sample: ErrorSample) -> float:
+    if statistic == "p95":
+        lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
+        return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
+    return float(SMOOTH[statistic](sample.sums().sum(axis=1))[0])
 
 
 def _influence(statistic: str, sums: Array, counts: Array | None) -> tuple[Array, Array]:
@@ -235,24 +230,6 @@ def _studentised(statistic: str, sums: list[Array], value: float, paired: bool, 
 def _counts(size: int, seed: int, stream: int) -> Array:
     """Return the number of times that each of ``size`` poses occurs in each resample, ``(B, size)``."""
     return resampled_counts(size, DRAWS, (seed, stream))
-
-
-def _percentile(first: ErrorSample, second: ErrorSample, paired: bool, confidence: float, seed: int) -> Difference:
-    value = _statistic_of("p95", second) - _statistic_of("p95", first)
-    sizes = [first.n_groups, second.n_groups]
-    n = first.n_groups if paired else None
-    resampled = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate((first, second))]
-    error = float(np.std(resampled[1] - resampled[0]))
-    if error <= _ROUNDING * abs(_statistic_of("p95", first)):
-        return Difference.same(value, confidence, "the same at every pose", paired, n)
-    dof = sizes[0] - 1.0 if paired else _degrees_of_freedom([np.asarray(np.var(values)) for values in resampled], sizes)
-    half_width = student_quantile(0.5 + 0.5 * confidence, dof) * error
-    basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
-    method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws), {basis}"
-    p_value = f_sf((value / error) ** 2, 1.0, dof)
-    return Difference(
-        value, Interval(value - half_width, value + half_width, None, confidence, method), p_value, paired, n
-    )
 
 
 def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:

@@ -157,9 +157,9 @@ def difference(
     sums = [sample.sums() for sample in samples]
     if statistic == "p95":
         resampled = [_resampled_percentile(sample, seed, 0 if paired else i) for i, sample in enumerate(samples)]
-        spread = np.var(resampled[1] - resampled[0])
-        variances = [spread] if paired else [np.var(percentiles) for percentiles in resampled]
-        error = math.sqrt(float(spread))
+        spreads = [resampled[1] - resampled[0]] if paired else resampled
+        variances = [np.asarray(np.var(spread)) for spread in spreads]
+        error = float(np.std(resampled[1] - resampled[0]))
         method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws)"
     else:
         variances = _variances([_influence(statistic, part, None)[1] for part in sums], paired)

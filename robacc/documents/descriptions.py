@@ -28,16 +28,23 @@ FRAME = part(
     "Fixed transform T(xyz) Rz(yaw) Ry(pitch) Rx(roll).",
 )
 
+_MIMIC = part(
+    {
+        "joint": Key(text, "Name of the joint.", "master"),
+        "multiplier": Key(number, "Multiplier of the other joint's variable."),
+        "offset": Key(number, "Offset, rad or m."),
+    }
+)
 ROBOTS = part(
     {
         "robots": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name that `--robot` takes."),
+                        "name": Key(text, "Name that `--robot` takes.", "key"),
                         "maker": Key(text, "Maker of the arm."),
                         "model": Key(text, "The maker's name of the arm."),
-                        "n_axes": Key(ordinal, "Number of joint variables."),
+                        "n_axes": Key(ordinal, "Number of joint variables.", "axes"),
                         "reach_m": Key(size, "Reach as the maker states it, m."),
                         "source": Key(text, "Source of the geometry."),
                     }
@@ -54,35 +61,56 @@ SHOW = part(
         "robot": Key(
             part(
                 {
-                    "name": Key(text, "Name in the file."),
-                    "convention": Key(choice("standard", "modified", "urdf"), "Convention of the parameters."),
-                    "base_link": Key(text | None, "Base link of a URDF."),
-                    "tip_link": Key(text | None, "Tip link of a URDF."),
-                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s²."),
-                    "base": Key(FRAME, "Transform from the measuring frame to the base."),
+                    "name": Key(text, "Name in the file.", "robot.name"),
+                    "convention": Key(
+                        choice("standard", "modified", "urdf"), "Convention of the parameters.", "robot.convention"
+                    ),
+                    "base_link": Key(text | None, "Base link of a URDF.", "robot.base_link"),
+                    "tip_link": Key(text | None, "Tip link of a URDF.", "robot.tip_link"),
+                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s².", "robot.gravity"),
+                    "base": Key(FRAME, "Transform from the measuring frame to the base.", "robot.base"),
                     "tool": Key(
                         FRAME | None,
                         "Transform from the last link's frame to the target; null if there are several targets.",
+                        lambda summary: None if summary.robot.targets else summary.robot.tool,
                     ),
-                    "targets": Key(table(FRAME), "Several targets by name."),
+                    "targets": Key(table(FRAME), "Several targets by name.", "robot.targets"),
                     "payload_com_m": Key(
-                        vector3 | None, "Centre of mass of the payload in the last link's frame, m; null: at the tool."
+                        vector3 | None,
+                        "Centre of mass of the payload in the last link's frame, m; null: at the tool.",
+                        "robot.payload_com",
                     ),
-                    "effects": Key(array(table()), "Effects of the file."),
+                    "effects": Key(array(table()), "Effects of the file.", "robot.effects"),
+                    "fitted_to": Key(
+                        array(text),
+                        "SHA-256 of each file of poses that the robot file was fitted to.",
+                        "robot.fitted_to",
+                        optional=True,
+                    ),
                     "campaign": Key(
                         part(
                             {
                                 "poses": Key(array(text), "SHA-256 of each file of its poses."),
-                                "frames": Key(array(text), "Frames that were registered in it."),
+                                "frames": Key(
+                                    array(text),
+                                    "Frames that were registered in it.",
+                                    lambda campaign: [
+                                        name
+                                        for name, frame in {
+                                            "base": campaign.base,
+                                            "tool": campaign.tool,
+                                            **campaign.targets,
+                                        }.items()
+                                        if frame is not None
+                                    ],
+                                ),
                                 "effects": Key(array(table()), "Effects that hold for its poses alone."),
                             }
                         )
                         | None,
                         "Facts of the campaign that the model was fitted in; null without one.",
+                        "robot.campaign",
                         optional=True,
-                    ),
-                    "fitted_to": Key(
-                        array(text), "SHA-256 of each file of poses that the robot file was fitted to.", optional=True
                     ),
                     "coefficients": Key(
                         array(
@@ -95,85 +123,86 @@ SHOW = part(
                             )
                         ),
                         "Coefficients of the effects in the file, SI units.",
+                        lambda summary: [
+                            {"name": name, "value": value, "unit": unit} for name, value, unit in summary.coefficients
+                        ],
                         optional=True,
                     ),
                 }
             ),
             "Data of the complete arm.",
+            "",
         ),
-        "n_joints": Key(count, "Number of joints with a variable."),
+        "n_joints": Key(count, "Number of joints with a variable.", lambda summary: len(summary.robot.variables)),
         "joints": Key(
             array(
                 part(
                     {
                         "name": Key(text, "Name."),
                         "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
-                        "unit": Key(choice("rad", "m"), "Unit of the joint variable."),
+                        "unit": Key(
+                            choice("rad", "m"),
+                            "Unit of the joint variable.",
+                            lambda joint: "m" if joint.type == "prismatic" else "rad",
+                        ),
                         "parameters": Key(table(number), "Parameters, m and rad."),
                         "axis": Key(vector3, "Axis: unit vector in the joint frame."),
                         "limits": Key(array(number, 2) | None, "Limits, rad or m; null if there are none."),
                         "sign": Key(choice(1, -1), "Sign; -1 reverses the positive direction."),
                         "gear_ratio": Key(number | None, "Motor turns per joint turn."),
-                        "mass_kg": Key(size | None, "Mass of the link that the joint moves, kg."),
+                        "mass_kg": Key(size | None, "Mass of the link that the joint moves, kg.", "mass"),
                         "com_m": Key(vector3 | None, "Centre of mass in the link's frame, m."),
                         "tolerance": Key(table(number), "Tolerances, one standard deviation each, m and rad."),
                         "mimic": Key(
-                            part(
-                                {
-                                    "joint": Key(text, "Name of the joint."),
-                                    "multiplier": Key(number, "Multiplier of the other joint's variable."),
-                                    "offset": Key(number, "Offset, rad or m."),
-                                }
-                            )
-                            | None,
+                            _MIMIC | None,
                             "Mimic joint, which follows another joint.",
                         ),
                         "coupling": Key(
                             table(number),
                             "Movement of the joint per unit of other joint variables, added to its own variable.",
                         ),
-                        "passive": Key(flag, "True for a joint without a motor, which moves by its coupling alone."),
+                        "passive": Key(
+                            flag, "True for a joint without a motor, which moves by its coupling alone.", "is_passive"
+                        ),
                         "link": Key(text | None, "Name of the link that the joint moves."),
                     }
                 )
             ),
             "Joints in chain order.",
+            "robot.joints",
         ),
         "branches": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name of the joint, and of its column in pose files."),
+                        "name": Key(text, "Name of the joint, and of its column in pose files.", "joint.name"),
                         "parent": Key(text | None, "Joint whose link carries it; null for the base."),
-                        "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
+                        "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint.", "joint.type"),
                         "position": Key(number, "Position where the poses have no column for it, rad or m."),
                         "mimic": Key(
-                            part(
-                                {
-                                    "joint": Key(text, "Name of the joint."),
-                                    "multiplier": Key(number, "Multiplier of the other joint's variable."),
-                                    "offset": Key(number, "Offset, rad or m."),
-                                }
-                            )
-                            | None,
+                            _MIMIC | None,
                             "Joint that it follows, in place of a column of its own; null if it moves by itself.",
+                            "joint.mimic",
                         ),
-                        "mass_kg": Key(number | None, "Mass of its link, kg; null if it has none."),
+                        "mass_kg": Key(number | None, "Mass of its link, kg; null if it has none.", "joint.mass"),
                         "com_m": Key(
-                            array(number) | None, "Centre of mass in the link's frame, m; null if it has none."
+                            array(number) | None,
+                            "Centre of mass in the link's frame, m; null if it has none.",
+                            "joint.com",
                         ),
                     }
                 )
             ),
             "Joints outside the chain that move mass, such as those of another arm.",
+            "robot.branches",
         ),
-        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown."),
+        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown.", "moved_mass"),
         "reach": Key(
             table(
                 part(
                     {
-                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m."),
-                        "bound_m": Key(size | None, "Upper bound of the reach, m."),
+                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m.", "sampled"),
+                        "bound_m": Key(size | None, "Upper bound of the reach, m.", "bound"),
                     }
                 )
             ),

@@ -8,14 +8,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from robacc.chain import Chain
 from robacc.geometry import Array
 from robacc.robots.arm import build_chain
-from robacc.robots.description import BranchJoint, Campaign, Frame, Joint, Mimic, Robot
+from robacc.robots.description import Frame, Joint, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"
 _SHOWN = 4
@@ -36,17 +35,6 @@ class LibraryArm:
     """Reach as the maker states it, m; what it is measured to differs between makers."""
     source: str
     path: Path
-
-    def document(self) -> dict[str, Any]:
-        """Return the arm's entry of ``robacc.robots/1``."""
-        return {
-            "name": self.key,
-            "maker": self.maker,
-            "model": self.model,
-            "n_axes": self.axes,
-            "reach_m": self.reach,
-            "source": self.source,
-        }
 
 
 @cache
@@ -180,85 +168,6 @@ def low_discrepancy(dimensions: int, count: int) -> Array:
         candidate += 1
     products = np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)
     return np.asarray(products % 1.0, dtype=np.float64)
-
-
-def robot_document(summary: Summary) -> dict[str, Any]:
-    """Return the document of ``robacc.show/1``: m, rad, kg."""
-    robot = summary.robot
-    return {
-        "robot": {
-            "name": robot.name,
-            "convention": robot.convention,
-            "base_link": robot.base_link,
-            "tip_link": robot.tip_link,
-            "gravity_m_s2": list(robot.gravity),
-            "base": _frame_document(robot.base),
-            "tool": None if robot.targets else _frame_document(robot.tool),
-            "targets": {name: _frame_document(frame) for name, frame in robot.targets.items()},
-            "payload_com_m": None if robot.payload_com is None else list(robot.payload_com),
-            "effects": [dict(effect) for effect in robot.effects],
-            "fitted_to": list(robot.fitted_to),
-            "campaign": None if robot.campaign is None else _campaign_document(robot.campaign),
-            "coefficients": [{"name": n, "value": value, "unit": unit} for n, value, unit in summary.coefficients],
-        },
-        "n_joints": len(robot.variables),
-        "joints": [_joint_document(joint) for joint in robot.joints],
-        "branches": [_branch_document(branch) for branch in robot.branches],
-        "moved_mass_kg": summary.moved_mass,
-        "reach": {name: {"sampled_m": reach.sampled, "bound_m": reach.bound} for name, reach in summary.reach.items()},
-    }
-
-
-def _frame_document(frame: Frame) -> dict[str, Any]:
-    return {"xyz_m": list(frame.xyz), "rpy_rad": list(frame.rpy)}
-
-
-def _campaign_document(campaign: Campaign) -> dict[str, Any]:
-    frames = {"base": campaign.base, "tool": campaign.tool, **campaign.targets}
-    return {
-        "poses": list(campaign.poses),
-        "frames": [name for name, frame in frames.items() if frame is not None],
-        "effects": [dict(effect) for effect in campaign.effects],
-    }
-
-
-def _joint_document(joint: Joint) -> dict[str, Any]:
-    return {
-        "name": joint.name,
-        "type": joint.type,
-        "unit": "m" if joint.type == "prismatic" else "rad",
-        "parameters": dict(joint.parameters),
-        "axis": list(joint.axis),
-        "limits": None if joint.limits is None else list(joint.limits),
-        "sign": joint.sign,
-        "gear_ratio": joint.gear_ratio,
-        "mass_kg": joint.mass,
-        "com_m": None if joint.com is None else list(joint.com),
-        "tolerance": dict(joint.tolerance),
-        "mimic": _mimic_document(joint.mimic),
-        "coupling": dict(joint.coupling),
-        "passive": joint.is_passive,
-        "link": joint.link,
-    }
-
-
-def _mimic_document(mimic: Mimic | None) -> dict[str, Any] | None:
-    if mimic is None:
-        return None
-    return {"joint": mimic.master, "multiplier": mimic.multiplier, "offset": mimic.offset}
-
-
-def _branch_document(branch: BranchJoint) -> dict[str, Any]:
-    joint = branch.joint
-    return {
-        "name": joint.name,
-        "parent": branch.parent,
-        "type": joint.type,
-        "position": branch.position,
-        "mimic": _mimic_document(joint.mimic),
-        "mass_kg": joint.mass,
-        "com_m": None if joint.com is None else list(joint.com),
-    }
 
 
 def _range(joint: Joint) -> tuple[float, float] | None:

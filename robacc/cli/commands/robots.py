@@ -24,6 +24,7 @@ def robots(
     """
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
+    from robacc.documents.descriptions import ROBOTS
     from robacc.errors import InputError, Problem
     from robacc.render.text.robot import draw_robots
     from robacc.robots.library import library, similar_arms
@@ -34,10 +35,11 @@ def robots(
         near = ", ".join(similar_arms(wanted))
         fix = f"did you mean {near}?" if near else "robacc robots lists all of them"
         raise InputError(Problem(f"no arm of the package has {name!r} in its name", fix=fix))
-    payload = {"robots": [arm.document() for arm in arms]}
     emit(
         form,
         output,
         table=lambda stream: draw_robots(arms, stream),
-        document=lambda: results.envelope("robots", payload, options={"name": name}, inputs=(), seed=None),
+        document=lambda: results.envelope(
+            "robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None
+        ),
     )

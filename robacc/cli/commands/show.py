@@ -23,10 +23,11 @@ def show(
     from robacc.api.inputs import load_robot
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
+    from robacc.documents.descriptions import SHOW
     from robacc.effects.specification import coefficients
     from robacc.render.text.console import console_for
     from robacc.render.text.robot import render_robot
-    from robacc.robots.library import robot_document, summarise
+    from robacc.robots.library import summarise
 
     arm, record = load_robot(robot, base_link, tip_link)
     summary = summarise(arm, coefficients(arm))
@@ -35,7 +36,5 @@ def show(
         form,
         output,
         table=lambda stream: console_for(stream).print(render_robot(summary)),
-        document=lambda: results.envelope(
-            "show", robot_document(summary), options=options, inputs=(record,), seed=None
-        ),
+        document=lambda: results.envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
     )

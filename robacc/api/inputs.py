@@ -428,7 +428,7 @@ def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
 
     try:
         with open_table(path, table_options(path)) as table:
-            return table.header().names
+            return table.names
     except (InputError, UsageError):
         # The reader of the poses reports what is wrong with the file.
         return []

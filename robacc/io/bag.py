@@ -216,11 +216,6 @@ def _pose_values(message: Any) -> tuple[float, ...]:
     return (float(place.x), float(place.y), float(place.z), *map(float, quaternion), *spread)
 
 
-def is_recording_folder(path: str) -> bool:
-    """Return whether a path is the folder of a ROS 2 bag."""
-    return Path(path, "metadata.yaml").is_file()
-
-
 def recorded_files(path: str) -> list[Path]:
     """Return the files of a recording in the order of their names."""
     root = Path(path)
@@ -266,7 +261,7 @@ def bag_table(path: str, options: TableOptions) -> ColumnTable:
     return ColumnTable(
         columns,
         path,
-        options,
+        options.skip_gaps,
         _digest(path),
         _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, are_stands),
     )

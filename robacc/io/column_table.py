@@ -15,22 +15,22 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
-from robacc.io.files import ProblemLog, clip, decode
-from robacc.io.table import MAX_COLUMNS, MAX_TEXT, Header, TableBody, TableOptions
+from robacc.io.files import clip, decode
+from robacc.io.table import MAX_TEXT, Table, TableBody
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 
 
-class ColumnTable:
+class ColumnTable(Table):
     """Table of columns ``(N,)`` by name; rows count from 1."""
 
     def __init__(
         self,
         columns: Sequence[tuple[str, NDArray[Any]]],
         file: str,
-        options: TableOptions,
-        sha256: str | None = None,
+        skip_gaps: bool,
+        sha256: str = "",
         remark: str = "",
     ) -> None:
         """Take the columns.
@@ -38,84 +38,68 @@ class ColumnTable:
         Args:
             columns: Names and columns of equal length.
             file: Name in messages.
-            options: Freedom of the reader.
-            sha256: Digest of the bytes that the columns come from; None: that of the columns.
+            skip_gaps: Leave out rows with a missing value.
+            sha256: Digest of the bytes that the columns come from; empty: that of the columns.
             remark: How the columns came to be, for a message.
 
         Raises:
-            InputError: There are too many columns, or two have one name.
+            InputError: There are too many columns.
         """
-        self.file = file
-        self.log = ProblemLog(file, "row")
+        super().__init__(file, [name for name, _ in columns], skip_gaps=skip_gaps)
         self._columns = [column for _, column in columns]
-        self._names = [name for name, _ in columns]
-        self._skip_gaps = options.skip_gaps
-        self._gaps: set[int] = set()
-        self._remark = remark
-        self._sha256 = sha256
-        if len(columns) > MAX_COLUMNS:
-            raise InputError(Problem(f"found {len(columns)} columns", file, fix=f"expected at most {MAX_COLUMNS}"))
-        repeated = [name for name, count in Counter(self._names).items() if count > 1]
-        if repeated:
-            raise InputError(Problem(f"found two columns {clip(repeated[0])}", file, fix="rename one of them"))
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the source's bytes, or of the columns."""
-        if self._sha256 is None:
-            digest = hashlib.sha256()
-            for name, column in zip(self._names, self._columns, strict=True):
-                is_plain = column.dtype.kind in "fiub"
-                digest.update(f"{name}\0{column.dtype if is_plain else 'text'}\0".encode())
-                values = column.tobytes() if is_plain else "\0".join(map(str, column.tolist())).encode(errors="replace")
-                digest.update(values)
-            self._sha256 = digest.hexdigest()
-        return self._sha256
-
-    def header(self) -> Header:
-        """Return the columns' names."""
-        return Header(tuple(name.strip() for name in self._names), None)
-
-    def description(self) -> str:
-        """Return how the columns came to be."""
-        return self._remark
+        self.n = self._columns[0].size if columns else 0
+        self.remark = remark
+        self.sha256 = sha256 or self._digest()
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return every row, with the columns of the given indices only."""
-        n = self._columns[0].size if self._columns else 0
-        table = np.empty((len(numbers), n))
+        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
+        table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
-            row[:] = self._numbers(i)
+            row[:] = self._numbers(*self.column(i), self.names[i])
         columns = tuple(self._texts(i) for i in texts)
-        return TableBody(table, columns, np.arange(1, n + 1, dtype=np.int64)).without(self._gaps)
+        return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.gaps)
 
-    def _numbers(self, index: int) -> Array:
+    def _digest(self) -> str:
+        digest = hashlib.sha256()
+        for name, column in zip(self.names, self._columns, strict=True):
+            is_plain = column.dtype.kind in "fiub"
+            digest.update(f"{name}\0{column.dtype if is_plain else 'text'}\0".encode())
+            values = column.tobytes() if is_plain else "\0".join(map(str, column.tolist())).encode(errors="replace")
+            digest.update(values)
+        return digest.hexdigest()
+
+    def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """Return a column, and where its values are missing."""
+        column = self._columns[index]
+        if column.dtype.kind == "f":
+            return column, np.isnan(column)
+        if column.dtype.kind == "O":
+            return column, np.array([_is_missing(value) for value in column.tolist()], dtype=bool)
+        return column, np.zeros(column.size, dtype=bool)
+
+    def _numbers(self, column: NDArray[Any], missing: NDArray[np.bool_], name: str) -> Array:
         """Return a column as numbers, with NaN where a problem was logged."""
-        column, name = self._columns[index], self._names[index]
-        if column.dtype.kind in "fiu":
+        rows = np.arange(1, column.size + 1)
+        if column.dtype.kind == "O":
+            values = np.full(column.size, np.nan)
+            for i in np.flatnonzero(~missing).tolist():
+                values[i] = self._number(column[i], i + 1, name)
+            infinite = np.isinf(values)
+        elif column.dtype.kind in "fiu":
             values = column.astype(float)
-        elif column.dtype.kind == "O":
-            values = np.array(
-                [self._number(value, i + 1, name) for i, value in enumerate(column.tolist())], dtype=float
-            )
+            infinite = ~np.isfinite(values) & ~missing
         else:
             self.log.add(f"the column holds {column.dtype}, expected numbers", None, name)
             return np.full(column.size, np.nan)
-        rows = np.arange(1, values.size + 1)
-        missing = np.isnan(values) & (column.dtype.kind != "O")
-        infinite = np.isinf(values)
-        if self._skip_gaps:
-            self._gaps.update(rows[missing | infinite].tolist())
+        if self.skip_gaps:
+            self.gaps.update(rows[missing | infinite].tolist())
         else:
             self.log.add_rows(missing, rows, name, lambda i: "the value is missing, expected a number")
-            self.log.add_rows(infinite, rows, name, lambda i: f"found {values[i]}, expected a finite number")
+            self.log.add_rows(infinite, rows, name, lambda i: f"found {clip(str(values[i]))}, expected a finite number")
         return np.where(infinite, np.nan, values)
 
     def _number(self, value: Any, row: int, name: str) -> float:
         """Return an object as a number, NaN where a problem was logged."""
-        if _is_missing(value):
-            self._missing(row, name, "a number")
-            return np.nan
         if not isinstance(value, _NOT_NUMBERS):
             try:
                 return float(value)
@@ -125,22 +109,12 @@ class ColumnTable:
         self.log.add(f"found {clip(str(value))}, expected a number", row, name, fix)
         return np.nan
 
-    def _missing(self, row: int, name: str, expected: str) -> None:
-        if self._skip_gaps:
-            self._gaps.add(row)
-        else:
-            self.log.add(f"the value is missing, expected {expected}", row, name)
-
     def _texts(self, index: int) -> NDArray[np.str_]:
-        column, name = self._columns[index], self._names[index]
-        texts = []
-        for i, text in enumerate(_as_text(column)):
-            if not text:
-                self._missing(i + 1, name, "text")
-            elif len(text) > MAX_TEXT:
-                self.log.add(f"the text has {len(text)} characters, expected at most {MAX_TEXT}", i + 1, name)
-            texts.append(text[:MAX_TEXT])
-        return np.array(texts, dtype=str)
+        texts = _as_text(self.column(index)[0])
+        if self.skip_gaps:
+            self.gaps.update(i for i, text in enumerate(texts, 1) if not text)
+            return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
+        return np.array([self.text(text, i, self.names[index]) for i, text in enumerate(texts, 1)], dtype=str)
 
 
 def _is_missing(value: Any) -> bool:
@@ -221,7 +195,7 @@ def _column(values: Any, key: str, name: str) -> NDArray[Any]:
     return np.asarray(column)
 
 
-def records_table(data: bytes, file: str, options: TableOptions) -> ColumnTable:
+def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
     """Return the records of a JSON, JSON Lines or YAML document, which are its longest list, as a table.
 
     A record gives one row. Its columns are named by its keys, then the place in a list, then a unit at a key's end.
@@ -255,7 +229,7 @@ def records_table(data: bytes, file: str, options: TableOptions) -> ColumnTable:
         raise InputError(Problem("has no list of records, expected a table of poses", file, fix=fix))
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
-    return ColumnTable(columns, file, options, hashlib.sha256(data).hexdigest())
+    return ColumnTable(columns, file, skip_gaps, hashlib.sha256(data).hexdigest())
 
 
 def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:

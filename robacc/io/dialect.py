@@ -169,11 +169,6 @@ class TableDialect:
     sample: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
     """Fields of the first rows."""
 
-    @property
-    def headerless(self) -> bool:
-        """Return whether the table begins with numbers."""
-        return not self.names
-
     def description(self) -> str:
         """Return the deviations from the documented form, for a message; empty without any."""
         names = {"\t": "tabs", ";": "semicolons", "|": "bars", None: "blanks"}

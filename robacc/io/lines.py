@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import BinaryIO
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import ProblemLog
 
 MAX_LINE = 1 << 20
 """Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
@@ -41,15 +40,14 @@ class Block:
 class LineReader:
     """Reader of UTF-8 lines with any line end; it counts lines and computes the digest of the bytes."""
 
-    def __init__(self, stream: BinaryIO, log: ProblemLog) -> None:
-        """Read ``stream``; ``log`` names the file in errors."""
+    def __init__(self, stream: BinaryIO, file: str) -> None:
+        """Read ``stream``; ``file`` is its name in errors."""
         self._stream = stream
-        self._log = log
+        self._file = file
         self.encoding = "UTF-8"
-        self.not_utf8: list[Problem] = []
-        """Lines with bytes that are not UTF-8, up to :data:`_MOST_LINES`; they were read as Windows-1252."""
+        """Windows-1252 where a line is not UTF-8."""
         self.not_text: list[Problem] = []
-        """Those of them with bytes that Windows-1252 does not have either."""
+        """Lines with bytes that Windows-1252 does not have either, up to :data:`_MOST_LINES`."""
         self._digest = _Digest()
         self._size = _size(stream)
         self._consumed = 0
@@ -76,11 +74,18 @@ class LineReader:
         while piece := self._piece(number):
             view, start = memoryview(piece), 0
             while start < len(piece):
-                end = self._end_of_block(piece, start, number)
-                block = Block(self._lines(view[start:end], number), number)
+                end = piece.rfind(b"\n", start, start + _BLOCK) + 1 or piece.find(b"\n", start) + 1 or len(piece)
+                if end - start > MAX_LINE:
+                    raise self._too_long(number)
+                try:
+                    lines = str(view[start:end], "utf-8").split("\n")
+                except UnicodeDecodeError:
+                    lines = [self._decode(line, i) for i, line in enumerate(piece[start:end].split(b"\n"), number)]
+                if not lines[-1]:
+                    lines.pop()  # nothing follows the last line's end
                 self._consumed += end - start
-                number, start = number + len(block.lines), end
-                yield block
+                yield Block(lines, number)
+                number, start = number + len(lines), end
 
     def _piece(self, number: int) -> bytes:
         """Return the next bytes up to a line's end, with every line end as a line feed; empty at the file's end."""
@@ -105,7 +110,7 @@ class LineReader:
         """Return the first piece of a UTF-16 file as UTF-8, after reading all of it."""
         data = start + self._stream.read(_UTF16_LIMIT - len(start))
         if len(data) >= _UTF16_LIMIT:
-            raise InputError(Problem("the UTF-16 file is too large", self._log.file, fix="save it as UTF-8"))
+            raise InputError(Problem("the UTF-16 file is too large", self._file, fix="save it as UTF-8"))
         self._digest.update(data[len(start) :])
         try:
             text = data.decode("utf-16")
@@ -117,37 +122,20 @@ class LineReader:
 
     def _binary(self) -> InputError:
         message = "the file is not UTF-8 text (it is UTF-16 or binary)"
-        return InputError(Problem(message, self._log.file, fix="save it as UTF-8"))
-
-    def _end_of_block(self, piece: bytes, start: int, number: int) -> int:
-        end = piece.rfind(b"\n", start, start + _BLOCK) + 1 or piece.find(b"\n", start) + 1 or len(piece)
-        if end - start > MAX_LINE:
-            raise self._too_long(number)
-        return end
+        return InputError(Problem(message, self._file, fix="save it as UTF-8"))
 
     def _too_long(self, line: int) -> InputError:
         message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-        return InputError(Problem(message, self._log.file, line, fix="expected one line per pose"))
-
-    def _lines(self, data: memoryview, first: int) -> list[str]:
-        try:
-            lines = str(data, "utf-8").split("\n")
-        except UnicodeDecodeError:
-            lines = [self._decode(line, number) for number, line in enumerate(data.tobytes().split(b"\n"), first)]
-        if not lines[-1]:
-            lines.pop()  # nothing follows the last line's end
-        return lines
+        return InputError(Problem(message, self._file, line, fix="expected one line per pose"))
 
     def _decode(self, line: bytes, number: int) -> str:
         try:
             return line.decode()
         except UnicodeDecodeError as error:
-            if len(self.not_utf8) < _MOST_LINES:
+            self.encoding = "Windows-1252"
+            if any(byte in _NO_CHARACTER for byte in line) and len(self.not_text) < _MOST_LINES:
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
-                problem = Problem(message, self._log.file, number, fix="save the file as UTF-8")
-                self.not_utf8.append(problem)
-                if any(byte in _NO_CHARACTER for byte in line):
-                    self.not_text.append(problem)
+                self.not_text.append(Problem(message, self._file, number, fix="save the file as UTF-8"))
             return line.decode("cp1252", errors="replace")
 
 

@@ -1,4 +1,4 @@
-"""Read a text table as columns of numbers and text, with every problem found in one pass.
+"""Tables: the columns' names and the rows below them, from any source; the text table is the first of them.
 
 :func:`numpy.loadtxt` parses a block of lines. A block that it refuses, or that has a value that is not finite, is
 parsed field by field to locate each problem.
@@ -6,18 +6,19 @@ parsed field by field to locate each problem.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import itertools
 import math
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem
+from robacc.errors import Counted, InputError, Problem
 from robacc.geometry import Array
 from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
 from robacc.io.dialect import (
@@ -34,10 +35,113 @@ from robacc.io.dialect import (
 from robacc.io.files import ProblemLog, clip
 from robacc.io.lines import Block, LineReader
 
-# The header row of a text table: one name a column.
-
 MAX_COLUMNS = 2000
 """Largest number of columns of a table."""
+MAX_TEXT = 256
+"""Characters of an id; text columns are as wide as their longest entry."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableOptions:
+    """Freedom that a reader has."""
+
+    is_known: Callable[[str], bool]
+    """Whether a name is a documented one."""
+    skip_gaps: bool = False
+    """Leave out rows with a missing value, in place of a problem for each."""
+    sheet: str | None = None
+    """Sheet of a workbook; None for its only sheet."""
+    bag: BagOptions = NO_BAG_OPTIONS
+    """Topics and samples of a recording."""
+    frame: Any = None
+    """Data frame that is read in place of a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableBody:
+    """Rows below the header."""
+
+    numbers: Array
+    """``(C, N)`` columns of numbers; NaN where a problem was logged."""
+    texts: tuple[NDArray[np.str_], ...]
+    """Columns of text, ``(N,)`` each."""
+    lines: NDArray[np.int64]
+    """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
+    gaps: tuple[int, ...] = ()
+    """Lines of the rows that were left out because a value is missing."""
+    cut: str = ""
+    """Warning of a last row that may have been cut off."""
+
+    def without(self, gaps: Collection[int]) -> TableBody:
+        """Return the rows that are not on the lines ``gaps``."""
+        if not gaps:
+            return self
+        complete = ~np.isin(self.lines, list(gaps))
+        texts = tuple(column[complete] for column in self.texts)
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)), self.cut)
+
+
+class Table:
+    """Names of columns, and the rows below them, which are read once."""
+
+    dialect: TableDialect = PLAIN
+    """Form of the table, where it is not the documented one."""
+    sha256 = ""
+    """Digest of the file's bytes, once the body was read."""
+    remark = ""
+    """How the table came to be, for a message."""
+
+    def __init__(
+        self,
+        file: str,
+        names: Sequence[str],
+        line: int | None = None,
+        counted: Counted = "row",
+        skip_gaps: bool = False,
+    ) -> None:
+        """Take the names of the columns.
+
+        Args:
+            file: Name in messages.
+            names: Names of the columns.
+            line: 1-based line of the names; None where the file has no lines.
+            counted: What places in the table are counted in.
+            skip_gaps: Leave out rows with a missing value.
+
+        Raises:
+            InputError: There are too many columns.
+        """
+        self.file = file
+        self.log = ProblemLog(file, counted)
+        self.names = tuple(name.strip() for name in names)
+        self.line = line
+        self.cell_units: Mapping[int, str] = {}
+        """Units behind the numbers of the cells, by the index of the column."""
+        self.skip_gaps = skip_gaps
+        self.gaps: set[int] = set()
+        """Lines or rows that are left out because a value is missing."""
+        if len(names) > MAX_COLUMNS:
+            raise InputError(Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}"))
+
+    def description(self) -> str:
+        """Return how the table differs from the documented form; empty where it does not."""
+        return self.remark
+
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
+        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
+
+        Raises:
+            InputError: The file is damaged.
+        """
+        raise NotImplementedError
+
+    def text(self, cell: str, line: int, column: str) -> str:
+        """Return the text in a cell, cut to the greatest length; log a missing one or a longer one."""
+        if not cell:
+            self.log.add("the value is missing, expected text", line, column)
+        elif len(cell) > MAX_TEXT:
+            self.log.add(f"the text has {len(cell)} characters, expected at most {MAX_TEXT}", line, column)
+        return cell[:MAX_TEXT]
 
 
 def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
@@ -46,31 +150,20 @@ def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
     Raises:
         InputError: The line is not a header row.
     """
-
-    def error_of(message: str, fix: str) -> InputError:
-        return InputError(Problem(message, file, number, fix=fix))
-
-    if line.count(",") >= MAX_COLUMNS:
-        raise error_of(f"found {line.count(',') + 1} columns", f"expected at most {MAX_COLUMNS}")
+    fix = "export the file with commas, and with a point in decimals"
     try:
         names = tuple(PLAIN.split(line))
     except csv.Error as error:
-        raise error_of(f"the header row cannot be read ({error})", "close every quote on its line") from error
-    for separator, separator_name in ((";", "semicolons"), ("\t", "tabs"), (" ", "spaces")):
-        if line.strip().count(separator) >= len(names) and (separator != " " or len(names) == 1):
-            message = f"the columns are separated by {separator_name}, expected commas"
-            raise error_of(message, "export the file with commas, and with a point in decimals")
-    if all(_is_number(name) for name in names):
-        raise error_of("found numbers, expected a header row", "begin the file with the columns' names")
+        names, message, fix = (), f"the header row cannot be read ({error})", "close every quote on its line"
+    else:
+        signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
+        message = next((f"the columns are separated by {signs[s]}, expected commas"
+                        for s in signs if line.strip().count(s) >= len(names)), "")  # fmt: skip
+        if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
+            message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
+    if message:
+        raise InputError(Problem(message, file, number, fix=fix))
     return names
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 # Columns of numbers that grow while a file is read.
@@ -103,129 +196,7 @@ class GrowingColumns:
         return self._numbers[:, : self._size]
 
 
-# Parts of a table that a reader returns, whatever form the table has: names of columns, rows, and the options.
-
-MAX_TEXT = 256
-"""Characters of an id; text columns are as wide as their longest entry."""
-
-
-@dataclass(frozen=True, slots=True)
-class TableOptions:
-    """Freedom that a reader has."""
-
-    is_known: Callable[[str], bool] | None = None
-    """Whether a name is a documented one; None: only the documented form of a table is read."""
-    skip_gaps: bool = False
-    """Leave out rows with a missing value, in place of a problem for each."""
-    sheet: str | None = None
-    """Sheet of a workbook; None for its only sheet."""
-    bag: BagOptions = NO_BAG_OPTIONS
-    """Topics and samples of a recording."""
-    frame: Any = None
-    """Data frame that is read in place of a file."""
-
-
-@dataclass(frozen=True, slots=True)
-class Header:
-    """Names that a file gives its columns."""
-
-    names: tuple[str, ...]
-    line: int | None
-    """1-based line of the names; None where the file has no lines."""
-    dialect: TableDialect = PLAIN
-    """Form of the table, where it is not the documented one."""
-    cell_units: Mapping[int, str] = field(default_factory=dict)
-    """Units behind the numbers of the cells, by the index of the column."""
-
-
-@dataclass(frozen=True, slots=True)
-class TableBody:
-    """Rows below the header."""
-
-    numbers: Array
-    """``(C, N)`` columns of numbers; NaN where a problem was logged."""
-    texts: tuple[NDArray[np.str_], ...]
-    """Columns of text, ``(N,)`` each."""
-    lines: NDArray[np.int64]
-    """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
-    gaps: tuple[int, ...] = ()
-    """Lines of the rows that were left out because a value is missing."""
-    cut: str = ""
-    """Warning of a last row that may have been cut off."""
-
-    def without(self, gaps: Collection[int]) -> TableBody:
-        """Return the rows that are not on the lines ``gaps``."""
-        if not gaps:
-            return self
-        complete = ~np.isin(self.lines, list(gaps))
-        texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)), self.cut)
-
-
-# Read the cells of a table one by one, where its rows are not plain numbers; every problem is logged.
-
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-
-
-class CellReader:
-    """Reader of the cells of one table."""
-
-    def __init__(self, dialect: TableDialect, units: Mapping[int, str], skip_gaps: bool, log: ProblemLog) -> None:
-        """Read cells whose columns of the indices ``units`` have these units; problems go to ``log``."""
-        self.dialect = dialect
-        self.units = units
-        self.skip_gaps = skip_gaps
-        self.log = log
-        self.gaps: set[int] = set()
-        """Lines with a missing value that are left out."""
-        self.has_grouped = False
-        """Whether a number had separators of thousands."""
-
-    def number(self, cell: str, line: int, index: int, column: str) -> float:
-        """Return the number in a cell of the column with this index and name; NaN where there is none."""
-        return self._number(self._bare(cell, line, index, column), line, column)
-
-    def text(self, cell: str, line: int, column: str) -> str:
-        """Return the text in a cell, cut to the greatest length."""
-        if not cell:
-            self.log.add("the value is missing, expected text", line, column)
-        elif len(cell) > MAX_TEXT:
-            self.log.add(f"the text has {len(cell)} characters, expected at most {MAX_TEXT}", line, column)
-        return cell[:MAX_TEXT]
-
-    def _bare(self, cell: str, line: int, index: int, column: str) -> str:
-        """Return a cell without its unit; log a unit that is not the column's."""
-        if index not in self.units or not any(sign.isdecimal() for sign in cell):
-            return cell
-        expected, (number, unit) = self.units[index], split_cell(cell)
-        if unit is not None and unit != expected:
-            fix = "export the column in one unit"
-            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, column, fix)
-        elif unit is None and number_of(number, self.dialect.decimal_comma) is not None:
-            fix = f"export every cell with its unit, or none and {expected} in the column's name"
-            self.log.add(f"found {clip(cell)} without the unit {expected}", line, column, fix)
-        return number
-
-    def _number(self, cell: str, line: int, column: str) -> float:
-        if self.skip_gaps and cell.lower() in GAPS:
-            self.gaps.add(line)
-            return math.nan
-        if not cell:
-            self.log.add("the value is missing, expected a number", line, column, _SKIP)
-            return math.nan
-        value = number_of(cell, self.dialect.decimal_comma)
-        if value is None:
-            fix = _SKIP if cell.lower() in GAPS else advice(cell, column, self.dialect.decimal_comma)
-            self.log.add(f"found {clip(cell)}, expected a number", line, column, fix)
-            return math.nan
-        self.has_grouped |= is_grouped(cell, self.dialect.decimal_comma)
-        if not math.isfinite(value):
-            fix = _SKIP if cell.lower() in GAPS else None
-            self.log.add(f"found {clip(cell)}, expected a finite number", line, column, fix)
-            return math.nan
-        return value
-
-
 _LAST_ROWS = 1000
 _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
@@ -236,92 +207,60 @@ _FAILED = frozenset(
 """Names of a column that says whether a row was measured, and what it says of a row that was not."""
 
 
-class TableReader:
-    """Reader of one text table from front to back: first :meth:`header`, then :meth:`body`."""
+class TextTable(Table):
+    """Table in a text file, or in the text of a workbook's sheet."""
 
-    def __init__(self, stream: BinaryIO, file: str, options: TableOptions | None = None) -> None:
-        """Read ``stream``, called ``file`` in messages."""
-        self.file = file
-        self.log = ProblemLog(file)
-        self.options = options or TableOptions()
-        self._dialect = PLAIN
-        self._cells = CellReader(PLAIN, {}, self.options.skip_gaps, self.log)
+    def __init__(self, stream: BinaryIO, file: str, options: TableOptions, counted: Counted = "line") -> None:
+        """Read the names of the columns.
+
+        Raises:
+            InputError: The file has no names, or cannot be a table.
+        """
+        self._reader = LineReader(stream, file)
+        self._blocks = self._reader.blocks()
+        first = next(self._blocks, Block([], 1))
+        if dialect := find_dialect(first.lines, options.is_known):
+            self.dialect = dialect
+            row = dialect.first_row
+            width = len(dialect.names) or len(dialect.split(first.lines[row]))
+            names = dialect.names or tuple(f"column {i + 1}" for i in range(width))
+            number = first.first + (row if dialect.header_line is None else dialect.header_line)
+            self._pending = Block(first.lines[row:], first.first + row)
+        else:
+            names, number = self._documented_names(first, file)
+        super().__init__(file, names, number, counted, options.skip_gaps)
+        with contextlib.suppress(csv.Error):  # the row is reported when it is read
+            rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
+            self.cell_units = units_of_columns(rows)
+        self._has_grouped = False
+        """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
-        self._reader = LineReader(stream, self.log)
-        self._blocks = self._reader.blocks()
-        self._pending: Block | None = None
-        self._names: tuple[str, ...] = ()
-        self._units: dict[int, str] = {}
-        """Unit in the cells of a column, by its index."""
         self._below: list[str] = []
         """Lines below the table."""
 
-    @property
-    def sha256(self) -> str:
-        """Digest of the bytes read so far: of the complete file once the body was read."""
-        return self._reader.sha256
-
-    def header(self) -> Header:
-        """Return the column names of the first line that is neither blank nor a comment.
-
-        Raises:
-            InputError: The file has no such line, or cannot be a comma-separated table.
-        """
-        first = next(self._blocks, Block([], 1))
-        if self.options.is_known and (dialect := find_dialect(first.lines, self.options.is_known)) is not None:
-            return self._foreign_header(first, dialect)
+    def _documented_names(self, first: Block, file: str) -> tuple[tuple[str, ...], int]:
+        """Return the names in the first line that is neither blank nor a comment, and its number."""
         for block in itertools.chain((first,), self._blocks):
             for i, line in enumerate(block.lines):
-                if not PLAIN.is_row(line):
-                    continue
-                number = block.first + i
-                self._names = header_names(line, number, self.file)
-                self._pending = Block(block.lines[i + 1 :], number + 1)
-                self._units = self._cell_units()
-                return Header(self._names, number, cell_units=self._units)
-        raise InputError(
-            Problem("the file is empty", self.file, fix="expected a header row of column names and one row per pose")
-        )
-
-    def _foreign_header(self, first: Block, dialect: TableDialect) -> Header:
-        """Return the names of a table in another form; columns without names are numbered."""
-        self._dialect = dialect
-        width = len(dialect.names) or len(dialect.split(first.lines[dialect.first_row]))
-        if width > MAX_COLUMNS:
-            problem = Problem(f"found {width} columns", self.file, fix=f"expected at most {MAX_COLUMNS}")
-            raise InputError(problem)
-        self._names = dialect.names or tuple(f"column {i + 1}" for i in range(width))
-        self._pending = Block(first.lines[dialect.first_row :], first.first + dialect.first_row)
-        line = dialect.first_row if dialect.header_line is None else dialect.header_line
-        self._units = self._cell_units()
-        return Header(self._names, first.first + line, dialect, self._units)
-
-    def _cell_units(self) -> dict[int, str]:
-        """Return the units in the first cells of the columns, if an export may have them."""
-        if self.options.is_known is None or self._pending is None:
-            return {}
-        lines = (line for line in self._pending.lines if self._dialect.is_row(line))
-        try:
-            return units_of_columns(self._dialect.split(line) for line in lines)
-        except csv.Error:
-            return {}
+                if PLAIN.is_row(line):
+                    number = block.first + i
+                    self._pending = Block(block.lines[i + 1 :], number + 1)
+                    return header_names(line, number, file), number
+        fix = "expected a header row of column names and one row per pose"
+        raise InputError(Problem("the file is empty", file, fix=fix))
 
     def description(self) -> str:
         """Return how the table differs from the documented form, for a message; empty where it does not."""
-        encoding = self._reader.encoding
-        if self._reader.not_utf8:
-            encoding = "Windows-1252"
-        grouped = "separators of thousands" if self._cells.has_grouped else ""
-        units = f"units in the cells: {', '.join(dict.fromkeys(self._units.values()))}" if self._units else ""
+        grouped = "separators of thousands" if self._has_grouped else ""
+        encoding = "" if self._reader.encoding == "UTF-8" else self._reader.encoding
+        units = f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else ""
         below = f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else ""
-        parts = [self._dialect.description(), grouped, "" if encoding == "UTF-8" else encoding, units, below]
-        return ", ".join(part for part in parts if part)
+        return ", ".join(filter(None, (self.dialect.description(), grouped, encoding, units, below)))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         store = GrowingColumns(len(numbers))
-        self._cells = CellReader(self._dialect, self._units, self.options.skip_gaps, self.log)
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
         columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
         last: list[str] = []
@@ -333,46 +272,42 @@ class TableReader:
             for column, part in zip(columns, parsed.texts, strict=True):
                 column.append(part)
         self._report_widths(body_rows=sum(part.size for part in lines))
-        if self._dialect is PLAIN:
-            # A reader of exports takes the bytes as Windows-1252 and says so.
-            for problem in self._reader.not_utf8 if self.options.is_known is None else self._reader.not_text:
+        if self.dialect is PLAIN:
+            for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
-        body = TableBody(
-            store.columns(),
-            tuple(np.concatenate(column) for column in columns),
-            np.concatenate(lines),
-            cut=self._cut(last),
-        )
-        return body.without(self._cells.gaps)
+        joined = tuple(np.concatenate(column) for column in columns)
+        body = TableBody(store.columns(), joined, np.concatenate(lines), cut=self._cut(last))
+        self.sha256 = self.sha256 or self._reader.sha256
+        return body.without(self.gaps)
 
     def _cut(self, lines: list[str]) -> str:
         """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""
-        cells = [self._dialect.split(line)[-1] for line in lines if self._dialect.is_row(line) and '"' not in line]
-        sign = "," if self._dialect.decimal_comma else "."
+        cells = [self.dialect.split(line)[-1] for line in lines if self.dialect.is_row(line) and '"' not in line]
+        sign = "," if self.dialect.decimal_comma else "."
         *above, last = [len(cell.partition(sign)[2]) for cell in cells] or [0]
-        is_number = bool(cells) and self._dialect.is_number(cells[-1])
+        is_number = bool(cells) and self.dialect.is_number(cells[-1])
         if self._reader.ends_with_line or not is_number or len(above) < _FEWEST_ROWS or last >= min(above):
             return ""
         return f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, delete its line"
 
     def _remaining(self) -> Iterator[Block]:
-        blocks = itertools.chain([self._pending] if self._pending is not None else [], self._blocks, [Block([], 0)])
+        blocks = itertools.chain([self._pending], self._blocks, [Block([], 0)])
         for block, following in itertools.pairwise(blocks):
-            yield block if following.lines or self.options.is_known is None else self._without_footer(block)
+            yield block if following.lines else self._without_footer(block)
 
     def _without_footer(self, block: Block) -> Block:
         """Return the last block without the lines below the table."""
         end = len(block.lines)
-        while end > 1 and self._dialect.is_footer(block.lines[end - 1], len(self._names)):
+        while end > 1 and self.dialect.is_footer(block.lines[end - 1], len(self.names)):
             end -= 1
-        self._below = [text for line in block.lines[end:] if self._dialect.is_row(text := line.strip(" \t,;|"))]
+        self._below = [text for line in block.lines[end:] if self.dialect.is_row(text := line.strip(" \t,;|"))]
         return Block(block.lines[:end], block.first)
 
     def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         parsed = self._parse_fast(block.lines, numbers, texts)
         if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
             return TableBody(parsed.numbers, parsed.texts, parsed.lines + block.first)
-        rows = [i for i, line in enumerate(block.lines) if self._dialect.is_row(line)]
+        rows = [i for i, line in enumerate(block.lines) if self.dialect.is_row(line)]
         lines = [block.lines[i] for i in rows]
         parsed = self._parse_fast(lines, numbers, texts) if len(rows) < len(block.lines) else None
         if parsed is None:
@@ -381,14 +316,14 @@ class TableReader:
 
     def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody | None:
         """Return the rows parsed by NumPy, lines from 0; None where it cannot or a value is not finite or empty."""
-        if not self._units.keys().isdisjoint(numbers):
+        if not self.cell_units.keys().isdisjoint(numbers):
             return None
-        n_columns = len(self._names)
+        n_columns = len(self.names)
         only_numbers = len(set(numbers)) == n_columns
         # Without a type for every column a row with too many fields would pass unnoticed.
         kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
         dtype = np.dtype(float) if only_numbers else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
-        dialect = self._dialect
+        dialect = self.dialect
         if (texts and (dialect.decimal_comma or any('"' in line for line in lines))) or (
             dialect is not PLAIN and any('"' in line for line in lines)
         ):
@@ -436,31 +371,60 @@ class TableReader:
             fields = self._fields(number, line)
             if fields is None or self._is_lost(number, fields, numbers):
                 continue
-            values.append([self._cells.number(fields[i], number, i, self._names[i]) for i in numbers])
-            columns.append([self._cells.text(fields[i], number, self._names[i]) for i in texts])
+            values.append([self._number(fields[i], number, i) for i in numbers])
+            columns.append([self.text(fields[i], number, self.names[i]) for i in texts])
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
         return TableBody(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
 
+    def _number(self, cell: str, line: int, index: int) -> float:
+        """Return the number in a cell of a column; NaN where there is none or a problem was logged."""
+        column, comma = self.names[index], self.dialect.decimal_comma
+        if index in self.cell_units and any(sign.isdecimal() for sign in cell):
+            cell = self._bare(cell, line, index)
+        is_gap = cell.lower() in GAPS
+        if self.skip_gaps and is_gap:
+            self.gaps.add(line)
+            return math.nan
+        value = number_of(cell, comma)
+        self._has_grouped |= value is not None and is_grouped(cell, comma)
+        if value is not None and math.isfinite(value):
+            return value
+        found = f"found {clip(cell)}, expected a {'' if value is None else 'finite '}number"
+        fix = _SKIP if is_gap else advice(cell, column, comma) if value is None else None
+        self.log.add(found if cell else "the value is missing, expected a number", line, column, fix)
+        return math.nan
+
+    def _bare(self, cell: str, line: int, index: int) -> str:
+        """Return a cell without its unit; log a unit that is not the column's."""
+        expected, (number, unit) = self.cell_units[index], split_cell(cell)
+        if unit is not None and unit != expected:
+            fix = "export the column in one unit"
+            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, self.names[index], fix)
+        elif unit is None and number_of(number, self.dialect.decimal_comma) is not None:
+            fix = f"export every cell with its unit, or none and {expected} in the column's name"
+            self.log.add(f"found {clip(cell)} without the unit {expected}", line, self.names[index], fix)
+        return number
+
     def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int]) -> bool:
         """Return whether the status of a row says that its missing values were not measured; it is then left out."""
-        status = {text.lower() for name, text in zip(self._names, fields, strict=True) if name.lower() in _STATUS}
+        status = {text.lower() for name, text in zip(self.names, fields, strict=True) if name.lower() in _STATUS}
         is_lost = bool(status & _FAILED) and any(fields[i].lower() in GAPS for i in numbers)
-        self._cells.gaps |= {number} if is_lost else set()
+        self.gaps |= {number} if is_lost else set()
         return is_lost
 
     def _fields(self, number: int, line: str) -> list[str] | None:
         try:
-            fields = self._dialect.split(line)
+            fields = self.dialect.split(line)
         except csv.Error as error:
             self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
-        n_fields, expected = len(fields), len(self._names)
+        n_fields, expected = len(fields), len(self.names)
         if n_fields == expected and any(fields):
             return fields
-        if self.options.skip_gaps and n_fields < expected:
-            self._cells.gaps.add(number)
+        if self.skip_gaps and n_fields < expected:
+            self.gaps.add(number)
         elif not any(fields):
             self.log.add("every field of the row is empty", number, fix="delete the line")
         else:
@@ -469,7 +433,7 @@ class TableReader:
 
     def _report_widths(self, body_rows: int) -> None:
         """Log rows with another number of fields than the header; once if no row fits and all have the same number."""
-        expected = len(self._names)
+        expected = len(self.names)
         widths = {width for _, width in self._widths}
         is_same = not body_rows and len(widths) == 1 and len(self._widths) > 1
         for number, width in self._widths[:1] if is_same else self._widths:

@@ -6,12 +6,11 @@ import datetime as dt
 import hashlib
 import io
 import itertools
-from collections.abc import Sequence
 from typing import Any, BinaryIO
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.io.dialect import number_of
-from robacc.io.table import Header, TableBody, TableOptions, TableReader
+from robacc.io.table import TableOptions, TextTable
 
 _LIMIT = 1 << 28
 """Largest workbook, bytes."""
@@ -21,8 +20,8 @@ _EXAMINED = 100
 _FEWEST_NUMBERS = 3
 
 
-class WorkbookReader:
-    """Reader of one sheet: first :meth:`header`, then :meth:`body`."""
+class WorkbookTable(TextTable):
+    """Table in a sheet, whose cells are its text."""
 
     def __init__(self, stream: BinaryIO, file: str, options: TableOptions) -> None:
         """Read ``stream``, called ``file`` in messages.
@@ -34,29 +33,13 @@ class WorkbookReader:
         data = stream.read(_LIMIT + 1)
         if len(data) > _LIMIT:
             raise InputError(Problem("the workbook is too large", file, fix="export the sheet as CSV"))
-        self._sha256 = hashlib.sha256(data).hexdigest()
         text, self._sheet = _sheet_text(data, file, options.sheet)
-        self._table = TableReader(io.BytesIO(text.encode("utf-8", errors="replace")), file, options)
-        self._table.log.counted = "row"
-        self.file = file
-        self.log = self._table.log
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the file's bytes."""
-        return self._sha256
-
-    def header(self) -> Header:
-        """Return the columns' names."""
-        return self._table.header()
+        super().__init__(io.BytesIO(text.encode("utf-8", errors="replace")), file, options, "row")
+        self.sha256 = hashlib.sha256(data).hexdigest()
 
     def description(self) -> str:
         """Return the name of the sheet and what else is worth a note."""
-        return self._table.description().replace("separated by tabs", f"sheet {self._sheet!r}")
-
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return every row, with the columns of the given indices only."""
-        return self._table.body(numbers, texts)
+        return super().description().replace("separated by tabs", f"sheet {self._sheet!r}")
 
 
 def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:

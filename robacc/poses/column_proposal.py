@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 
 from robacc.io.files import ProblemLog
 from robacc.io.open_table import open_table
-from robacc.io.table import Header, TableOptions
+from robacc.io.table import Table, TableOptions
 from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
 from robacc.poses.foreign_columns import ForeignColumns, find_columns
 from robacc.poses.reading import AS_NAMED, OPEN
-from robacc.poses.reshaped_tables import MatrixTable, with_known_names
+from robacc.poses.reshaped_tables import with_known_names, with_poses_of_matrices
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
 """Documented names of angles about fixed axes."""
@@ -42,21 +42,20 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         InputError: The file cannot be read as a table.
     """
     name = os.fspath(path)
-    with open_table(name, TableOptions(is_documented)) as reader:
-        header = with_known_names(reader.header(), None)
-        matrix = MatrixTable.of(reader, header)
-    header = header if matrix is None else matrix.header()
+    with open_table(name, TableOptions(is_documented)) as plain:
+        plain.names = with_known_names(plain, required=False)
+        table = with_poses_of_matrices(plain)
     log = ProblemLog(name)
-    names = Names.of(header.names, None, None)
+    names = Names.of(table.names, None, None)
     known: dict[str, Column] = {}
-    for index, text in enumerate(header.names):
-        column = parse_column(text, index, names, log, header.line)
+    for index, text in enumerate(table.names):
+        column = parse_column(text, index, names, log, table.line)
         if column is not None:
-            known.setdefault(column.key, with_cell_unit(column, header, log))
+            known.setdefault(column.key, with_cell_unit(column, table, log))
     # The map itself asks for the coverage factor, so that it is not a question of columns.
-    foreign = find_columns(header, known, names, replace(AS_NAMED, coverage=1.0), log)
+    foreign = find_columns(table, known, names, replace(AS_NAMED, coverage=1.0), log)
     statements = _statements(foreign)
-    questions = _questions(log, header, foreign)
+    questions = _questions(log, table, foreign)
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -65,7 +64,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
         *(f"# open: {question}" for question in questions),
-        *(["columns:", *_entries(header, foreign)] if matrix is None else [f"# {matrix.description()}"]),
+        *(["columns:", *_entries(table, foreign)] if table is plain else [f"# {table.description()}"]),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
     return ColumnProposal(
@@ -73,16 +72,16 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         unanswered,
         questions,
         len(foreign.columns),
-        sum(map(bool, header.names)),
+        sum(map(bool, table.names)),
         _has_commands(foreign),
     )
 
 
-def _questions(log: ProblemLog, header: Header, foreign: ForeignColumns) -> tuple[str, ...]:
+def _questions(log: ProblemLog, table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
     """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
     texts = [f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems]
     result = [f"{text}; name them, or leave them empty" for text in texts]
-    if not foreign.columns and all(name.startswith("column ") for name in header.names):
+    if not foreign.columns and all(name.startswith("column ") for name in table.names):
         result.append(
             "the file has no names; name its columns, in their units, as in q1_deg, q2_deg … (joints in the order of "
             "the chain) and x_mm, y_mm, z_mm"
@@ -111,12 +110,12 @@ def _has_commands(foreign: ForeignColumns) -> bool:
     return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in foreign.columns)
 
 
-def _entries(header: Header, foreign: ForeignColumns) -> list[str]:
+def _entries(table: Table, foreign: ForeignColumns) -> list[str]:
     by_index = {column.index: column for column in foreign.columns.values()}
     fixed = {prefix for prefix, options in foreign.angles.items() if options == ("fixed-xyz",)}
 
     lines = []
-    for index, name in enumerate(header.names):
+    for index, name in enumerate(table.names):
         if not name:
             continue
         quoted = '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'

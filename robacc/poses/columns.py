@@ -10,7 +10,7 @@ from typing import Literal
 
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import ProblemLog
-from robacc.io.table import Header
+from robacc.io.table import Table
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
@@ -433,7 +433,7 @@ class Names:
         joint_types: Sequence[str] | None,
         branches: Sequence[BranchColumn] = (),
     ) -> Names:
-        """Return the names for a robot's joints and their types, None where unknown, in a file with this header."""
+        """Return the names for a robot's joints and their types, None where unknown, in a file with this table."""
         names = tuple(joint_names or ())
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
         # first where the file has all of it; then the joints' names, where the file has all of those.
@@ -519,20 +519,20 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
 _UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
 
 
-def with_cell_unit(column: Column, header: Header, log: ProblemLog) -> Column:
+def with_cell_unit(column: Column, table: Table, log: ProblemLog) -> Column:
     """Return a column with the unit behind its numbers; log a unit that its name contradicts or that does not fit."""
-    unit = header.cell_units.get(column.index)
+    unit = table.cell_units.get(column.index)
     if unit is None or column.kind == "text":
         return column
     stated = column.unit or _UNIT_OF_KEY.get(column.key)
     quantity = {**UNITS, **FOREIGN_UNITS}[unit][0]
     if stated is not None:
         if stated != unit:
-            log.add(f"the cells are in {unit}, but the name is of {stated}", header.line, column.name)
+            log.add(f"the cells are in {unit}, but the name is of {stated}", table.line, column.name)
         return column
     if not _fits(column.kind, quantity) or quantity not in ("length", "angle"):
         expected = {"angle": "an angle", "length": "a length"}.get(column.kind, "a plain number")
-        log.add(f"the cells are in {unit}, expected {expected}", header.line, column.name)
+        log.add(f"the cells are in {unit}, expected {expected}", table.line, column.name)
         return column
     return replace(column, unit=unit)
 

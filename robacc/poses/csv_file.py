@@ -15,15 +15,15 @@ from robacc.errors import Counted, Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import for_spreadsheet, from_spreadsheet
 from robacc.io.files import ProblemLog
-from robacc.io.open_table import Table, open_table
-from robacc.io.table import TableBody
+from robacc.io.open_table import open_table
+from robacc.io.table import Table, TableBody
 from robacc.measurements import Measurements
 from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS, TIME_KEYS
 from robacc.poses.layout import COMMANDED_AXES, Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
 from robacc.poses.orientation import AngleChoice, rotations
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot, reading_of, table_options
-from robacc.poses.reshaped_tables import quaternion_named, reshaped
+from robacc.poses.reshaped_tables import reshaped, with_named_quaternion
 from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks, duplicate_rows, with_repetitions
 from robacc.poses.units import KnownPoses, UnitChecks, lengths_too_large, with_units
 
@@ -143,54 +143,49 @@ def read_poses(
     """
     reading = reading_of(path)
     options = table_options(path)
-    with open_table(os.fspath(path), options) as table:
-        reader = table
-        header = reader.header()
-        log = reader.log
+    with open_table(os.fspath(path), options) as source:
+        table: Table = source
+        log, named = table.log, []
         if reading.columns is None:
-            reader, header = reshaped(reader, header, robot.targets_in_columns)
-        # The columns of an arm of four joints, counted from zero, have the same names.
-        # An arm of four joints may count them from 0.
-        header, named = (
-            (header, [])
-            if reading.columns is not None or (commands and len(robot.joint_names or ()) == len(QUATERNION))
-            else quaternion_named(header)
-        )
-        layout = read_layout(header, log, robot, attained, reading, commands)
-        values, remarks = _read_values(reader, layout)
-        _check_target_column(layout, robot.targets, reader, header.line)
+            table = reshaped(table, robot.targets_in_columns)
+            # An arm of four joints may count them from 0.
+            if not commands or len(robot.joint_names or ()) != len(QUATERNION):
+                named = with_named_quaternion(table)
+        layout = read_layout(table, robot, attained, reading, commands)
+        values, remarks = _read_values(table, layout)
+        _check_target_column(layout, robot.targets, table)
         values, remark = _targets_as_poses(values, robot.targets)
         remarks += remark
         rows = RowChecks(values, log, ignore_limits=ignore_limits)
         rows.check_magnitudes()
         if units_check:
-            values, taken = with_units(values, header.line, robot, known_poses)
+            values, taken = with_units(values, table.line, robot, known_poses)
             rows.values, remarks = values, [*remarks, *named, *taken]
-        units = UnitChecks(values.complete() if log.total else values, log, header.line)
+        units = UnitChecks(values.complete() if log.total else values, log, table.line)
         wrong_joints = units.run(robot.limits) if units_check else frozenset()
         rows.run(robot.limits, robot.valid_targets, wrong_joints)
         check_visits(values, ordered, log)
-        angles = AngleChoice(values, reading, robot.pose_at, log, header.line, known_poses)
+        angles = AngleChoice(values, reading, robot.pose_at, log, table.line, known_poses)
         conventions = angles.run()
         log.raise_if_any()
         data = _measurements(values, ordered, log.counted, conventions)
         data, repeated = with_repetitions(data) if attained else (data, None)
         remarks += [repeated] if repeated else []
-        doubts = (type(text)(f"{reader.file}: {text}") for text in (*remarks, *angles.remarks, *data.warnings))
-        duplicates = duplicate_rows(values, reader.file, log.counted)
+        doubts = (type(text)(f"{table.file}: {text}") for text in (*remarks, *angles.remarks, *data.warnings))
+        duplicates = duplicate_rows(values, table.file, log.counted)
         warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates.warnings)
         return dataclasses.replace(
-            data, copies=duplicates.copies, source=reader.file, sha256=reader.sha256, warnings=warnings
+            data, copies=duplicates.copies, source=table.file, sha256=table.sha256, warnings=warnings
         )
 
 
-def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
+def _read_values(table: Table, layout: Layout) -> tuple[Values, list[str]]:
     """Return the values of the columns in use, and remarks on how the table was read."""
     columns = layout.columns
     keys = [key for key in _numeric_order(layout) if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
-    body = reader.body([columns[key].index for key in keys], [columns[key].index for key in texts])
+    body = table.body([columns[key].index for key in keys], [columns[key].index for key in texts])
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
@@ -198,12 +193,12 @@ def _read_values(reader: Table, layout: Layout) -> tuple[Values, list[str]]:
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    remarks = [text for text in (Note(reader.description()), _gap_text(body, reader.log), body.cut) if text]
+    remarks = [text for text in (Note(table.description()), _gap_text(body, table.log), body.cut) if text]
     numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}
         read = read_times(
-            {key: by_key.pop(key) for key in times}, body.lines, names, columns[times[0]].divisor, reader.log
+            {key: by_key.pop(key) for key in times}, body.lines, names, columns[times[0]].divisor, table.log
         )
         numbers = np.vstack([numbers, read.seconds])
         keys.append("time_s")
@@ -247,10 +242,10 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
     yield from (f"branch_q{i + 1}" for i in range(len(layout.branches)))
 
 
-def _check_target_column(layout: Layout, target_names: Sequence[str], reader: Table, line: int | None) -> None:
+def _check_target_column(layout: Layout, target_names: Sequence[str], table: Table) -> None:
     if len(target_names) > 1 and "target" not in layout.columns and layout.group(layout.joints()) is not None:
         message = f"column target is missing: the robot file has {len(target_names)} targets ({listing(target_names)})"
-        reader.log.add(message, line, fix="add it with the measured target of each row")
+        table.log.add(message, table.line, fix="add it with the measured target of each row")
 
 
 def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mapping[str, str]) -> Measurements:

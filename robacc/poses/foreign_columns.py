@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from robacc.io.files import ProblemLog
-from robacc.io.table import Header
+from robacc.io.table import Table
 from robacc.poses.columns import (
     AXES,
     FIXED_KINDS,
@@ -60,24 +60,24 @@ class HeadingCandidate:
     key: str
 
 
-def choose(header: Header, known: Mapping[str, Column], names: Names, log: ProblemLog) -> dict[str, HeadingCandidate]:
+def choose(table: Table, known: Mapping[str, Column], names: Names, log: ProblemLog) -> dict[str, HeadingCandidate]:
     """Return the column for each key that the names stand for; what they leave open goes to ``log``.
 
     Args:
-        header: Names in the file.
+        table: Table whose names are taken.
         known: Columns whose names are documented; they stay as they are.
         names: The robot's joints.
         log: Takes questions.
     """
     used = {column.index for column in known.values()}
-    candidates = [candidate for candidate in _candidates(header, names, log) if candidate.index not in used]
+    candidates = [candidate for candidate in _candidates(table, names, log) if candidate.index not in used]
     candidates = _with_quaternion(candidates, known)
     candidates = [candidate for candidate in candidates if candidate.key not in known]
-    return _without_conflicts(_renumbered(candidates), log, header.line)
+    return _without_conflicts(_renumbered(candidates), log, table.line)
 
 
-def _candidates(header: Header, names: Names, log: ProblemLog) -> Iterator[HeadingCandidate]:
-    headings = [_heading(i, header, log) for i in range(len(header.names))]
+def _candidates(table: Table, names: Names, log: ProblemLog) -> Iterator[HeadingCandidate]:
+    headings = [_heading(i, table, log) for i in range(len(table.names))]
     siblings = frozenset(heading.text for heading in headings)
     numbered = single_point(siblings)
     for i, heading in enumerate(headings):
@@ -93,13 +93,13 @@ def _candidates(header: Header, names: Names, log: ProblemLog) -> Iterator[Headi
         yield from (HeadingCandidate(heading, i, meaning, name) for name in (SIGMAS if key == "sigma" else (key,)))
 
 
-def _heading(index: int, header: Header, log: ProblemLog) -> Heading:
+def _heading(index: int, table: Table, log: ProblemLog) -> Heading:
     """Return a column's heading with the unit behind its numbers; log a unit that its name contradicts."""
-    heading, unit = heading_of(header.names[index]), header.cell_units.get(index)
+    heading, unit = heading_of(table.names[index]), table.cell_units.get(index)
     if unit is None or heading.unit == unit:
         return heading
     if heading.unit is not None:
-        log.add(f"the cells are in {unit}, but the name is of {heading.unit}", header.line, heading.name)
+        log.add(f"the cells are in {unit}, but the name is of {heading.unit}", table.line, heading.name)
     return replace(heading, unit=unit)
 
 
@@ -211,23 +211,23 @@ class ForeignColumns:
 
 
 def find_columns(
-    header: Header, known: Mapping[str, Column], names: Names, reading: Reading, log: ProblemLog
+    table: Table, known: Mapping[str, Column], names: Names, reading: Reading, log: ProblemLog
 ) -> ForeignColumns:
     """Return the columns that the header's names stand for; ambiguous names and missing units go to ``log``.
 
     Args:
-        header: Names in the file.
+        table: Table whose names are taken.
         known: Columns whose names are documented; they stay as they are.
         names: The robot's joints.
         reading: Statements of the user.
         log: Takes questions.
     """
     result = ForeignColumns(dict(known))
-    chosen = choose(header, known, names, log)
-    units = _PreambleUnits.of(header)
+    chosen = choose(table, known, names, log)
+    units = _PreambleUnits.of(table)
     nameless: list[Column] = []
     for key, candidate in chosen.items():
-        column = _column(key, candidate, names, reading, units, log, header.line)
+        column = _column(key, candidate, names, reading, units, log, table.line)
         result.columns[key] = column
         if candidate.heading.unit is not None:
             result.wrong_unit |= column.unit is None and column.kind in _WITH_UNIT
@@ -240,9 +240,9 @@ def find_columns(
         if candidate.meaning.commanded is False and JOINT_COLUMN.fullmatch(key):
             result.remarks.append("joint variables are attained values, used as commands")
     result.without_unit = tuple(_with_unit_of_position(nameless, result))
-    _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, header.line)
+    _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, table.line)
     taken = {column.index for column in result.columns.values()}
-    result.unused = [name for i, name in enumerate(header.names) if i not in taken and name]
+    result.unused = [name for i, name in enumerate(table.names) if i not in taken and name]
     result.remarks = [*dict.fromkeys(result.remarks), *units.remarks]
     return result
 
@@ -299,8 +299,8 @@ class _PreambleUnits:
     remarks: tuple[str, ...]
 
     @classmethod
-    def of(cls, header: Header) -> _PreambleUnits:
-        for text in header.dialect.preamble:
+    def of(cls, table: Table) -> _PreambleUnits:
+        for text in table.dialect.preamble:
             if match := _PREAMBLE_UNITS.search(text):
                 word = match["unit"].lower()
                 unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(word[:3], "in")

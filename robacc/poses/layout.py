@@ -16,7 +16,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.dialect import PLAIN
 from robacc.io.files import ProblemLog, clip
-from robacc.io.table import Header
+from robacc.io.table import Table
 from robacc.poses.columns import (
     AXES,
     JOINT_COLUMN,
@@ -78,70 +78,69 @@ class Layout:
 
 
 def read_layout(
-    header: Header,
-    log: ProblemLog,
+    table: Table,
     robot: KnownRobot,
     attained: bool = True,
     reading: Reading = AS_NAMED,
     commands: bool = True,
 ) -> Layout:
-    """Return the columns of a file; every problem goes to ``log``, and a column with a problem is left out.
+    """Return the columns of a table; every problem goes to its log, and a column with a problem is left out.
 
     Args:
-        header: Names in the file.
-        log: Takes duplicates, wrong units, and columns that are missing from a set.
+        table: Table whose names are known; its log takes duplicates, wrong units, and columns missing from a set.
         robot: The robot's joints, and those beside its chain, which may have columns.
         attained: Whether the attained position is required.
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
     """
-    mapped = _mapped(header, reading, log)
+    log = table.log
+    mapped = _mapped(table, reading)
     names = Names.of([name for name in mapped if name], robot.joint_names, robot.joint_types, robot.branches)
     columns: dict[str, Column] = {}
     unknown: list[str] = []
     for index, name in enumerate(mapped):
         if name is None:
             continue
-        column = parse_column(name, index, names, log, header.line)
+        column = parse_column(name, index, names, log, table.line)
         if reading.columns is not None and name is not None:
-            column = _as_in_map(column or time_column(name, index), header, reading)
-        column = None if column is None else with_cell_unit(column, header, log)
+            column = _as_in_map(column or time_column(name, index), table, reading)
+        column = None if column is None else with_cell_unit(column, table, log)
         if column is None:
             unknown.append(name)
         elif column.key not in columns:
             columns[column.key] = column
         elif columns[column.key].name == name:
-            log.add("the column is a duplicate", header.line, name, "keep one of them")
+            log.add("the column is a duplicate", table.line, name, "keep one of them")
         else:
-            log.add(f"the column is a duplicate of {columns[column.key].name}", header.line, name, "keep one of them")
+            log.add(f"the column is a duplicate of {columns[column.key].name}", table.line, name, "keep one of them")
     for name, count in Counter(unknown).items():
         if name and count > 1:
-            log.add("the column is a duplicate", header.line, clip(name), "keep one of them")
+            log.add("the column is a duplicate", table.line, clip(name), "keep one of them")
     columns = {key: _with_stated_unit(column, reading) for key, column in columns.items()}
-    complete = _Completeness(columns, unknown, names, log, header.line, attained, commands, robot.outside)
-    if reading.columns is not None or not (header.dialect is not PLAIN or complete.lacks_a_pose()):
+    complete = _Completeness(columns, unknown, names, log, table.line, attained, commands, robot.outside)
+    if reading.columns is not None or not (table.dialect is not PLAIN or complete.lacks_a_pose()):
         return complete.layout()
-    return _foreign_layout(header, columns, names, reading, complete)
+    return _foreign_layout(table, columns, names, reading, complete)
 
 
-def _mapped(header: Header, reading: Reading, log: ProblemLog) -> list[str | None]:
+def _mapped(table: Table, reading: Reading) -> list[str | None]:
     """Return the documented name of each column that the user's map names, and the other names as they are."""
     if reading.columns is None:
-        return list(header.names)
+        return list(table.names)
     for name in reading.columns:
-        if name not in header.names:
-            nearest = difflib.get_close_matches(name, header.names, n=1, cutoff=0.6)
+        if name not in table.names:
+            nearest = difflib.get_close_matches(name, table.names, n=1, cutoff=0.6)
             hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
-            log.add(f"the map names a column {clip(name)}, which the file does not have{hint}", header.line)
-    return [reading.columns.get(name, name) for name in header.names]
+            table.log.add(f"the map names a column {clip(name)}, which the file does not have{hint}", table.line)
+    return [reading.columns.get(name, name) for name in table.names]
 
 
-def _as_in_map(column: Column | None, header: Header, reading: Reading) -> Column | None:
+def _as_in_map(column: Column | None, table: Table, reading: Reading) -> Column | None:
     """Return a column of a map under its name in the file, with the coverage factor of its uncertainty."""
     if column is None:
         return None
     coverage = (reading.coverage or 1.0) if column.key in SIGMAS or column.key == "sigma_r" else 1.0
-    return dataclasses.replace(column, name=header.names[column.index], coverage=coverage)
+    return dataclasses.replace(column, name=table.names[column.index], coverage=coverage)
 
 
 def _with_stated_unit(column: Column, reading: Reading) -> Column:
@@ -152,13 +151,13 @@ def _with_stated_unit(column: Column, reading: Reading) -> Column:
 
 
 def _foreign_layout(
-    header: Header, known: Mapping[str, Column], names: Names, reading: Reading, documented: _Completeness
+    table: Table, known: Mapping[str, Column], names: Names, reading: Reading, documented: _Completeness
 ) -> Layout:
     """Return the layout of a file whose names are not all documented; a warning says what each was taken for."""
     log = documented.log
-    result = find_columns(header, known, names, reading, log)
+    result = find_columns(table, known, names, reading, log)
     layout = dataclasses.replace(documented, columns=result.columns, unknown=result.unused).layout()
-    place = log.at(header.line)
+    place = log.at(table.line)
     warnings = []
     if text := statement(result.columns, known):
         warnings.append(Note(f"{place}: columns: {text}"))

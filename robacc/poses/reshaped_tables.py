@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.geometry import quaternion_from_rotation
 from robacc.io.dialect import PLAIN, TableDialect
 from robacc.io.files import ProblemLog, clip
-from robacc.io.open_table import Table
-from robacc.io.table import Header, TableBody
+from robacc.io.table import Table, TableBody
 from robacc.poses.columns import AXES, QUATERNION, axis_and_label, heading_of, is_point_name
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
@@ -26,22 +28,23 @@ _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
 
 
-def with_known_names(header: Header, file: str | None) -> Header:
-    """Return the header with the names that the rows themselves show.
+def with_known_names(table: Table, required: bool = True) -> tuple[str, ...]:
+    """Return the names of a table, or those that the rows of a table without names show.
 
     Raises:
-        InputError: The rows have no known form; without ``file`` their columns stay numbered.
+        InputError: The rows have no known form; where names are not ``required``, their columns stay numbered.
     """
-    dialect = header.dialect
-    is_named = dialect is PLAIN or not dialect.headerless
+    dialect = table.dialect
+    if dialect is PLAIN or dialect.names:
+        return table.names
     names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
-    if is_named or names is not None or file is None:
-        return header if is_named or names is None else Header(names, header.line, dialect)
-    fix = (
-        "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
-        "'column 1: x_mm', which the command init writes"
-    )
-    raise InputError(Problem("found numbers, expected a header row", file, header.line, fix=fix))
+    if names is None and required:
+        fix = (
+            "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
+            "'column 1: x_mm', which the command init writes"
+        )
+        raise InputError(Problem("found numbers, expected a header row", table.file, table.line, fix=fix))
+    return names or table.names
 
 
 def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
@@ -91,22 +94,8 @@ _ORTHONORMAL = 1e-3
 """Largest difference of the product of a rotation matrix and its transpose from the identity."""
 
 
-@dataclass(frozen=True, slots=True)
-class _MatrixPlaces:
-    """Columns of a matrix's entries."""
-
-    rotation: tuple[int, ...]
-    """Nine columns, row by row."""
-    translation: tuple[int, ...]
-    """Columns of x, y, z; empty where the matrix has three columns."""
-    stem: str
-    """Name of the matrix."""
-    others: tuple[int, ...]
-    """Further entries: the last row of a homogeneous matrix."""
-
-
-def _places(names: Sequence[str]) -> _MatrixPlaces | None:
-    """Return the columns of the only matrix among the names; None where there is none."""
+def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
+    """Return the name of the first matrix among the names, and the column of each entry; None without a matrix."""
     found: dict[str, dict[tuple[int, int], int]] = {}
     for index, name in enumerate(names):
         if match := _ENTRY.fullmatch(name.strip()):
@@ -114,85 +103,43 @@ def _places(names: Sequence[str]) -> _MatrixPlaces | None:
     for stem, entries in found.items():
         for first in (0, 1):
             at = {(row - first, column - first): index for (row, column), index in entries.items()}
-            rotation = [at.get((row, column)) for row in range(3) for column in range(3)]
-            if None in rotation or len(at) not in (9, 12, 16):
-                continue
-            translation = [at.get((row, 3)) for row in range(3)]
-            if len(at) > 9 and None in translation:
-                continue
-            used = {*rotation, *translation}
-            return _MatrixPlaces(
-                tuple(i for i in rotation if i is not None),
-                tuple(i for i in translation if i is not None),
-                stem if len(stem) > 2 else "",
-                tuple(i for i in at.values() if i not in used),
-            )
+            if len(at) in (9, 12, 16) and {
+                (row, column) for row in range(3) for column in range(3 + (len(at) > 9))
+            } <= {*at}:
+                return stem if len(stem) > 2 else "", at
     return None
 
 
-class MatrixTable:
-    """A table with quaternions, and positions, in place of the entries of matrices."""
+def with_poses_of_matrices(table: Table) -> Table:
+    """Return a table with quaternions, and positions, in place of the entries of matrices."""
+    while (found := _matrix_entries(table.names)) is not None:
+        stem, at = found
+        rotation = [at[row, column] for row in range(3) for column in range(3)]
+        translation = [at[row, 3] for row in range(3)] if len(at) > 9 else []
+        new = [f"{stem} {name}".strip() for name in ("X Y Z " * bool(translation) + "qw qx qy qz").split()]
+        entries, name = [*translation, *rotation], table.names[rotation[0]]
+        what = "X, Y, Z and the orientation" if translation else "the orientation"
+        remark = f"{table.names[min(entries)]} … {table.names[max(entries)]} as a matrix: {what}"
+        make = partial(_poses_of_matrices, table.log, name)
+        table = ReshapedTable(table, at.values(), dict.fromkeys(new), (entries, []), make, remark)
+    return table
 
-    def __init__(self, table: Table, header: Header, places: _MatrixPlaces) -> None:
-        """Take the matrix's columns."""
-        self._table, self._old, self._places = table, header, places
-        used = {*places.rotation, *places.translation, *places.others}
-        self._kept = [i for i in range(len(header.names)) if i not in used]
-        self._new = [
-            f"{places.stem} {name}".strip() for name in ("X Y Z " * bool(places.translation) + "qw qx qy qz").split()
-        ]
-        self.log: ProblemLog = table.log
-        self.file = table.file
 
-    @classmethod
-    def of(cls, table: Table, header: Header) -> MatrixTable | None:
-        """Return the table, or None where its names are of no matrix."""
-        places = _places(header.names)
-        return None if places is None else cls(table, header, places)
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the file's bytes."""
-        return self._table.sha256
-
-    def header(self) -> Header:
-        """Return the names of the other columns, then those of the pose."""
-        units = {k: self._old.cell_units[i] for k, i in enumerate(self._kept) if i in self._old.cell_units}
-        return replace(self._old, names=(*(self._old.names[i] for i in self._kept), *self._new), cell_units=units)
-
-    def description(self) -> str:
-        """Return what the matrix was taken for."""
-        entries = (*self._places.rotation, *self._places.translation)
-        first, last = self._old.names[min(entries)], self._old.names[max(entries)]
-        what = "X, Y, Z and the orientation" if self._places.translation else "the orientation"
-        return ", ".join(filter(None, (self._table.description(), f"{first} … {last} as a matrix: {what}")))
-
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return the numbers of these columns, converted where they are the pose's."""
-        n = len(self._kept)
-        plain = [self._kept[i] for i in numbers if i < n]
-        wanted = [*self._places.translation, *self._places.rotation] if any(i >= n for i in numbers) else []
-        old = self._table.body([*plain, *wanted], [self._kept[i] for i in texts])
-        pose = self._pose(old.numbers[len(plain) :], old.lines) if wanted else np.zeros((0, 0))
-        place = {index: row for row, index in enumerate(plain)}
-        table = [old.numbers[place[self._kept[i]]] if i < n else pose[i - n] for i in numbers]
-        return replace(old, numbers=np.array(table).reshape(len(numbers), -1))
-
-    def _pose(self, entries: Array, lines: NDArray[np.int64]) -> Array:
-        """Return ``(4 or 7, N)`` positions and quaternions; matrices that are no rotations go to the log."""
-        split = len(self._places.translation)
-        matrix = entries[split:].reshape(3, 3, -1)
-        product = np.einsum("ijn,kjn->ikn", matrix, matrix) - np.eye(3)[:, :, None]
-        off = np.abs(product).max(axis=(0, 1), initial=0.0)
-        # Entries that could not be read are in the log already.
-        read = np.isfinite(entries).all(axis=0)
-        wrong = read & ((off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0))
-        name = self._old.names[self._places.rotation[0]]
-        self.log.add_rows(wrong, lines, name, lambda i: "the entries are not those of a rotation matrix")
-        matrix = np.where(wrong | ~read, np.eye(3)[:, :, None], matrix)
-        # The nearest rotation: entries are rounded.
-        left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
-        return np.concatenate((entries[:split], quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))))
+def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> _Rows:
+    """Return positions and quaternions; matrices that are no rotations go to the log."""
+    split, entries = len(old.numbers) - 9, old.numbers
+    matrix = entries[split:].reshape(3, 3, -1)
+    product = np.einsum("ijn,kjn->ikn", matrix, matrix) - np.eye(3)[:, :, None]
+    off = np.abs(product).max(axis=(0, 1), initial=0.0)
+    # Entries that could not be read are in the log already.
+    read = np.isfinite(entries).all(axis=0)
+    wrong = read & ((off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0))
+    log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
+    matrix = np.where(wrong | ~read, np.eye(3)[:, :, None], matrix)
+    # The nearest rotation: entries are rounded.
+    left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
+    quaternion = quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))
+    return _Rows(np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
 
 
 _AXIS_NAMES = frozenset({"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente"})
@@ -201,47 +148,34 @@ _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert",
 _NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
 
 
-def reshaped(table: Table, header: Header, target_names: Sequence[str] | None) -> tuple[Table, Header]:
-    """Return a table with one row a measured target, and its header; the given ones where they have this shape.
+def reshaped(table: Table, target_names: Sequence[str] | None) -> Table:
+    """Return a table with one row a measured target; the given one where it has this shape.
 
     Args:
-        table: Table whose header was read.
-        header: That header.
+        table: Table whose rows were not read yet.
         target_names: Targets of the robot file; None: any label of columns is a target.
     """
-    header = _with_joint_names(with_known_names(header, table.file))
-    while matrices := MatrixTable.of(table, header):
-        table, header = matrices, matrices.header()
-    new: _AxisRows | _TargetsInRows | None = _AxisRows.of(table, header)
-    if new is None:
-        new = _TargetsInRows.of(table, header, target_names)
-    return (table, header) if new is None else (new, new.header())
+    table.names = with_known_names(table)
+    if table.dialect.sample:
+        # rostopic prints the names of joints in columns; messages list joints in any order.
+        first = dict(zip(table.names, table.dialect.sample[0], strict=False))
+        table.names = tuple(
+            f"joint_states/{first[f'field.name{match[1]}']}/position"
+            if (match := re.fullmatch(r"field\.position(\d+)", name)) and f"field.name{match[1]}" in first
+            else name
+            for name in table.names
+        )
+    table = with_poses_of_matrices(table)
+    return _axes_in_rows(table) or _targets_in_rows(table, target_names) or table
 
 
-def quaternion_named(header: Header) -> tuple[Header, list[Note]]:
-    """Return the header with Q0 … Q3 beside no Q4 as a quaternion, and a note."""
-    lower = [name.lower() for name in header.names]
+def with_named_quaternion(table: Table) -> list[Note]:
+    """Name Q0 … Q3 beside no Q4 as a quaternion, and return a note of it."""
+    lower = [name.lower() for name in table.names]
     if not {*_COUNTED} <= {*lower} or "q4" in lower:
-        return header, []
-    names = tuple(_COUNTED.get(key, name) for key, name in zip(lower, header.names, strict=True))
-    return replace(header, names=names), [Note("q0 … q3 are taken as a quaternion, scalar part first")]
-
-
-def _with_joint_names(header: Header) -> Header:
-    """Return names of joint states as rostopic prints them, with the joints that the first row names.
-
-    The columns ``field.name0`` and ``field.position0`` are of one joint; messages list joints in any order.
-    """
-    if not header.dialect.sample:
-        return header
-    first = dict(zip(header.names, header.dialect.sample[0], strict=False))
-    names = tuple(
-        f"joint_states/{first[f'field.name{match[1]}']}/position"
-        if (match := re.fullmatch(r"field\.position(\d+)", name)) and f"field.name{match[1]}" in first
-        else name
-        for name in header.names
-    )
-    return replace(header, names=names)
+        return []
+    table.names = tuple(_COUNTED.get(key, name) for key, name in zip(lower, table.names, strict=True))
+    return [Note("q0 … q3 are taken as a quaternion, scalar part first")]
 
 
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
@@ -269,206 +203,168 @@ def advice_on_points(names: Sequence[str]) -> str | None:
     )
 
 
-class _Reshaped:
-    """Common part: a table whose rows are formed from those of another."""
+class _Rows(NamedTuple):
+    """Rows that are formed from those of another table."""
 
-    def __init__(self, table: Table, header: Header) -> None:
-        self._table = table
-        self._old = header
-        self.log: ProblemLog = table.log
-        self.file = table.file
-
-    @property
-    def sha256(self) -> str:
-        """Digest of the file's bytes."""
-        return self._table.sha256
-
-    def _described(self, text: str) -> str:
-        return ", ".join(part for part in (self._table.description(), text) if part)
+    rows: NDArray[np.int64]
+    """``(R, N)`` old rows that make each new one, in which a column that stays has one value."""
+    new: Sequence[NDArray[Any]]
+    """New columns ``(N,)``."""
+    gaps: Sequence[int] = ()
 
 
-class _AxisRows(_Reshaped):
-    """Table with one row for each axis of a point: point, axis, value."""
+class ReshapedTable(Table):
+    """Table whose rows are formed from those of another: some columns make new ones, which follow the others."""
 
-    def __init__(self, table: Table, header: Header, axis: int, values: Mapping[str, int]) -> None:
-        """Take the columns of the axis, and of the coordinates by ``""`` and ``Nominal``."""
-        super().__init__(table, header)
-        self._axis, self._values = axis, values
-        used = {axis, *values.values()}
-        self._others = [i for i in range(len(header.names)) if i not in used]
-        self._point = next((i for i in self._others if is_point_name(header.names[i])), None)
-        self._unused: dict[str, None] = {}
+    def __init__(
+        self,
+        table: Table,
+        used: Collection[int],
+        new: Mapping[str, int | None],
+        made_of: tuple[Sequence[int], Sequence[int]],
+        make: Callable[[TableBody], _Rows],
+        remark: str | Callable[[], str],
+    ) -> None:
+        """Form a table.
 
-    @classmethod
-    def of(cls, table: Table, header: Header) -> _AxisRows | None:
-        words = [heading_of(name).words for name in header.names]
-        axis = [i for i, texts in enumerate(words) if len(texts) == 1 and texts[0] in _AXIS_NAMES]
-        measured = [i for i, texts in enumerate(words) if texts and set(texts) <= _MEASURED]
-        nominal = [i for i, texts in enumerate(words) if _NOMINAL & set(texts) and set(texts) <= _NOMINAL | _MEASURED]
-        if len(axis) != 1 or len(measured) != 1 or len(nominal) > 1 or {("x",), ("y",), ("z",)} & set(words):
-            return None
-        return cls(table, header, axis[0], {"": measured[0], **({"Nominal": nominal[0]} if nominal else {})})
-
-    def header(self) -> Header:
-        """Return the names of the other columns, then those of X, Y and Z."""
-        names = [self._old.names[i] for i in self._others]
-        units = {k: self._old.cell_units[i] for k, i in enumerate(self._others) if i in self._old.cell_units}
-        for group, index in self._values.items():
-            unit = heading_of(self._old.names[index]).unit
-            for axis in AXES:
-                if index in self._old.cell_units:
-                    units[len(names)] = self._old.cell_units[index]
-                names.append(f"{group} {axis.upper()}".strip() + (f" [{unit}]" if unit else ""))
-        return replace(self._old, names=tuple(names), cell_units=units)
+        Args:
+            table: The other table.
+            used: Its columns that do not stay.
+            new: Names of the new columns, and the old columns in whose units their values are.
+            made_of: Old columns of numbers and of texts that make the new ones.
+            make: Returns the rows from these columns.
+            remark: How the rows are formed, for a message; called after the rows were read.
+        """
+        self._kept = [i for i in range(len(table.names)) if i not in used]
+        super().__init__(table.file, [*(table.names[i] for i in self._kept), *new], table.line)
+        self.log, self.dialect = table.log, table.dialect
+        units = enumerate([*self._kept, *new.values()])
+        self.cell_units = {i: unit for i, old in units if old is not None and (unit := table.cell_units.get(old))}
+        self._table, self._made_of, self._make, self._remark = table, made_of, make, remark
 
     def description(self) -> str:
-        """Return how the rows were joined."""
-        names = {group: self._old.names[index] for group, index in self._values.items()}
-        text = f"one row for each axis joined: {self._old.names[self._axis]} is the axis, {names['']} the measured"
-        text += f" and {names['Nominal']} the commanded value" if "Nominal" in names else " value"
-        if self._unused:
-            text += f"; rows of {', '.join(self._unused)} not used"
-        return self._described(text)
+        """Return how the other table differs from the documented form, and how rows were formed."""
+        text = self._remark if isinstance(self._remark, str) else self._remark()
+        return ", ".join(filter(None, (self._table.description(), text)))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return one row for each point."""
-        n = len(self._others)
-        plain = [self._others[i] for i in numbers if i < n]
-        coordinates = list(self._values.values())
-        ids = [self._axis] if self._point is None else [self._axis, self._point]
-        old = self._table.body([*plain, *coordinates], [*ids, *(self._others[i] for i in texts)])
-        rows, gaps = self._points(old)
+        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
+        n = len(self._kept)
+        kept = [[self._kept[i] for i in columns if i < n] for columns in (numbers, texts)]
+        old = self._table.body([*kept[0], *self._made_of[0]], [*kept[1], *self._made_of[1]])
+        self.sha256 = self._table.sha256
+        rows, new, gaps = self._make(replace(old, numbers=old.numbers[len(kept[0]) :], texts=old.texts[len(kept[1]) :]))
+        for column, values in zip(kept[0], old.numbers, strict=False):
+            size = np.maximum(1.0, np.abs(values[rows[0]]))
+            differs = np.any(np.abs(values[rows] - values[rows[0]]) > 1e-9 * size, axis=0)
+            name = self._table.names[column]
+            self.log.add_rows(
+                differs, old.lines[rows[0]], name, lambda i: "the rows of one point have different values"
+            )
+        by_column = dict(zip(kept[0], old.numbers, strict=False)), dict(zip(kept[1], old.texts, strict=False))
         table = np.empty((len(numbers), rows.shape[1]))
-        place = {index: row for row, index in enumerate(plain)}
         for row, i in zip(table, numbers, strict=True):
-            if i < n:
-                row[:] = self._constant(old, place[self._others[i]], rows, self._old.names[self._others[i]])
-            else:
-                row[:] = old.numbers[len(plain) + (i - n) // 3][rows[(i - n) % 3]]
-        columns = tuple(text[rows[0]] for text in old.texts[len(ids) :])
-        return TableBody(table, columns, old.lines[rows[0]], tuple(sorted({*old.gaps, *gaps})))
-
-    def _points(self, old: TableBody) -> tuple[NDArray[np.int64], list[int]]:
-        """Return the rows ``(3, P)`` of the x, y and z of each point, and lines of points with a gap."""
-        axes = [text.strip().lower() for text in old.texts[0].tolist()]
-        labels = old.texts[1].tolist() if self._point is not None else [""] * len(axes)
-        points: list[tuple[str, dict[str, int]]] = []
-        for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
-            if axis not in AXES:
-                self._unused[clip(axis.upper())] = None
-            elif points and points[-1][0] == label and axis not in points[-1][1]:
-                points[-1][1][axis] = row
-            else:
-                points.append((label, {axis: row}))
-        complete, gaps = [], []
-        for label, by_axis in points:
-            missing = [axis.upper() for axis in AXES if axis not in by_axis]
-            line = int(old.lines[min(by_axis.values())])
-            if not missing:
-                complete.append([by_axis[axis] for axis in AXES])
-            elif old.gaps:
-                gaps.append(line)
-            else:
-                name = f"point {clip(label)}" if label else "the point"
-                fix = "the rows of one point stand below each other, one for each of X, Y and Z"
-                self.log.add(f"{name} has no row for {' and '.join(missing)}", line, fix=fix)
-        if not points:
-            found = ", ".join(self._unused) or "no rows"
-            self.log.add(f"found {found}, expected rows for X, Y and Z", None, self._old.names[self._axis])
-        return np.array(complete, dtype=np.int64).reshape(-1, 3).T, gaps
-
-    def _constant(self, old: TableBody, index: int, rows: NDArray[np.int64], name: str) -> Array:
-        """Return a column that is the same in the three rows of each point; log points where it is not."""
-        values = old.numbers[index][rows]
-        first: Array = values[0]
-        differs = np.any(np.abs(values - first) > 1e-9 * np.maximum(1.0, np.abs(first)), axis=0)
-        self.log.add_rows(differs, old.lines[rows[0]], name, lambda i: "the rows of one point have different values")
-        return first
+            row[:] = by_column[0][self._kept[i]][rows[0]] if i < n else new[i - n]
+        columns = tuple(by_column[1][self._kept[i]][rows[0]] if i < n else new[i - n] for i in texts)
+        return TableBody(table, columns, old.lines[rows[0]], tuple(sorted({*old.gaps, *gaps})), old.cut)
 
 
-@dataclass(frozen=True, slots=True)
-class _Point:
-    """Columns of one target in each row."""
-
-    target: str
-    columns: tuple[int, ...]
-    """Indices of x, y and z."""
-
-
-class _TargetsInRows(_Reshaped):
-    """Table with several targets in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
-
-    def __init__(self, table: Table, header: Header, points: Sequence[_Point]) -> None:
-        """Take the columns of each target."""
-        super().__init__(table, header)
-        self._points = points
-        used = {index for point in points for index in point.columns}
-        self._others = [i for i in range(len(header.names)) if i not in used]
-        self._has_visits = any(name.lower() in ("visit", "arrival") for name in header.names)
-
-    @classmethod
-    def of(cls, table: Table, header: Header, target_names: Sequence[str] | None) -> _TargetsInRows | None:
-        by_label = points_in_rows(header.names)
-        targets = {label: label if target_names is None else _target_of(label, target_names) for label in by_label}
-        complete = all(set(AXES) <= columns.keys() for columns in by_label.values())
-        units = [{_unit(header, columns[axis]) for columns in by_label.values()} for axis in AXES] if complete else []
-        is_matched = None not in targets.values() and len(set(targets.values())) == len(targets)
-        if not by_label or not complete or not is_matched or any(len(names) > 1 for names in units):
-            return None
-        if any(heading_of(name).text in ("target", "smr", "reflector") for name in header.names):
-            return None
-        points = [
-            _Point(str(targets[label]), tuple(columns[axis] for axis in AXES)) for label, columns in by_label.items()
-        ]
-        return cls(table, header, points)
-
-    def header(self) -> Header:
-        """Return the names of the other columns, then X, Y, Z, target and visit."""
-        names = [self._old.names[i] for i in self._others]
-        units = {k: self._old.cell_units[i] for k, i in enumerate(self._others) if i in self._old.cell_units}
-        for axis, index in zip(AXES, self._points[0].columns, strict=True):
-            unit = heading_of(self._old.names[index]).unit
-            if index in self._old.cell_units:
-                units[len(names)] = self._old.cell_units[index]
-            names.append(axis.upper() + (f" [{unit}]" if unit else ""))
-        names += ["target"] if self._has_visits else ["target", "visit"]
-        return replace(self._old, names=tuple(names), cell_units=units)
-
-    def description(self) -> str:
-        """Return which columns are of which target."""
-        names = self._old.names
-        parts = (f"{', '.join(names[i] for i in point.columns)} of target {point.target}" for point in self._points)
-        return self._described(f"several targets in each row: {'; '.join(parts)}")
-
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return one row for each target of each row."""
-        n, count = len(self._others), len(self._points)
-        plain = [self._others[i] for i in numbers if i < n]
-        coordinates = [index for point in self._points for index in point.columns]
-        old_texts = [self._others[i] for i in texts if i < n]
-        old = self._table.body([*plain, *coordinates], old_texts)
-        place = {index: row for row, index in enumerate(plain)}
-        table = np.empty((len(numbers), count * old.lines.size))
-        for row, i in zip(table, numbers, strict=True):
-            if i < n:
-                row[:] = np.repeat(old.numbers[place[self._others[i]]], count)
-            else:
-                axis = i - n
-                row[:] = old.numbers[[len(plain) + 3 * k + axis for k in range(count)]].T.ravel()
-        columns = tuple(self._texts(old, old_texts, i) for i in texts)
-        return TableBody(table, columns, np.repeat(old.lines, count), old.gaps)
-
-    def _texts(self, old: TableBody, old_texts: Sequence[int], index: int) -> NDArray[np.str_]:
-        n = len(self._others)
-        if index < n:
-            return np.repeat(old.texts[old_texts.index(self._others[index])], len(self._points))
-        if index == n + 3:
-            return np.tile(np.array([point.target for point in self._points]), old.lines.size)
-        return np.repeat(old.lines.astype(str), len(self._points))
+def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
+    """Return the names of coordinates with the units in the names of their columns, and these columns."""
+    units = (heading_of(table.names[index]).unit for index in columns)
+    names = (
+        f"{group} {axis.upper()}".strip() + (f" [{unit}]" if unit else "")
+        for axis, unit in zip(AXES, units, strict=True)
+    )
+    return dict(zip(names, columns, strict=True))
 
 
-def _unit(header: Header, index: int) -> str | None:
-    return header.cell_units.get(index) or heading_of(header.names[index]).unit
+def _axes_in_rows(table: Table) -> Table | None:
+    """Return a table of points that has one row for each axis of a point: point, axis, value."""
+    words = [heading_of(name).words for name in table.names]
+    axis = [i for i, texts in enumerate(words) if len(texts) == 1 and texts[0] in _AXIS_NAMES]
+    measured = [i for i, texts in enumerate(words) if texts and set(texts) <= _MEASURED]
+    nominal = [i for i, texts in enumerate(words) if _NOMINAL & set(texts) and set(texts) <= _NOMINAL | _MEASURED]
+    if len(axis) != 1 or len(measured) != 1 or len(nominal) > 1 or {("x",), ("y",), ("z",)} & set(words):
+        return None
+    values = [*measured, *nominal]
+    names = [table.names[i] for i in (*axis, *values)]
+    point = next((i for i, name in enumerate(table.names) if i not in (*axis, *values) and is_point_name(name)), None)
+    new = _coordinates(table, "", measured * 3) | (_coordinates(table, "Nominal", nominal * 3) if nominal else {})
+    unused: dict[str, None] = {}
+    text = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
+    text += f" and {names[2]} the commanded value" if nominal else " value"
+
+    def make(old: TableBody) -> _Rows:
+        rows, gaps = _rows_of_points(old, unused, table.log, names[0])
+        return _Rows(rows, [value[row] for value in old.numbers for row in rows], gaps)
+
+    def remark() -> str:
+        return text + (f"; rows of {', '.join(unused)} not used" if unused else "")
+
+    texts = axis if point is None else [*axis, point]
+    return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
+
+
+def _rows_of_points(
+    old: TableBody, unused: dict[str, None], log: ProblemLog, name: str
+) -> tuple[NDArray[np.int64], list[int]]:
+    """Return the rows ``(3, P)`` of the x, y and z of each point, and lines of points with a gap."""
+    axes = [text.strip().lower() for text in old.texts[0].tolist()]
+    labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
+    points: list[tuple[str, dict[str, int]]] = []
+    for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
+        if axis not in AXES:
+            unused[clip(axis.upper())] = None
+        elif points and points[-1][0] == label and axis not in points[-1][1]:
+            points[-1][1][axis] = row
+        else:
+            points.append((label, {axis: row}))
+    complete, gaps = [], []
+    for label, by_axis in points:
+        missing = [axis.upper() for axis in AXES if axis not in by_axis]
+        line = int(old.lines[min(by_axis.values())])
+        if not missing:
+            complete.append([by_axis[axis] for axis in AXES])
+        elif old.gaps:
+            gaps.append(line)
+        else:
+            point = f"point {clip(label)}" if label else "the point"
+            fix = "the rows of one point stand below each other, one for each of X, Y and Z"
+            log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
+    if not points:
+        log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
+    return np.array(complete, dtype=np.int64).reshape(-1, 3).T, gaps
+
+
+def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
+    """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
+    by_label = points_in_rows(table.names)
+    targets = [label if target_names is None else _target_of(label, target_names) for label in by_label]
+    if not by_label or not all(set(AXES) <= columns.keys() for columns in by_label.values()):
+        return None
+    points = [[columns[axis] for axis in AXES] for columns in by_label.values()]
+    units = [
+        {table.cell_units.get(index) or heading_of(table.names[index]).unit for index in columns}
+        for columns in zip(*points, strict=True)
+    ]
+    is_matched = None not in targets and len({*targets}) == len(targets)
+    words = {heading_of(name).text for name in table.names}
+    if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
+        return None
+    new = {**_coordinates(table, "", points[0]), "target": None}
+    if not words & {"visit", "arrival"}:
+        new["visit"] = None
+    parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
+
+    def make(old: TableBody) -> _Rows:
+        rows = np.repeat(np.arange(old.lines.size), len(points))
+        coordinates = old.numbers.reshape(len(points), 3, -1).transpose(1, 2, 0).reshape(3, -1)
+        names = np.tile(np.array(targets, dtype=str), old.lines.size)
+        return _Rows(rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
+
+    used = list(itertools.chain(*points))
+    return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")
 
 
 def _target_of(label: str, names: Sequence[str]) -> str | None:

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 
 from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
-from robacc.io import parquet
+from robacc.io import parquet, table
 from robacc.poses.csv_file import read_poses
 
 pa = pytest.importorskip("pyarrow")
@@ -85,8 +85,7 @@ def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
     assert "line" not in table
 
 
-def test_units_stand_in_the_names_and_batches_join(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "_ROWS_AT_ONCE", 2)
+def test_units_stand_in_the_names_and_row_groups_join(tmp_path: Path) -> None:
     data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "pose": ["a", "b", "c"]}, row_group_size=2))
     np.testing.assert_allclose(data.position, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3], [7e-3, 8e-3, 9e-3]])
     np.testing.assert_allclose(data.q, np.radians([[10, 20, 30]]))
@@ -121,8 +120,7 @@ def test_ids_are_texts_of_any_kind(tmp_path: Path, kind: str) -> None:
     assert data.pose.tolist() == ["7", "8", "7"]
 
 
-def test_every_bad_value_is_named_by_its_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "_ROWS_AT_ONCE", 2)
+def test_every_bad_value_is_named_by_its_row(tmp_path: Path) -> None:
     columns = {
         "x_mm": [1.0, 2.0, None],
         "y_mm": [float("nan"), 5.0, 6.0],
@@ -167,8 +165,8 @@ def test_columns_of_another_type_are_refused(tmp_path: Path) -> None:
 
 
 def test_duplicate_columns_are_named(tmp_path: Path) -> None:
-    table = pa.table([pa.array([1.0])] * 5, names=["x", "y", "z", "q1", "x"])
-    pq.write_table(table, tmp_path / "p.parquet")
+    columns = pa.table([pa.array([1.0])] * 5, names=["x", "y", "z", "q1", "x"])
+    pq.write_table(columns, tmp_path / "p.parquet")
     assert problems(str(tmp_path / "p.parquet")) == [", x: the column is a duplicate; keep one of them"]
 
 
@@ -229,7 +227,7 @@ def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert problems(path) == [": found 3 rows of 4 columns; split the file"]
     monkeypatch.setattr(parquet, "_MOST_ROWS", 2)
     assert problems(path) == [": found 3 rows; expected at most 2"]
-    monkeypatch.setattr(parquet, "MAX_COLUMNS", 3)
+    monkeypatch.setattr(table, "MAX_COLUMNS", 3)
     assert problems(path) == [": found 4 columns; expected at most 3"]
 
 

@@ -6,7 +6,6 @@ import os
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 
-from robacc.io.files import ProblemLog
 from robacc.io.open_table import open_table
 from robacc.io.table import Table, TableOptions
 from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
@@ -45,17 +44,16 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     with open_table(name, TableOptions(is_documented)) as plain:
         plain.names = with_known_names(plain, required=False)
         table = with_poses_of_matrices(plain)
-    log = ProblemLog(name)
     names = Names.of(table.names, None, None)
     known: dict[str, Column] = {}
     for index, text in enumerate(table.names):
-        column = parse_column(text, index, names, log, table.line)
+        column = parse_column(text, index, names, table)
         if column is not None:
-            known.setdefault(column.key, with_cell_unit(column, table, log))
+            known.setdefault(column.key, with_cell_unit(column, table))
     # The map itself asks for the coverage factor, so that it is not a question of columns.
-    foreign = find_columns(table, known, names, replace(AS_NAMED, coverage=1.0), log)
+    foreign = find_columns(table, known, names, replace(AS_NAMED, coverage=1.0))
     statements = _statements(foreign)
-    questions = _questions(log, table, foreign)
+    questions = _questions(table, foreign)
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -77,9 +75,11 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     )
 
 
-def _questions(log: ProblemLog, table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
+def _questions(table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
     """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
-    texts = [f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in log.problems]
+    texts = [
+        f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in table.log.problems
+    ]
     result = [f"{text}; name them, or leave them empty" for text in texts]
     if not foreign.columns and all(name.startswith("column ") for name in table.names):
         result.append(

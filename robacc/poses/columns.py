@@ -9,7 +9,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from robacc.io.dialect import UNIT_NAMES
-from robacc.io.files import ProblemLog
 from robacc.io.table import Table
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
@@ -500,7 +499,7 @@ def _fits(kind: str, quantity: str) -> bool:
     return kind == quantity or kind == "joint"
 
 
-def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int | None) -> Column | None:
+def parse_column(name: str, index: int, names: Names, table: Table) -> Column | None:
     """Return the column of a name, None for an unknown name; log a unit that does not fit."""
     key, unit = names.key(name), None
     if key is None:
@@ -511,7 +510,7 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
     kind = names.kind(key)
     if unit is not None and not _fits(kind, UNITS[unit][0]):
         expected = {"angle": "an angle (rad, mrad, deg)", "length": "a length (m, mm, um)"}.get(kind, "no unit")
-        log.add(f"found unit {unit} in the name, expected {expected}", line, name)
+        table.log.add(f"found unit {unit} in the name, expected {expected}", table.line, name)
         unit = None
     return Column(name, index, key, kind, unit)
 
@@ -519,7 +518,7 @@ def parse_column(name: str, index: int, names: Names, log: ProblemLog, line: int
 _UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
 
 
-def with_cell_unit(column: Column, table: Table, log: ProblemLog) -> Column:
+def with_cell_unit(column: Column, table: Table) -> Column:
     """Return a column with the unit behind its numbers; log a unit that its name contradicts or that does not fit."""
     unit = table.cell_units.get(column.index)
     if unit is None or column.kind == "text":
@@ -528,11 +527,11 @@ def with_cell_unit(column: Column, table: Table, log: ProblemLog) -> Column:
     quantity = {**UNITS, **FOREIGN_UNITS}[unit][0]
     if stated is not None:
         if stated != unit:
-            log.add(f"the cells are in {unit}, but the name is of {stated}", table.line, column.name)
+            table.log.add(f"the cells are in {unit}, but the name is of {stated}", table.line, column.name)
         return column
     if not _fits(column.kind, quantity) or quantity not in ("length", "angle"):
         expected = {"angle": "an angle", "length": "a length"}.get(column.kind, "a plain number")
-        log.add(f"the cells are in {unit}, expected {expected}", table.line, column.name)
+        table.log.add(f"the cells are in {unit}, expected {expected}", table.line, column.name)
         return column
     return replace(column, unit=unit)
 

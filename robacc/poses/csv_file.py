@@ -9,17 +9,15 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Counted, Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import for_spreadsheet, from_spreadsheet
-from robacc.io.files import ProblemLog
 from robacc.io.open_table import open_table
-from robacc.io.table import Table, TableBody
+from robacc.io.table import Table
 from robacc.measurements import Measurements
 from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS, TIME_KEYS
-from robacc.poses.layout import COMMANDED_AXES, Layout, Values, listing, read_layout
+from robacc.poses.layout import COMMANDED_AXES, COMMANDED_QUATERNION, Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
 from robacc.poses.orientation import AngleChoice, rotations
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot, reading_of, table_options
@@ -49,65 +47,48 @@ def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterato
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         if start == 0:
-            with_unit = _names_that_need_a_unit(measurements)
+            # Metres that would be read as millimetres have a unit in the name.
+            positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
+            far = [names for names, p in positions if p is not None and p.size and lengths_too_large(p)]
+            with_unit = frozenset().union(*far)
             writer.writerow([f"{name}_m" if name in with_unit else name for name, _ in columns])
         writer.writerows(zip(*(column for _, column in columns), strict=True))
         yield out.getvalue()
 
 
-def _names_that_need_a_unit(measurements: Measurements) -> tuple[str, ...]:
-    """Return the columns whose metres would be read as millimetres without a unit in the name."""
-    positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
-    return tuple(
-        name
-        for names, position in positions
-        if position is not None and position.size and lengths_too_large(position)
-        for name in names
-    )
-
-
 def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequence[str]]]:
+    m = measurements
+    of_joints = next((values for values in (m.q, m.direction, m.speed) if values is not None), np.empty((0, 0)))
+    joints = [f"q{i + 1}" for i in range(len(of_joints))]
+    attained_columns = ((AXES, m.position), (QUATERNION, _quaternion(m.rotation))) if attained else ()
+    numbers: tuple[tuple[Sequence[str], Array | None], ...] = (
+        (joints, m.q),
+        *attained_columns,
+        (COMMANDED_AXES, m.commanded_position),
+        (COMMANDED_QUATERNION, _quaternion(m.commanded_rotation)),
+        (SIGMAS, m.sigma_position),
+        (("sigma_r",), m.sigma_rotation),
+        *zip(((name,) for name in CIRCUMSTANCES), (m.time, m.temperature, m.payload), strict=True),
+        ([f"dir_{name}" for name in joints], m.direction),
+        ([f"speed_{name}" for name in joints], m.speed),
+        ([f"read_{name}" for name in joints], m.read_back),
+        (m.branch_names, m.branches),
+    )
     columns: list[tuple[str, Sequence[str]]] = []
-    joints = [f"q{i + 1}" for i in range(_joint_count(measurements))]
-    _add(columns, joints, measurements.q)
-    if attained:
-        _add(columns, AXES, measurements.position)
-        _add(columns, QUATERNION, _quaternion(measurements.rotation))
-    _add(columns, COMMANDED_AXES, measurements.commanded_position)
-    _add(columns, [f"cmd_{name}" for name in QUATERNION], _quaternion(measurements.commanded_rotation))
-    _add(columns, SIGMAS, measurements.sigma_position)
-    _add(columns, ["sigma_r"], measurements.sigma_rotation)
-    circumstances = (measurements.time, measurements.temperature, measurements.payload)
-    for name, values in zip(CIRCUMSTANCES, circumstances, strict=True):
-        _add(columns, [name], values)
-    if measurements.direction is not None:
-        for name, row in zip(joints, measurements.direction, strict=True):
-            columns.append((f"dir_{name}", [str(int(value)) for value in row]))
-    _add(columns, [f"speed_{name}" for name in joints], measurements.speed)
-    _add(columns, [f"read_{name}" for name in joints], measurements.read_back)
-    _add(columns, measurements.branch_names, measurements.branches)
+    for names, values in numbers:
+        if values is not None:
+            form = (lambda value: str(int(value))) if values is m.direction else repr
+            rows = values.reshape(len(names), m.n).tolist()
+            columns += [(name, list(map(form, row))) for name, row in zip(names, rows, strict=True)]
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
-        if (texts := getattr(measurements, name)) is not None:
+        if (texts := getattr(m, name)) is not None:
             columns.append((name, [for_spreadsheet(str(text)) for text in texts]))
     return columns
 
 
-def _add(columns: list[tuple[str, Sequence[str]]], names: Sequence[str], values: NDArray[np.float64] | None) -> None:
-    if values is not None:
-        rows = values.reshape(len(names), -1) if values.size else np.empty((len(names), 0))
-        columns.extend((name, [repr(value) for value in row.tolist()]) for name, row in zip(names, rows, strict=True))
-
-
 def _quaternion(rotation: Array | None) -> Array | None:
     return None if rotation is None else quaternion_from_rotation(rotation)
-
-
-def _joint_count(measurements: Measurements) -> int:
-    for values in (measurements.q, measurements.direction, measurements.speed):
-        if values is not None:
-            return int(values.shape[0])
-    return 0
 
 
 def read_poses(
@@ -153,17 +134,20 @@ def read_poses(
                 named = with_named_quaternion(table)
         layout = read_layout(table, robot, attained, reading, commands)
         values, remarks = _read_values(table, layout)
-        _check_target_column(layout, robot.targets, table)
+        lacks_target = "target" not in layout.columns and layout.group(layout.joints()) is not None
+        if len(robot.targets) > 1 and lacks_target:
+            count = f"{len(robot.targets)} targets ({listing(robot.targets)})"
+            message = f"column target is missing: the robot file has {count}"
+            log.add(message, table.line, fix="add it with the measured target of each row")
         values, remark = _targets_as_poses(values, robot.targets)
         remarks += remark
-        rows = RowChecks(values, log, ignore_limits=ignore_limits)
-        rows.check_magnitudes()
+        rows = RowChecks(values, log)
         if units_check:
             values, taken = with_units(values, table.line, robot, known_poses)
             rows.values, remarks = values, [*remarks, *named, *taken]
         units = UnitChecks(values.complete() if log.total else values, log, table.line)
         wrong_joints = units.run(robot.limits) if units_check else frozenset()
-        rows.run(robot.limits, robot.valid_targets, wrong_joints)
+        rows.run(robot.limits, robot.valid_targets, wrong_joints, ignore_limits)
         check_visits(values, ordered, log)
         angles = AngleChoice(values, reading, robot.pose_at, log, table.line, known_poses)
         conventions = angles.run()
@@ -172,11 +156,9 @@ def read_poses(
         data, repeated = with_repetitions(data) if attained else (data, None)
         remarks += [repeated] if repeated else []
         doubts = (type(text)(f"{table.file}: {text}") for text in (*remarks, *angles.remarks, *data.warnings))
-        duplicates = duplicate_rows(values, table.file, log.counted)
-        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates.warnings)
-        return dataclasses.replace(
-            data, copies=duplicates.copies, source=table.file, sha256=table.sha256, warnings=warnings
-        )
+        copies, duplicates = duplicate_rows(values, table.file, log.counted)
+        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates)
+        return dataclasses.replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=warnings)
 
 
 def _read_values(table: Table, layout: Layout) -> tuple[Values, list[str]]:
@@ -193,16 +175,17 @@ def _read_values(table: Table, layout: Layout) -> tuple[Values, list[str]]:
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    remarks = [text for text in (Note(table.description()), _gap_text(body, table.log), body.cut) if text]
+    count, listed = len(body.gaps), ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
+    left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({table.log.counted} {listed})"
+    remarks = [text for text in (Note(table.description()), left_out * bool(count), body.cut) if text]
     numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}
-        read = read_times(
-            {key: by_key.pop(key) for key in times}, body.lines, names, columns[times[0]].divisor, table.log
-        )
-        numbers = np.vstack([numbers, read.seconds])
+        stamps = {key: by_key.pop(key) for key in times}
+        seconds, beginning = read_times(stamps, body.lines, names, columns[times[0]].divisor, table.log)
+        numbers = np.vstack([numbers, seconds])
         keys.append("time_s")
-        remarks += [Note(read.remark)] if read.remark else []
+        remarks += [Note(beginning)] if beginning else []
     row_index = {key: i for i, key in enumerate(keys)}
     return Values(layout, numbers, row_index, by_key, body.lines), remarks
 
@@ -221,31 +204,15 @@ def _targets_as_poses(values: Values, target_names: Sequence[str]) -> tuple[Valu
     ]
 
 
-def _gap_text(body: TableBody, log: ProblemLog) -> str:
-    """Return a warning of the rows that were left out because of a gap."""
-    if not body.gaps:
-        return ""
-    listed = ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
-    count = len(body.gaps)
-    return f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
-
-
 def _numeric_order(layout: Layout) -> Iterator[str]:
     """Yield the keys of all columns of numbers, with the members of a set adjacent."""
     yield from layout.joints()
     for prefix in ("", "cmd_"):
         yield from (f"{prefix}{name}" for name in (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY))
     yield from (*SIGMAS, "sigma_r", *CIRCUMSTANCES)
-    yield from layout.joints("dir_")
-    yield from layout.joints("speed_")
-    yield from layout.joints("read_")
+    for prefix in ("dir_", "speed_", "read_"):
+        yield from layout.joints(prefix)
     yield from (f"branch_q{i + 1}" for i in range(len(layout.branches)))
-
-
-def _check_target_column(layout: Layout, target_names: Sequence[str], table: Table) -> None:
-    if len(target_names) > 1 and "target" not in layout.columns and layout.group(layout.joints()) is not None:
-        message = f"column target is missing: the robot file has {len(target_names)} targets ({listing(target_names)})"
-        table.log.add(message, table.line, fix="add it with the measured target of each row")
 
 
 def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mapping[str, str]) -> Measurements:
@@ -299,21 +266,20 @@ def _read_back(values: Values) -> tuple[Array | None, tuple[str, ...]]:
 def _branches(values: Values) -> tuple[Array | None, tuple[str, ...]]:
     """Return the joints outside the chain ``(B, N)``, and a warning of those without a column that load the chain."""
     branches = values.layout.branches
-    if not branches:
-        return None, ()
     columns = [values.column(f"branch_q{i + 1}") for i in range(len(branches))]
     rows = [
         np.full(values.lines.size, branch.position) if column is None else column
         for branch, column in zip(branches, columns, strict=True)
     ]
-    lacking = [
-        branch for branch, column in zip(branches, columns, strict=True) if column is None and branch.loads_joints
-    ]
+    pairs = zip(branches, columns, strict=True)
+    lacking = [branch for branch, column in pairs if column is None and branch.loads_joints]
     if not lacking:
-        return np.array(rows), ()
-    names, verb = listing([branch.name for branch in lacking]), "has" if len(lacking) == 1 else "have"
-    counts = "counts" if len(lacking) == 1 else "count"
+        return np.array(rows) if rows else None, ()
+    names = listing([branch.name for branch in lacking])
     where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
-    fix = f"add the column {lacking[0].name}" if len(lacking) == 1 else "add a column for each"
-    text = f"{names} outside the chain {verb} no column and {counts} as fixed at {where}; if the arm moved them, {fix}"
+    one = len(lacking) == 1
+    has, counts, fix = (
+        ("has", "counts", f"add the column {names}") if one else ("have", "count", "add a column for each")
+    )
+    text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}; if the arm moved them, {fix}"
     return np.array(rows), (text,)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
-from robacc.io.files import ProblemLog
 from robacc.io.table import Table
 from robacc.poses.columns import (
     AXES,
@@ -49,131 +49,7 @@ def single_point(texts: Iterable[str]) -> Mapping[str, Meaning]:
 
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
 
-
-@dataclass(frozen=True, slots=True)
-class HeadingCandidate:
-    """A column, and the documented column that its name may stand for."""
-
-    heading: Heading
-    index: int
-    meaning: Meaning
-    key: str
-
-
-def choose(table: Table, known: Mapping[str, Column], names: Names, log: ProblemLog) -> dict[str, HeadingCandidate]:
-    """Return the column for each key that the names stand for; what they leave open goes to ``log``.
-
-    Args:
-        table: Table whose names are taken.
-        known: Columns whose names are documented; they stay as they are.
-        names: The robot's joints.
-        log: Takes questions.
-    """
-    used = {column.index for column in known.values()}
-    candidates = [candidate for candidate in _candidates(table, names, log) if candidate.index not in used]
-    candidates = _with_quaternion(candidates, known)
-    candidates = [candidate for candidate in candidates if candidate.key not in known]
-    return _without_conflicts(_renumbered(candidates), log, table.line)
-
-
-def _candidates(table: Table, names: Names, log: ProblemLog) -> Iterator[HeadingCandidate]:
-    headings = [_heading(i, table, log) for i in range(len(table.names))]
-    siblings = frozenset(heading.text for heading in headings)
-    numbered = single_point(siblings)
-    for i, heading in enumerate(headings):
-        joint = _named_joint(heading, names)
-        known = meaning_of(heading, siblings) or numbered.get(heading.text)
-        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else known
-        if meaning is None:
-            continue
-        key = meaning.key
-        if meaning.commanded and key in FIXED_KINDS and f"cmd_{key}" in FIXED_KINDS:
-            key = f"cmd_{key}"
-        # One uncertainty may be of all axes.
-        yield from (HeadingCandidate(heading, i, meaning, name) for name in (SIGMAS if key == "sigma" else (key,)))
-
-
-def _heading(index: int, table: Table, log: ProblemLog) -> Heading:
-    """Return a column's heading with the unit behind its numbers; log a unit that its name contradicts."""
-    heading, unit = heading_of(table.names[index]), table.cell_units.get(index)
-    if unit is None or heading.unit == unit:
-        return heading
-    if heading.unit is not None:
-        log.add(f"the cells are in {unit}, but the name is of {heading.unit}", table.line, heading.name)
-    return replace(heading, unit=unit)
-
-
-def _named_joint(heading: Heading, names: Names) -> str | None:
-    """Return the key of the robot's joint whose name stands in the heading."""
-    text = heading.name.lower()
-    for i, name in enumerate(names.joint_names):
-        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
-            others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
-            if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
-                return f"q{i + 1}"
-    return None
-
-
-def _with_quaternion(candidates: Sequence[HeadingCandidate], known: Mapping[str, Column]) -> list[HeadingCandidate]:
-    """Return the candidates with Q1 … Q4 beside joints of other names as a quaternion, in an order that is open."""
-    numbered = {item.heading.text: item for item in candidates if re.fullmatch(r"q \d", item.heading.text)}
-    others = [item for item in candidates if item.heading.text not in numbered]
-    has_joints = any(re.fullmatch(r"q\d+", key) for key in (*(item.key for item in others), *known))
-    if not has_joints or sorted(numbered) != ["q 1", "q 2", "q 3", "q 4"] or {"qw", "qx"} & {i.key for i in others}:
-        return list(candidates)
-    pairs = zip(sorted(numbered), QUATERNION, strict=True)
-    return others + [replace(numbered[text], key=key, meaning=Meaning(key, family="quaternion")) for text, key in pairs]
-
-
-def _renumbered(candidates: Sequence[HeadingCandidate]) -> list[HeadingCandidate]:
-    """Return the candidates with joints numbered from 1 where the file numbers them from 0."""
-    numbers = {int(item.key[1:]) for item in candidates if re.fullmatch(r"q\d+", item.key)}
-    if 0 not in numbers:
-        return list(candidates)
-    return [
-        HeadingCandidate(item.heading, item.index, item.meaning, f"q{int(item.key[1:]) + 1}")
-        if re.fullmatch(r"q\d+", item.key)
-        else item
-        for item in candidates
-    ]
-
-
-def _without_conflicts(
-    candidates: Sequence[HeadingCandidate], log: ProblemLog, line: int | None
-) -> dict[str, HeadingCandidate]:
-    """Return one candidate a key; two that are equally good are a question."""
-    by_key: dict[str, list[HeadingCandidate]] = {}
-    for candidate in candidates:
-        by_key.setdefault(candidate.key, []).append(candidate)
-    result: dict[str, HeadingCandidate] = {}
-    read_back: dict[str, HeadingCandidate] = {}
-    for key, items in by_key.items():
-        if re.fullmatch(r"q\d+", key):
-            # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
-            if read := _read_back(items):
-                read_back[f"read_{key}"] = read
-            items = (
-                [item for item in items if item.meaning.commanded]
-                or [item for item in items if item.meaning.commanded is None]
-                or items
-            )
-        if len(items) > 1 and FIXED_KINDS.get(key) != "text":
-            listed = " or ".join(repr(item.heading.name) for item in items)
-            log.add(f"found several columns for {key}: {listed}", line, fix="choose with `columns`")
-        result[key] = items[0]
-    joints = [key for key in result if re.fullmatch(r"q\d+", key)]
-    return result | (read_back if len(read_back) == len(joints) else {})
-
-
-def _read_back(items: Sequence[HeadingCandidate]) -> HeadingCandidate | None:
-    """Return the attained joint of a commanded and an attained joint in the same unit; else None."""
-    commanded = [item for item in items if item.meaning.commanded is not False]
-    attained = [item for item in items if item.meaning.commanded is False]
-    if len(commanded) != 1 or len(attained) != 1 or commanded[0].heading.unit != attained[0].heading.unit:
-        return None
-    return attained[0]
-
-
+_JOINT = re.compile(r"q\d+")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
@@ -192,6 +68,90 @@ _WITH_UNIT = ("length", "angle", "joint")
 """Kinds of columns that need a unit."""
 
 
+class _Candidate(NamedTuple):
+    """A column, and what its name may stand for."""
+
+    place: int
+    """Index in the file."""
+    heading: Heading
+    meaning: Meaning
+
+
+def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
+    """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    numbered = single_point(siblings)
+    for i, heading in enumerate(headings):
+        unit = table.cell_units.get(i, heading.unit)
+        if heading.unit not in (None, unit):
+            message = f"the cells are in {unit}, but the name is of {heading.unit}"
+            table.log.add(message, table.line, heading.name)
+        joint = _named_joint(heading, names)
+        known = meaning_of(heading, siblings) or numbered.get(heading.text)
+        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else known
+        if meaning is None:
+            continue
+        is_command = meaning.commanded and meaning.key in FIXED_KINDS and f"cmd_{meaning.key}" in FIXED_KINDS
+        key = f"cmd_{meaning.key}" if is_command else meaning.key
+        # One uncertainty may be of all axes.
+        for name in SIGMAS if key == "sigma" else (key,):
+            yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
+
+
+def _named_joint(heading: Heading, names: Names) -> str | None:
+    """Return the key of the robot's joint whose name stands in the heading."""
+    text = heading.name.lower()
+    for i, name in enumerate(names.joint_names):
+        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
+            others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
+            if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
+                return f"q{i + 1}"
+    return None
+
+
+def _by_key(candidates: list[_Candidate], known: Mapping[str, Column]) -> dict[str, list[_Candidate]]:
+    """Return the columns that may be those of a key, with joints counted from 1."""
+    keys = [item.meaning.key for item in candidates]
+    counted = {item.heading.text: i for i, item in enumerate(candidates) if re.fullmatch(r"q \d", item.heading.text)}
+    others = {*(key for i, key in enumerate(keys) if i not in counted.values()), *known}
+    is_quaternion = sorted(counted) == ["q 1", "q 2", "q 3", "q 4"] and not {"qw", "qx"} & (others - {*known})
+    if is_quaternion and any(map(_JOINT.fullmatch, others)):
+        # Q1 … Q4 beside joints of other names are a quaternion, in an order that is open.
+        for name, key in zip(sorted(counted), QUATERNION, strict=True):
+            candidates[counted[name]] = candidates[counted[name]]._replace(meaning=Meaning(key, family="quaternion"))
+    candidates = [item for item in candidates if item.meaning.key not in known]
+    from_zero = any(item.meaning.key == "q0" for item in candidates)
+    result: dict[str, list[_Candidate]] = {}
+    for item in candidates:
+        key = item.meaning.key
+        key = f"q{int(key[1:]) + 1}" if from_zero and _JOINT.fullmatch(key) else key
+        result.setdefault(key, []).append(item)
+    return result
+
+
+def _chosen(table: Table, known: Mapping[str, Column], names: Names) -> dict[str, _Candidate]:
+    """Return the column for each key that the names stand for; two that are equally good are a question."""
+    used = {column.index for column in known.values()}
+    candidates = [item for item in _candidates(table, names) if item.place not in used]
+    result: dict[str, _Candidate] = {}
+    read_back: dict[str, _Candidate] = {}
+    for key, items in _by_key(candidates, known).items():
+        if _JOINT.fullmatch(key):
+            # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
+            attained = [item for item in items if item.meaning.commanded is False]
+            others = [item for item in items if item.meaning.commanded is not False]
+            if len(attained) == len(others) == 1 and attained[0].heading.unit == others[0].heading.unit:
+                read_back[f"read_{key}"] = attained[0]
+            items = [item for item in others if item.meaning.commanded] or others or items
+        if len(items) > 1 and FIXED_KINDS.get(key) != "text":
+            listed = " or ".join(repr(item.heading.name) for item in items)
+            message = f"found several columns for {key}: {listed}"
+            table.log.add(message, table.line, fix="choose with `columns`")
+        result[key] = items[0]
+    return result | (read_back if len(read_back) == sum(map(bool, map(_JOINT.fullmatch, result))) else {})
+
+
 @dataclass(slots=True)
 class ForeignColumns:
     """Columns with a meaning, and the statements about them."""
@@ -200,7 +160,8 @@ class ForeignColumns:
     """By key; for times, the keys of :data:`~robacc.poses.columns.TIME_KEYS`."""
     unused: list[str] = field(default_factory=list)
     angles: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``."""
+    """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``; without an entry they
+    are documented."""
     remarks: list[str] = field(default_factory=list)
     without_unit: tuple[Column, ...] = ()
     """Lengths and angles whose unit is stated nowhere."""
@@ -210,112 +171,81 @@ class ForeignColumns:
     """Keys of uncertainties whose unit is taken to be that of the position."""
 
 
-def find_columns(
-    table: Table, known: Mapping[str, Column], names: Names, reading: Reading, log: ProblemLog
-) -> ForeignColumns:
-    """Return the columns that the header's names stand for; ambiguous names and missing units go to ``log``.
+def find_columns(table: Table, known: Mapping[str, Column], names: Names, reading: Reading) -> ForeignColumns:
+    """Return the columns that the names of a table stand for; ambiguous names and missing units go to its log.
 
     Args:
         table: Table whose names are taken.
         known: Columns whose names are documented; they stay as they are.
         names: The robot's joints.
         reading: Statements of the user.
-        log: Takes questions.
     """
     result = ForeignColumns(dict(known))
-    chosen = choose(table, known, names, log)
-    units = _PreambleUnits.of(table)
+    chosen = _chosen(table, known, names)
+    of_preamble, remark = _unit_of_preamble(table)
     nameless: list[Column] = []
     for key, candidate in chosen.items():
-        column = _column(key, candidate, names, reading, units, log, table.line)
+        column = _column(key, candidate, names, reading, of_preamble, table)
         result.columns[key] = column
-        if candidate.heading.unit is not None:
-            result.wrong_unit |= column.unit is None and column.kind in _WITH_UNIT
-        elif column.unit is None and column.kind in _WITH_UNIT:
-            nameless.append(column)
-        if candidate.meaning.family:
-            prefix = "cmd_" if key.startswith("cmd_") else ""
-            if not JOINT_COLUMN.fullmatch(key):
-                result.angles[prefix] = _CANDIDATES[candidate.meaning.family]
-        if candidate.meaning.commanded is False and JOINT_COLUMN.fullmatch(key):
-            result.remarks.append("joint variables are attained values, used as commands")
-    result.without_unit = tuple(_with_unit_of_position(nameless, result))
-    _ask_coverage([item for item in chosen.values() if item.meaning.expanded], reading, log, table.line)
+        if column.unit is None and column.kind in _WITH_UNIT:
+            result.wrong_unit |= candidate.heading.unit is not None
+            nameless += [column] if candidate.heading.unit is None else []
+        is_joint = JOINT_COLUMN.fullmatch(key) is not None
+        if candidate.meaning.family and not is_joint:
+            result.angles["cmd_" if key.startswith("cmd_") else ""] = _CANDIDATES[candidate.meaning.family]
+        if candidate.meaning.commanded is False and is_joint:
+            result.remarks = ["joint variables are attained values, used as commands"]
+    units = {result.columns[axis].unit for axis in AXES if axis in result.columns}
+    sigmas = [column for column in nameless if column.key in SIGMAS]
+    if sigmas and len(units) == 1 and (unit := next(iter(units))) is not None:
+        # Uncertainties without a unit have that of the position.
+        result.columns |= {column.key: replace(column, unit=unit) for column in sigmas}
+        result.unit_of_position = tuple(column.key for column in sigmas)
+        text = compact([column.name for column in sigmas])
+        result.remarks.append(f"{text} taken as {unit}, the unit of {result.columns['x'].name}; `units` states another")
+        nameless = [column for column in nameless if column not in sigmas]
+    result.without_unit = tuple(nameless)
+    expanded = [item.heading.name for item in chosen.values() if item.meaning.expanded]
+    if expanded and reading.coverage is None:
+        message = "an uncertainty U may be a standard uncertainty or an expanded one"
+        fix = "give `coverage`: 1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
+        table.log.add(message, table.line, compact(expanded), fix)
     taken = {column.index for column in result.columns.values()}
     result.unused = [name for i, name in enumerate(table.names) if i not in taken and name]
-    result.remarks = [*dict.fromkeys(result.remarks), *units.remarks]
+    result.remarks += [remark] if remark else []
     return result
 
 
-def _with_unit_of_position(nameless: Sequence[Column], result: ForeignColumns) -> list[Column]:
-    """Give uncertainties without a unit the unit of the position; return the columns that stay without one."""
-    units = {result.columns[axis].unit for axis in AXES if axis in result.columns}
-    sigmas = [column for column in nameless if column.key in SIGMAS]
-    unit = next(iter(units)) if len(units) == 1 else None
-    if unit is None or not sigmas:
-        return list(nameless)
-    for column in sigmas:
-        result.columns[column.key] = replace(column, unit=unit)
-    result.unit_of_position = tuple(column.key for column in sigmas)
-    names = compact([column.name for column in sigmas])
-    result.remarks.append(f"{names} taken as {unit}, the unit of {result.columns['x'].name}; `units` states another")
-    return [column for column in nameless if column not in sigmas]
-
-
 def _column(
-    key: str,
-    candidate: HeadingCandidate,
-    names: Names,
-    reading: Reading,
-    units: _PreambleUnits,
-    log: ProblemLog,
-    line: int | None,
+    key: str, candidate: _Candidate, names: Names, reading: Reading, of_preamble: str | None, table: Table
 ) -> Column:
     heading, meaning = candidate.heading, candidate.meaning
     kind: Kind = "text" if key in TIME_KEYS else names.kind(key)
     unit = heading.unit
     quantity = {"joint": "angle"}.get(kind, kind)
     expected = {"temperature_c": "temperature", "payload_kg": "mass"}.get(key, "time" if key in TIME_KEYS else quantity)
-    if unit is not None and expected in ("length", "angle", "time", "temperature", "mass"):
+    if expected not in ("length", "angle", "time", "temperature", "mass"):
+        unit = None
+    elif unit is not None:
         stated = {**UNITS, **FOREIGN_UNITS}[unit][0]
         if stated != expected and not (kind == "joint" and stated == "length"):
-            log.add(f"found unit {unit} for {key}, expected a unit of {expected}", line, heading.name)
+            table.log.add(f"found unit {unit} for {key}, expected a unit of {expected}", table.line, heading.name)
             unit = None
     if unit is None and quantity in ("length", "angle"):
-        unit = units.unit_of.get(quantity) or reading.unit_of.get(quantity)
+        unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity)
         if unit is None and meaning.si:
             unit = "m" if quantity == "length" else "rad"
-    if unit is not None and expected not in ("length", "angle", "time", "temperature", "mass"):
-        unit = None
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
-    return Column(heading.name, candidate.index, key, kind, unit, coverage)
+    return Column(heading.name, candidate.place, key, kind, unit, coverage)
 
 
-@dataclass(frozen=True, slots=True)
-class _PreambleUnits:
-    """Unit of length that a line above the table states."""
-
-    unit_of: Mapping[str, str]
-    remarks: tuple[str, ...]
-
-    @classmethod
-    def of(cls, table: Table) -> _PreambleUnits:
-        for text in table.dialect.preamble:
-            if match := _PREAMBLE_UNITS.search(text):
-                word = match["unit"].lower()
-                unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(word[:3], "in")
-                return cls({"length": unit}, (f"lengths in {unit}, as {match[0].strip(' ([')!r} says",))
-        return cls({}, ())
-
-
-def _ask_coverage(items: Sequence[HeadingCandidate], reading: Reading, log: ProblemLog, line: int | None) -> None:
-    if items and reading.coverage is None:
-        log.add(
-            "an uncertainty U may be a standard uncertainty or an expanded one",
-            line,
-            compact([item.heading.name for item in items]),
-            "give `coverage`: 1 for a standard uncertainty, 2 for an expanded one with coverage factor 2",
-        )
+def _unit_of_preamble(table: Table) -> tuple[str | None, str]:
+    """Return the unit of length that a line above the table states, and a remark."""
+    match = next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None)
+    if match is None:
+        return None, ""
+    unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(match["unit"].lower()[:3], "in")
+    return unit, f"lengths in {unit}, as {match[0].strip(' ([')!r} says"
 
 
 def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:

@@ -6,7 +6,7 @@ import dataclasses
 import difflib
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,7 +32,7 @@ from robacc.poses.columns import (
     time_column,
     with_cell_unit,
 )
-from robacc.poses.foreign_columns import documented_name, find_columns, statement
+from robacc.poses.foreign_columns import ForeignColumns, documented_name, find_columns, statement
 from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
 from robacc.poses.reshaped_tables import advice_on_points
 
@@ -55,16 +55,10 @@ class Layout:
     """Keys of the attained orientation's three or four columns."""
     commanded_orientation: tuple[str, ...] | None
     warnings: tuple[str, ...]
-    branches: tuple[BranchColumn, ...] = ()
+    branches: tuple[BranchColumn, ...]
     """Joints outside the chain; those with a column have the keys ``branch_q1 …``."""
-    angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    """Conventions that rx, ry, rz may belong to, by the prefix of the keys; without an entry they are documented."""
-    without_unit: tuple[Column, ...] = ()
-    """Columns of an export that need a unit and have none."""
-    wrong_unit: bool = False
-    """Whether a column of an export states a unit of another quantity."""
-    unit_of_position: tuple[str, ...] = ()
-    """Keys of uncertainties of an export whose unit is taken to be that of the position."""
+    foreign: ForeignColumns
+    """What the names of an export leave open."""
 
     def group(self, keys: Sequence[str]) -> tuple[Column, ...] | None:
         """Return the columns of ``keys``; None where one of them is missing."""
@@ -93,86 +87,47 @@ def read_layout(
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
     """
-    log = table.log
-    mapped = _mapped(table, reading)
+    log, line, mapping = table.log, table.line, reading.columns or {}
+    for stated in mapping:
+        if stated not in table.names:
+            nearest = difflib.get_close_matches(stated, table.names, n=1, cutoff=0.6)
+            hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
+            log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
+    mapped = [mapping.get(name, name) for name in table.names]
     names = Names.of([name for name in mapped if name], robot.joint_names, robot.joint_types, robot.branches)
     columns: dict[str, Column] = {}
     unknown: list[str] = []
     for index, name in enumerate(mapped):
         if name is None:
             continue
-        column = parse_column(name, index, names, log, table.line)
-        if reading.columns is not None and name is not None:
-            column = _as_in_map(column or time_column(name, index), table, reading)
-        column = None if column is None else with_cell_unit(column, table, log)
+        column = parse_column(name, index, names, table)
+        if reading.columns is not None and (column := column or time_column(name, index)) is not None:
+            coverage = (reading.coverage or 1.0) if column.key in (*SIGMAS, "sigma_r") else 1.0
+            column = dataclasses.replace(column, name=table.names[index], coverage=coverage)
         if column is None:
             unknown.append(name)
-        elif column.key not in columns:
-            columns[column.key] = column
-        elif columns[column.key].name == name:
-            log.add("the column is a duplicate", table.line, name, "keep one of them")
-        else:
-            log.add(f"the column is a duplicate of {columns[column.key].name}", table.line, name, "keep one of them")
-    for name, count in Counter(unknown).items():
-        if name and count > 1:
-            log.add("the column is a duplicate", table.line, clip(name), "keep one of them")
-    columns = {key: _with_stated_unit(column, reading) for key, column in columns.items()}
-    complete = _Completeness(columns, unknown, names, log, table.line, attained, commands, robot.outside)
-    if reading.columns is not None or not (table.dialect is not PLAIN or complete.lacks_a_pose()):
-        return complete.layout()
-    return _foreign_layout(table, columns, names, reading, complete)
-
-
-def _mapped(table: Table, reading: Reading) -> list[str | None]:
-    """Return the documented name of each column that the user's map names, and the other names as they are."""
-    if reading.columns is None:
-        return list(table.names)
-    for name in reading.columns:
-        if name not in table.names:
-            nearest = difflib.get_close_matches(name, table.names, n=1, cutoff=0.6)
-            hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
-            table.log.add(f"the map names a column {clip(name)}, which the file does not have{hint}", table.line)
-    return [reading.columns.get(name, name) for name in table.names]
-
-
-def _as_in_map(column: Column | None, table: Table, reading: Reading) -> Column | None:
-    """Return a column of a map under its name in the file, with the coverage factor of its uncertainty."""
-    if column is None:
-        return None
-    coverage = (reading.coverage or 1.0) if column.key in SIGMAS or column.key == "sigma_r" else 1.0
-    return dataclasses.replace(column, name=table.names[column.index], coverage=coverage)
-
-
-def _with_stated_unit(column: Column, reading: Reading) -> Column:
-    if column.unit is not None or column.kind not in ("length", "angle", "joint"):
-        return column
-    unit = reading.unit_of.get("length" if column.kind == "length" else "angle")
-    return column if unit is None else dataclasses.replace(column, unit=unit)
-
-
-def _foreign_layout(
-    table: Table, known: Mapping[str, Column], names: Names, reading: Reading, documented: _Completeness
-) -> Layout:
-    """Return the layout of a file whose names are not all documented; a warning says what each was taken for."""
-    log = documented.log
-    result = find_columns(table, known, names, reading, log)
-    layout = dataclasses.replace(documented, columns=result.columns, unknown=result.unused).layout()
-    place = log.at(table.line)
-    warnings = []
-    if text := statement(result.columns, known):
-        warnings.append(Note(f"{place}: columns: {text}"))
-    if result.unused:
-        listed = ", ".join(_with_suggestion(name, names) for name in result.unused)
-        warnings.append(Note(f"{place}: not used: {listed}"))
-    warnings += [Note(f"{place}: {remark}") for remark in result.remarks]
-    return dataclasses.replace(
-        layout,
-        warnings=tuple(warnings),
-        angles=result.angles,
-        without_unit=result.without_unit,
-        wrong_unit=result.wrong_unit,
-        unit_of_position=result.unit_of_position,
-    )
+            continue
+        column = with_cell_unit(column, table)
+        if column.unit is None and column.kind in ("length", "angle", "joint"):
+            column = dataclasses.replace(
+                column, unit=reading.unit_of.get("length" if column.kind == "length" else "angle")
+            )
+        if (first := columns.setdefault(column.key, column)) is not column:
+            of = "" if first.name == name else f" of {first.name}"
+            log.add(f"the column is a duplicate{of}", line, name, "keep one of them")
+    for text, count in Counter(unknown).items():
+        if text and count > 1:
+            log.add("the column is a duplicate", line, clip(text), "keep one of them")
+    sets = _Completeness(columns, unknown, names, log, line, attained, commands, robot.outside)
+    if reading.columns is not None or not (table.dialect is not PLAIN or sets.lacks_a_pose()):
+        return sets.layout(ForeignColumns())
+    # The names are not all documented: notes say what each was taken for.
+    foreign = find_columns(table, columns, names, reading)
+    layout = dataclasses.replace(sets, columns=foreign.columns, unknown=foreign.unused).layout(foreign)
+    taken = statement(foreign.columns, columns)
+    unused = ", ".join(_with_suggestion(name, names) for name in foreign.unused)
+    texts = [f"columns: {taken}" if taken else "", f"not used: {unused}" if unused else "", *foreign.remarks]
+    return dataclasses.replace(layout, warnings=tuple(Note(f"{log.at(line)}: {text}") for text in texts if text))
 
 
 def _with_suggestion(name: str, names: Names) -> str:
@@ -206,7 +161,7 @@ class _Completeness:
         is_repeated = "pose" in self.columns and not self.names.joint_names
         return not (position and (commands or not self.commands or is_repeated))
 
-    def layout(self) -> Layout:
+    def layout(self, foreign: ForeignColumns) -> Layout:
         """Return the layout; log sets that are incomplete."""
         self._check_set(AXES, "the attained position", required=self.attained)
         commanded = any(key.startswith("cmd_") for key in self.columns)
@@ -216,7 +171,9 @@ class _Completeness:
         commanded_orientation = self._orientation("cmd_")
         n_joints = self._joints(commanded)
         warnings = tuple(self._warnings())
-        return Layout(self.columns, n_joints, orientation, commanded_orientation, warnings, self.names.branches)
+        return Layout(
+            self.columns, n_joints, orientation, commanded_orientation, warnings, self.names.branches, foreign
+        )
 
     def _check_set(self, keys: Sequence[str], set_name: str, required: bool = False) -> None:
         missing = [key for key in keys if key not in self.columns]

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,29 +20,25 @@ from robacc.poses.layout import COMMANDED_AXES, Values, listing
 
 _DAY = 86400.0
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
-_CLOCK = re.compile(r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?")
-_YEAR_FIRST = re.compile(r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})")
 _YEAR_LAST = re.compile(r"(\d{1,2})([-/.])(\d{1,2})[-/.](\d{4}|\d{2})")
-_ZONE = re.compile(r"\s*(Z|UTC|GMT|[+-]\d{2}:?\d{2})$")
+_STAMP = re.compile(
+    r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
+    r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
+    r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
+)
+"""Date with the year first or last, and time of day with its zone."""
 _EPOCHS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0))
 """Numbers above the first are times since 1970 in the unit of which the second make a second."""
-
-
-@dataclass(frozen=True, slots=True)
-class Times:
-    """Times of the rows."""
-
-    seconds: Array
-    """``(N,)`` s; NaN where a problem was logged."""
-    remark: str
-    """Beginning of the count, for a message; empty for numbers that count by themselves."""
 
 
 def read_times(
     texts: Mapping[str, NDArray[np.str_]], lines: NDArray[np.int64], names: Mapping[str, str], divisor: float,
     log: ProblemLog,
-) -> Times:  # fmt: skip
-    """Return the time of each row in s: since the midnight before the first row where the file has dates or clocks.
+) -> tuple[Array, str]:  # fmt: skip
+    """Return the time ``(N,)`` of each row in s, NaN where a problem was logged, and where it begins, for a message.
+
+    Times count from the midnight before the first row where the file has dates or clocks; numbers that count by
+    themselves have no beginning.
 
     Args:
         texts: Columns ``(N,)`` by key: ``time``, ``date``, ``seconds``, ``nanoseconds``.
@@ -57,32 +52,31 @@ def read_times(
         if "nanoseconds" in texts:
             seconds = seconds + _numbers(texts["nanoseconds"], lines, names["nanoseconds"], log) / 1e9
         return _since_midnight(seconds)
-    if "time" not in texts and "date" not in texts:
+    key = next((key for key in ("time", "date") if key in texts), None)
+    if key is None:
         log.add("nanoseconds without a column of seconds", None, names["nanoseconds"], "leave it out with `columns`")
-        return Times(np.full(lines.size, np.nan), "")
-    key = "time" if "time" in texts else "date"
+        return np.full(lines.size, np.nan), ""
     column = texts[key]
-    if not column.size:
-        return Times(np.empty(0), "")
     if "date" not in texts and all(_NUMBER.fullmatch(text) for text in column[:20]):
         values = _numbers(column, lines, names[key], log)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = next((scale for limit, scale in _EPOCHS if typical > limit), None) if divisor == 1.0 else None
-        return _since_midnight(values / scale) if scale else Times(values / divisor, "")
+        return _since_midnight(values / scale) if scale else (values / divisor, "")
     if key == "time" and "date" in texts:
         column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
     return _parsed(column, lines, names[key], log)
 
 
-def _since_midnight(seconds: Array) -> Times:
+def _since_midnight(seconds: Array, zone: str = " UTC") -> tuple[Array, str]:
     start = np.floor(seconds[0] / _DAY) * _DAY if seconds.size and np.isfinite(seconds[0]) else 0.0
-    if start == 0.0:
-        return Times(seconds, "")
-    day = dt.datetime.fromtimestamp(start, dt.UTC).date() if start < 4e9 else None
-    return Times(seconds - start, f"time_s counts from 00:00 UTC of {day}" if day else "time_s counts from a midnight")
+    if start == 0.0 and zone:
+        return seconds, ""
+    is_date = not zone or start < 4e9
+    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if is_date else None
+    return seconds - start, f"time_s counts from 00:00{zone} of {day}" if day else "time_s counts from a midnight"
 
 
-def _numbers(texts: Sequence[str] | NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> Array:
+def _numbers(texts: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> Array:
     values = np.full(len(texts), np.nan)
     for i, text in enumerate(texts):
         if _NUMBER.fullmatch(text):
@@ -92,84 +86,53 @@ def _numbers(texts: Sequence[str] | NDArray[np.str_], lines: NDArray[np.int64], 
     return values
 
 
-def _parsed(column: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> Times:
-    day_first = _day_first(column)
-    if day_first is None:
-        line = int(lines[0])
-        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", line, name,
-                "write dates as 2026-11-22, or leave the column out with `columns`")  # fmt: skip
-        return Times(np.full(column.size, np.nan), "")
+def _parsed(column: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> tuple[Array, str]:
     values = np.full(column.size, np.nan)
-    dated = False
+    dates = [match for text in column.tolist() if (match := _YEAR_LAST.match(text))]
+    day_first = not dates or any(match[2] == "." or int(match[1]) > 12 for match in dates)
+    if not day_first and all(int(match[3]) <= 12 for match in dates):
+        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", int(lines[0]), name,
+                "write dates as 2026-11-22, or leave the column out with `columns`")  # fmt: skip
+        return values, ""
+    has_date = False
     for i, text in enumerate(column.tolist()):
-        value = _seconds(text, day_first)
-        if value is None:
-            if text:
-                log.add(f"found {clip(text)}, expected a date and time, or a time of day", int(lines[i]), name)
-            continue
-        values[i], dated = value[0], dated or value[1]
-    if dated:
-        start = np.floor(values[0] / _DAY) * _DAY if np.isfinite(values[0]) else 0.0
-        date = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY)
-        return Times(values - start, f"time_s counts from 00:00 of {date}")
+        stamp = _seconds(text, day_first) if text else (np.nan, False)
+        if stamp is None:
+            log.add(f"found {clip(text)}, expected a date and time, or a time of day", int(lines[i]), name)
+        else:
+            values[i], has_date = stamp[0], has_date or stamp[1]
+    if has_date:
+        return _since_midnight(values, zone="")
     # A clock that falls by more than half a day has passed midnight.
     with np.errstate(invalid="ignore"):
         midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -_DAY / 2)])
-    return Times(values + _DAY * midnights, "time_s counts from midnight")
-
-
-def _day_first(column: NDArray[np.str_]) -> bool | None:
-    """Return whether the day stands before the month; None where both are possible."""
-    day = month = False
-    for text in column.tolist():
-        match = _YEAR_LAST.match(text)
-        if not match:
-            continue
-        if match[2] == ".":
-            return True
-        day, month = day or int(match[1]) > 12, month or int(match[3]) > 12
-        if day or month:
-            return day
-    return None if any(_YEAR_LAST.match(text) for text in column.tolist()) else True
+    return values + _DAY * midnights[: values.size], "time_s counts from midnight"
 
 
 def _seconds(text: str, day_first: bool) -> tuple[float, bool] | None:
     """Return seconds since 1970 or since midnight, and whether the text has a date; None for another text."""
-    clock_text = text.strip()
-    offset = 0.0
-    if (zone := _ZONE.search(clock_text)) and ":" in clock_text[: zone.start()]:
-        clock_text = clock_text[: zone.start()]
-        if zone[1][0] in "+-":
-            digits = zone[1].replace(":", "")
-            offset = (int(digits[:3]) * 60 + int(digits[0] + digits[3:])) * 60.0
-    days = None
-    if match := _YEAR_FIRST.match(clock_text):
-        days = _days(int(match[1]), int(match[2]), int(match[3]))
-    elif match := _YEAR_LAST.match(clock_text):
-        day, month = (1, 3) if day_first else (3, 1)
-        year = int(match[4])
-        days = _days(year + 2000 if year < 100 else year, int(match[month]), int(match[day]))
-    if match:
-        if days is None:
+    match = _STAMP.fullmatch(text)
+    if match is None:
+        return None
+    year, month, day, first, second, last, *clock, half, zone_h, zone_min = match.groups()
+    days = 0.0
+    if not (year or last or clock[0]):
+        return None
+    if year or last:
+        numbers = (year, month, day) if year else (last, *((second, first) if day_first else (first, second)))
+        y, m, d = map(int, numbers)
+        try:
+            days = (dt.date(y + 2000 if y < 100 else y, m, d) - dt.date(1970, 1, 1)).days
+        except ValueError:
             return None
-        clock_text = clock_text[match.end() :].lstrip("T ,;")
-    if not clock_text:
-        return None if days is None else (days * _DAY, True)
-    clock = _CLOCK.fullmatch(clock_text)
-    if not clock or int(clock[1]) > 24 or int(clock[2]) > 59 or int(clock[3] or 0) > 60:
+    hour, minute, second_ = (int(part or 0) for part in clock[:3])
+    if hour > 24 or minute > 59 or second_ > 60:
         return None
-    hour = int(clock[1])
-    if clock[5]:
-        hour = hour % 12 + (12 if clock[5] in "pP" else 0)
-    seconds = hour * 3600 + int(clock[2]) * 60 + int(clock[3] or 0) + float(f"0.{clock[4] or 0}")
-    return (days or 0) * _DAY + seconds - offset, days is not None
-
-
-def _days(year: int, month: int, day: int) -> int | None:
-    try:
-        return (dt.date(year, month, day) - dt.date(1970, 1, 1)).days
-    except ValueError:
-        return None
+    if half:
+        hour = hour % 12 + (12 if half in "pP" else 0)
+    offset = (int(zone_h) * 60 + int(zone_h[0] + zone_min)) * 60.0 if zone_h else 0.0
+    seconds = hour * 3600 + minute * 60 + second_ + float(f"0.{clock[3] or 0}")
+    return days * _DAY + seconds - offset, bool(year or last)
 
 
 _SAME_VISIT = 1e-3
@@ -285,18 +248,15 @@ def motion_of(
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)
         missing = [key for key in keys if key not in values.row_index]
-        if not missing and keys:
+        if not missing or (derived is None and len(missing) == len(keys)):
             result.append(values.column_set(keys))
-        elif derived is None and len(missing) == len(keys):
-            result.append(None)
-        else:
-            table = np.zeros((len(keys), values.lines.size)) if derived is None else derived[number]
-            for i, key in enumerate(keys):
-                if (column := values.column(key)) is not None:
-                    table[i] = column
-            result.append(table)
-            if derived is None:
-                warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
+            continue
+        table = np.zeros((len(keys), values.lines.size)) if derived is None else derived[number]
+        for row, key in zip(table, keys, strict=True):
+            row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
+        result.append(table)
+        if derived is None:
+            warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
     return (result[0], result[1]), (*warnings, *_opposite_sign_warnings(values, counted))
 
 

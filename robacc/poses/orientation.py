@@ -86,58 +86,46 @@ class AngleChoice:
         if self._log.total or not self._values.lines.size:
             return chosen  # without sound numbers a trial shows nothing
         for prefix, keys in orientations.items():
-            if keys is None or self._stated(prefix):
-                continue
-            if keys[0] == prefix + ROTATION_VECTOR[0] or prefix in layout.angles:
-                chosen[prefix] = self._tried(prefix, keys, orientations)
-            elif keys[0] == prefix + RPY[0]:
-                chosen[prefix] = self._tried_rpy(prefix, keys, orientations)
+            if keys is not None and not self._stated(prefix):
+                chosen[prefix] = self._tried(prefix, keys, chosen[prefix], orientations)
         return chosen
 
     def _stated(self, prefix: str) -> str | None:
         """Return the convention that the user or the names state; None where they leave it open."""
-        named = self._values.layout.angles.get(prefix, ())
+        named = self._values.layout.foreign.angles.get(prefix, ())
         is_named = self._reading.angles in _ORDERS and not named and self._reading.columns is None
         return named[0] if len(named) == 1 else None if is_named else self._reading.angles
 
-    def _tried(self, prefix: str, keys: tuple[str, ...], orientations: Mapping[str, tuple[str, ...] | None]) -> str:
-        """Return the convention that the data show; otherwise a question goes to the log."""
-        open_names = self._values.layout.angles.get(prefix)
-        n = self._values.lines.size
-        rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
-        known = self._known(prefix, rows, orientations)
-        angles = self._values.column_set(keys)
-        trial = None
-        if known is not None and angles is not None:
-            trial = try_conventions(angles[:, rows], known, open_names or _DOCUMENTED)
-        names = ", ".join(self._values.layout.columns[key].name for key in keys)
-        if open_names is None:
-            if trial is not None and trial.rules_out("rotvec"):
-                self._ask(names, "are documented as a rotation vector, which they do not fit", trial, _DOCUMENTED)
-            return "rotvec"
-        if trial is None or not trial.decided:
-            self._ask(names, "may be angles of several conventions", trial, open_names)
-            return open_names[0]
-        return self._best(names, trial)
+    def _tried(
+        self, prefix: str, keys: tuple[str, ...], documented: str, orientations: Mapping[str, tuple[str, ...] | None]
+    ) -> str:
+        """Return the convention that the data show, with a remark; where they leave it open, a question is logged.
 
-    def _tried_rpy(self, prefix: str, keys: tuple[str, ...], orientations: Mapping[str, tuple[str, ...] | None]) -> str:
-        """Return about fixed axes, unless the data show that an export's roll, pitch and yaw are about moving axes."""
+        Documented names keep their convention; the data may show that it is wrong. Roll, pitch and yaw of an export are
+        about fixed axes unless the data show otherwise.
+        """
+        open_names = self._values.layout.foreign.angles.get(prefix)
+        is_rpy = open_names is None and keys[0] == prefix + RPY[0]
+        if not is_rpy and open_names is None and keys[0] != prefix + ROTATION_VECTOR[0]:
+            return documented
+        options = open_names or (_ABOUT_XYZ if is_rpy else _DOCUMENTED)
         n = self._values.lines.size
         rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
         known, angles = self._known(prefix, rows, orientations), self._values.column_set(keys)
-        trial = None
-        if known is not None and angles is not None:
-            trial = try_conventions(angles[:, rows], known, _ABOUT_XYZ)
-        if trial is None or not trial.rules_out(_ABOUT_XYZ[0]):
-            return _ABOUT_XYZ[0]
-        columns = [self._values.layout.columns[key] for key in keys]
-        names = ", ".join(column.name for column in columns)
-        if any(is_documented(column.name) for column in columns):
-            self._ask(names, "are documented as about fixed axes, which they do not fit", trial, _ABOUT_XYZ)
-        return self._best(names, trial)
-
-    def _best(self, names: str, trial: AngleTrial) -> str:
-        """Return the convention that fits best, with a remark."""
+        trial = None if known is None or angles is None else try_conventions(angles[:, rows], known, options)
+        columns = [self._values.layout.columns[key].name for key in keys]
+        names = ", ".join(columns)
+        if open_names is not None:
+            if trial is None or not trial.decided:
+                self._ask(names, "may be angles of several conventions", trial, options)
+                return options[0]
+        elif trial is None or not trial.rules_out(documented):
+            return documented
+        elif not is_rpy:
+            self._ask(names, "are documented as a rotation vector, which they do not fit", trial, options)
+            return documented
+        elif any(map(is_documented, columns)):
+            self._ask(names, "are documented as about fixed axes, which they do not fit", trial, options)
         worse = min(size for name, size in trial.disagreement.items() if name != trial.best)
         self.remarks.append(
             Note(
@@ -159,22 +147,16 @@ class AngleChoice:
         keys = orientations[other]
         if keys is None or (columns := self._values.column_set(keys)) is None:
             return None
-        certain = (keys[0] != other + ROTATION_VECTOR[0] and other not in self._values.layout.angles) or self._stated(
-            other
-        )
+        certain = (
+            keys[0] != other + ROTATION_VECTOR[0] and other not in self._values.layout.foreign.angles
+        ) or self._stated(other)
         return CONVENTIONS[_convention(keys, self._stated(other))](columns[:, rows]) if certain else None
 
     def _ask(self, names: str, doubt: str, trial: AngleTrial | None, conventions: Sequence[str]) -> None:
-        tried = ""
-        if trial is not None:
-            results = (f"{name} by {_degrees(size)}" for name, size in trial.disagreement.items())
-            tried = f" (they miss the known orientations: {', '.join(results)})"
-        self._log.add(f"these {doubt}{tried}", self._line, names, f"give `angles`: {_usual(conventions)}")
-
-
-def _usual(conventions: Sequence[str]) -> str:
-    """Return the names of conventions, each with who writes it."""
-    return ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in conventions)
+        sizes = ", ".join(f"{name} by {_degrees(size)}" for name, size in trial.disagreement.items()) if trial else ""
+        tried = f" (they miss the known orientations: {sizes})" if trial else ""
+        writers = (f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in conventions)
+        self._log.add(f"these {doubt}{tried}", self._line, names, f"give `angles`: {', '.join(writers)}")
 
 
 def _degrees(angle: float) -> str:

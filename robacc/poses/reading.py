@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -37,39 +38,20 @@ _FEWEST = 4
 """Comparisons that a decision needs."""
 
 
-def _axis(axis: int, angle: Array) -> Array:
-    """Return the rotations ``(3, 3, N)`` about a coordinate axis."""
-    vector = np.zeros((3, angle.size))
-    vector[axis] = angle
-    return exp_so3(vector)
-
-
-def _product(*rotations: Array) -> Array:
-    result = rotations[0]
-    for rotation in rotations[1:]:
-        result = np.einsum("ijn,jkn->ikn", result, rotation)
-    return result
-
-
-def _moving_xyz(angles: Array) -> Array:
-    return _product(_axis(0, angles[0]), _axis(1, angles[1]), _axis(2, angles[2]))
-
-
-def _kuka(angles: Array) -> Array:
-    return _product(_axis(2, angles[0]), _axis(1, angles[1]), _axis(0, angles[2]))
-
-
-def _zyz(angles: Array) -> Array:
-    return _product(_axis(2, angles[0]), _axis(1, angles[1]), _axis(2, angles[2]))
+def _about(axes: Sequence[int], angles: Array) -> Array:
+    """Return the rotations ``(3, 3, N)`` about these moving axes by ``angles`` ``(3, N)``, rad."""
+    first, second, third = (exp_so3(np.eye(3)[:, axis, None] * angle) for axis, angle in zip(axes, angles, strict=True))
+    turned: Array = np.einsum("ijn,jkn,kln->iln", first, second, third)
+    return turned
 
 
 CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
     "rotvec": exp_so3,
     "fixed-xyz": rotation_from_rpy,
-    "moving-xyz": _moving_xyz,
+    "moving-xyz": partial(_about, (0, 1, 2)),
     "zyx": rotation_from_rpy,
-    "kuka-abc": _kuka,
-    "zyz": _zyz,
+    "kuka-abc": partial(_about, (2, 1, 0)),
+    "zyz": partial(_about, (2, 1, 2)),
     "wxyz": rotation_from_quaternion,
     "xyzw": lambda quaternion: rotation_from_quaternion(np.roll(quaternion, 1, axis=0)),
 }
@@ -127,10 +109,8 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     fours, turned = fours[:, turned > 2 * _AGREES], turned[turned > 2 * _AGREES]
     if n < len(steps) or turned.size < _FEWEST:
         return None
-    result = {}
-    for name in conventions:
-        result[name] = float(np.median(np.abs(_turns(CONVENTIONS[name](angles), fours) - turned)))
-    return AngleTrial(result)
+    tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
+    return AngleTrial({name: float(np.median(np.abs(difference))) for name, difference in tried.items()})
 
 
 def _turns(rotation: Array, fours: Array) -> Array:
@@ -317,8 +297,7 @@ class Reading:
 
     def document(self) -> dict[str, Any]:
         """Return the statements that were made, for a result's options."""
-        names = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")
-        values = {name: getattr(self, name) for name in names}
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
         return {name: dict(value) if name == "columns" else value for name, value in values.items() if value}
 
 

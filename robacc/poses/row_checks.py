@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from robacc.errors import Counted
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements
-from robacc.poses.columns import AXES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS
+from robacc.poses.columns import AXES, QUATERNION, ROTATION_VECTOR, RPY, Column
 from robacc.poses.layout import COMMANDED_QUATERNION, Values, listing
 from robacc.poses.reading import JointLimits
 from robacc.poses.units import EXCESS_TOLERANCE, degrees_likely, excess_beyond_limits
@@ -107,42 +107,37 @@ _NEAR_PER_EQUAL = 25.0
 gives, at a resolution of 1 um."""
 
 
-@dataclass(frozen=True, slots=True)
-class DuplicateRows:
-    """Rows that repeat an earlier row, or its measured values alone, which noise hardly ever does."""
+def duplicate_rows(values: Values, file: str, counted: Counted) -> tuple[NDArray[np.bool_] | None, tuple[str, ...]]:
+    """Return the rows ``(N,)`` that repeat an earlier row or its measured values, which noise hardly ever does.
 
-    warnings: tuple[str, ...] = ()
-    copies: NDArray[np.bool_] | None = None
-    """``(N,)`` the later rows; None without any."""
-
-
-def duplicate_rows(values: Values, file: str, counted: Counted) -> DuplicateRows:
-    """Return the rows that repeat an earlier row, with a warning."""
+    The second value is a warning. Both are empty without such rows.
+    """
     if values.lines.size < 2:
-        return DuplicateRows()
+        return None, ()
     measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
-    if not same_measured[0].size:
-        return DuplicateRows()
-    first, second = _equal_pairs(values.numbers)
+    first, second = _equal_pairs(values.numbers) if same_measured[0].size else same_measured
     equal = np.ones(first.size, dtype=bool)
     same_visit = equal.copy()
     for name, text in values.texts.items():
-        agrees = text[first] == text[second]
-        if name in _OF_VISIT:
-            same_visit &= agrees
-        else:
-            equal &= agrees
+        (same_visit if name in _OF_VISIT else equal)[text[first] != text[second]] = False
     duplicate = equal & same_visit
     if duplicate.any():
-        return _found(values, (first[duplicate], second[duplicate]), "an earlier row in every column", file, counted)
+        pairs, where = (first[duplicate], second[duplicate]), "an earlier row in every column"
     # Rounded values of many visits repeat by chance; a few to the last digit are copies.
-    if 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
-        where = "an earlier row of another visit to the last digit"
-        return _found(values, (first[equal], second[equal]), where, file, counted)
-    if "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
-        return _found(values, same_measured, "the measured values of an earlier row to the last digit", file, counted)
-    return DuplicateRows()
+    elif 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
+        pairs, where = (first[equal], second[equal]), "an earlier row of another visit to the last digit"
+    elif same_measured[0].size and "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
+        pairs, where = same_measured, "the measured values of an earlier row to the last digit"
+    else:
+        return None, ()
+    first, second = pairs
+    i = int(np.argmin(values.lines[second]))  # the copy that comes first is the example
+    rows = f"{first.size} row{'s repeat' if first.size > 1 else ' repeats'} {where}"
+    example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
+    copies = np.zeros(values.lines.size, dtype=bool)
+    copies[second] = True
+    return copies, (f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies",)
 
 
 def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -175,21 +170,6 @@ def _are_copies(position: Array, equal: int) -> bool:
     return near < _NEAR_PER_EQUAL * equal
 
 
-def _found(
-    values: Values, pairs: tuple[NDArray[np.int64], NDArray[np.int64]], where: str, file: str, counted: Counted
-) -> DuplicateRows:
-    """Return the later rows of the pairs, and a warning with that whose copy comes first as the example."""
-    first, second = pairs
-    i = int(np.argmin(values.lines[second]))
-    count = first.size
-    rows = f"{count} row{'s repeat' if count > 1 else ' repeats'} {where}"
-    example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
-    copies = np.zeros(values.lines.size, dtype=bool)
-    copies[second] = True
-    warning = f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies"
-    return DuplicateRows((warning,), copies)
-
-
 QUATERNION_TOLERANCE = 1e-3
 SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
@@ -203,60 +183,83 @@ _LARGEST: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "num
 """m (geocentric coordinates are 6.4e6), rad, m or rad for a joint, and the units of circumstances."""
 
 
+_RULES: tuple[tuple[str, Callable[[Array], NDArray[np.bool_]], str], ...] = (
+    ("dir_", lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1"),
+    ("speed_", lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1"),
+    ("sigma_", lambda v: v <= 0, "expected a standard deviation above 0"),
+    ("sigma_", lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"),
+    ("payload_kg", lambda v: v < 0, "expected 0 kg or more"),
+    ("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more"),
+)
+"""Start of the keys of columns, what is wrong with a value, and what is expected."""
+
+
 class RowChecks:
     """Checks of each row's values; problems go to the log, small excesses of limits to :attr:`warnings`."""
 
-    def __init__(self, values: Values, log: ProblemLog, *, ignore_limits: bool = False) -> None:
-        """Check ``values`` and report problems to ``log``; ``ignore_limits`` makes warnings of all excesses."""
+    def __init__(self, values: Values, log: ProblemLog) -> None:
+        """Report numbers that are too large to compute with to ``log`` and set them to NaN."""
         self.values = values
         self.log = log
-        self.ignore_limits = ignore_limits
         self.warnings: list[str] = []
+        for key, column in values.layout.columns.items():
+            limit, value = _LARGEST.get(column.kind), values.column(key)
+            if limit is not None and value is not None:
+                self._report(key, np.abs(value) > limit, f"expected at most {limit * column.divisor:g}{_unit(column)}")
+                value[np.abs(value) > limit] = np.nan
 
-    def run(self, limits: JointLimits | None, target_names: Sequence[str] | None, skip_limits: frozenset[str]) -> None:
-        """Run every check but that of :meth:`check_magnitudes`.
+    def run(
+        self,
+        limits: JointLimits | None,
+        target_names: Sequence[str] | None,
+        skip_limits: frozenset[str],
+        ignore_limits: bool,
+    ) -> None:
+        """Run the other checks.
 
         Args:
             limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
             target_names: Targets, as in :func:`robacc.poses.csv_file.read_poses`.
             skip_limits: Joints whose unit is wrong; a limit check of every row would repeat that problem.
+            ignore_limits: All excesses of limits are warnings.
 
         Where the file lacks joints, its columns may belong to others: no limit is checked.
         """
+        values, layout = self.values, self.values.layout
         for keys in (QUATERNION, COMMANDED_QUATERNION):
             self._quaternion(keys)
-        layout = self.values.layout
-        if all(key in layout.columns for key in layout.joints()):
+        if layout.group(layout.joints()) is not None:
             for key, limit in zip(layout.joints(), limits or (), strict=False):
                 if limit is not None and key not in skip_limits:
-                    self._limits(key, limit)
-        for key in self.values.layout.joints("dir_"):
-            self._column(key, lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1")
-        for key in self.values.layout.joints("speed_"):
-            self._column(key, lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1")
-        self._read_back()
-        for key in (*SIGMAS, "sigma_r"):
-            self._column(key, lambda v: v <= 0, "expected a standard deviation above 0")
-            self._column(
-                key, lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"
-            )
-        self._column("payload_kg", lambda v: v < 0, "expected 0 kg or more")
-        self._column("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more")
-        if (payload := self.values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
+                    self._limits(key, limit, np.inf if ignore_limits else None)
+        for start, test, expected in _RULES:
+            for key in values.row_index:
+                if key.startswith(start):
+                    self._report(key, test(values.numbers[values.row_index[key]]), expected)
+        for key in layout.joints():
+            self._read_back(key)
+        if (payload := values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
             self.warnings.append(
-                f"{self.log.at(int(self.values.lines[np.argmax(heavy)]))}: payload_kg is {payload[heavy][0]:g} kg, "
+                f"{self.log.at(int(values.lines[np.argmax(heavy)]))}: payload_kg is {payload[heavy][0]:g} kg, "
                 "more than an arm carries"
             )
         self._targets(target_names)
 
-    def check_magnitudes(self) -> None:
-        """Report numbers that are too large to compute with and set them to NaN; run this check first."""
-        for key, column in self.values.layout.columns.items():
-            limit, value = _LARGEST.get(column.kind), self.values.column(key)
-            if limit is not None and value is not None:
-                limit_text = f"{limit * column.divisor:g}{f' {column.unit}' if column.unit else ''}"
-                self._column(key, lambda v, limit=limit: np.abs(v) > limit, f"expected at most {limit_text}")  # type: ignore[misc]
-                value[np.abs(value) > limit] = np.nan
+    def _read_back(self, key: str) -> None:
+        """Report a joint that was read back far from its command: another unit, another order, or another row."""
+        command, value = self.values.column(key), self.values.column(f"read_{key}")
+        column = self.values.layout.columns.get(f"read_{key}")
+        if command is None or value is None or column is None or not column.name.startswith("read_"):
+            return
+        self.log.add_rows(
+            np.abs(value - command) > READ_BACK_TOLERANCE,
+            self.values.lines,
+            column.name,
+            lambda i: (
+                f"found {value[i]:.6g}, but the commanded joint is {command[i]:.6g} (rad or m); check the unit and "
+                "the order of the columns read back"
+            ),
+        )
 
     def _quaternion(self, keys: Sequence[str]) -> None:
         quaternion = self.values.column_set(keys)
@@ -271,97 +274,58 @@ class RowChecks:
             lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
         )
 
-    def _read_back(self) -> None:
-        """Report joints that were read back far from their command: another unit, another order, or another row."""
-        for key in self.values.layout.joints():
-            command, value = self.values.column(key), self.values.column(f"read_{key}")
-            column = self.values.layout.columns.get(f"read_{key}")
-            if command is None or value is None or column is None or not column.name.startswith("read_"):
-                continue
-            with np.errstate(invalid="ignore"):
-                far = np.abs(value - command) > READ_BACK_TOLERANCE
-            self.log.add_rows(
-                far,
-                self.values.lines,
-                column.name,
-                lambda i, value=value, command=command: (  # type: ignore[misc]
-                    f"found {value[i]:.6g}, but the commanded joint is {command[i]:.6g} (rad or m); check the unit and "
-                    "the order of the columns read back"
-                ),
-            )
-
-    def _limits(self, key: str, limits: tuple[float, float]) -> None:
-        column = self.values.layout.columns.get(key)
-        if column is None:
-            return
-        value = self.values.column(key)
-        if value is None:
-            return
-        unit = f" {column.unit}" if column.unit else ""
+    def _limits(self, key: str, limits: tuple[float, float], tolerance: float | None) -> None:
+        column, value = self.values.layout.columns[key], self.values.numbers[self.values.row_index[key]]
+        unit = _unit(column)
         low, high = (limit * column.divisor for limit in limits)
-        limits_text = f"{low:.6g} to {high:.6g}{unit}"
-        tolerance = np.inf if self.ignore_limits else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
+        limits_text = f"the joint's limits {low:.6g} to {high:.6g}{unit}"
+        if tolerance is None:
+            tolerance = EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
         excess = excess_beyond_limits(value, limits)
         small = (excess > 0) & (excess <= tolerance)
-        if small.any():
-            self._warn_of_excess(column.name, limits_text, f"{excess[small].max() * column.divisor:.3g}{unit}", small)
+        if (count := np.count_nonzero(small)) > 0:
+            rows = "1 row, which is used" if count == 1 else f"{count} rows, which are used"
+            self.warnings.append(
+                f"{self.log.at(int(self.values.lines[np.argmax(small)]))}: {column.name} exceeds {limits_text} by at "
+                f"most {excess[small].max() * column.divisor:.3g}{unit} in {rows}"
+            )
         fix = "`ignore_limits` uses these rows all the same"
         if column.unit == "rad" and degrees_likely(value, limits):
             fix = "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else " + fix
+        self._report(key, excess > tolerance, f"expected a value within {limits_text}", fix)
+
+    def _report(self, key: str, failed: NDArray[np.bool_], expected: str, fix: str | None = None) -> None:
+        """Log the values of a column that fail a test; NaN is in the log already."""
+        column, value = self.values.layout.columns[key], self.values.numbers[self.values.row_index[key]]
+        unit = _unit(column)
         self.log.add_rows(
-            excess > tolerance,
+            failed & ~np.isnan(value),
             self.values.lines,
             column.name,
-            lambda i: (
-                f"found {value[i] * column.divisor:.10g}{unit}, expected a value within the joint's limits "
-                f"{limits_text}"
-            ),
+            lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}",
             fix,
         )
 
-    def _warn_of_excess(self, name: str, limits_text: str, excess_text: str, rows: NDArray[np.bool_]) -> None:
-        count = int(np.count_nonzero(rows))
-        first = int(self.values.lines[np.argmax(rows)])
-        self.warnings.append(
-            f"{self.log.at(first)}: {name} exceeds the joint's limits {limits_text} by at most {excess_text} "
-            f"in {count} {'row' if count == 1 else 'rows'}, which {'is' if count == 1 else 'are'} used"
-        )
-
-    def _column(self, key: str, test: Callable[[Array], NDArray[np.bool_]], expected: str) -> None:
-        value = self.values.column(key)
-        if value is None:
-            return
-        column = self.values.layout.columns[key]
-        unit = f" {column.unit}" if column.unit else ""
-        with np.errstate(invalid="ignore"):
-            failed = test(value) & ~np.isnan(value)
-        describe: Callable[[int], str] = lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}"  # noqa: E731
-        self.log.add_rows(failed, self.values.lines, column.name, describe)
-
     def _targets(self, target_names: Sequence[str] | None) -> None:
-        target = self.values.texts.get("target")
+        target, layout = self.values.texts.get("target"), self.values.layout
         if target is None or target_names is None:
             return
-        if not target_names:
-            # The robot's tool is not used where the file has commanded poses.
-            if self.values.layout.group(self.values.layout.joints()) is not None:
-                self._single_target(target)
-            return
-        unknown = ~np.isin(target, target_names) & (target != "")
-
-        def describe(i: int) -> str:
-            import difflib
-
-            nearest = difflib.get_close_matches(str(target[i]), target_names, n=1, cutoff=0.0)[0]
+        if target_names:
+            unknown = ~np.isin(target, target_names) & (target != "")
             expected = f"expected a target of the robot file ({listing(target_names)})"
-            return f"found {clip(str(target[i]))}, {expected}; the nearest is {nearest}"
-
-        self.log.add_rows(unknown, self.values.lines, "target", describe)
-
-    def _single_target(self, target: NDArray[np.str_]) -> None:
-        """Report several targets for a robot with one tool: the tool would be wrong for all but one of them."""
+            self.log.add_rows(
+                unknown,
+                self.values.lines,
+                "target",
+                lambda i: (
+                    f"found {clip(str(target[i]))}, {expected}; the nearest is "
+                    f"{difflib.get_close_matches(str(target[i]), target_names, n=1, cutoff=0.0)[0]}"
+                ),
+            )
+            return
+        # The robot's tool is not used where the file has commanded poses; it would be wrong for all targets but one.
         names = list(dict.fromkeys(target[target != ""].tolist()))
-        if len(names) > 1:
+        if len(names) > 1 and layout.group(layout.joints()) is not None:
             names_text = listing([clip(name) for name in names])
             message = f"found several targets ({names_text}), but the robot has one tool and no targets"
             fix = (
@@ -369,3 +333,8 @@ class RowChecks:
                 "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
             )
             self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)
+
+
+def _unit(column: Column) -> str:
+    """Return the unit of a column behind a blank, for a message."""
+    return f" {column.unit}" if column.unit else ""

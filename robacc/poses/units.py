@@ -26,6 +26,8 @@ from robacc.statistics.intervals import interpolated
 # pass; each has its reason beside it.
 
 TURN = 2 * math.pi
+_LARGEST_ANGLE = 1.01 * TURN
+"""rad; roll, pitch, yaw or a rotation vector never need more than a turn."""
 _MANY_TURNS = 2 * TURN
 """rad; industrial joints end at one turn either way, few at two; 12.6 degrees is less than any arm's motion."""
 _FREQUENT = 0.2
@@ -79,20 +81,12 @@ def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
     return np.where(excess > LIMIT_TOLERANCE, excess, 0.0)
 
 
-def angle_beyond_turn(values: Array) -> bool:
-    """Return whether roll, pitch, yaw or a rotation vector ``(3, N)`` exceeds one turn, which rad never needs."""
-    return bool(np.max(np.abs(values)) > 1.01 * TURN)
-
-
 def lengths_too_large(position: Array) -> bool:
     """Return whether most of ``position`` ``(3, N)`` has a larger range or distance than a robot's poses in m."""
+    # A few wild readings are outliers, not another unit: most of the poses decide.
     if max(np.ptp(axis) for axis in position) <= _RANGE and np.max(np.abs(position)) <= _DISTANCE:
         return False
-    # A few wild readings are outliers, not another unit.
-    return (
-        float(np.max(central_range(position))) > _RANGE
-        or float(np.max(np.abs(np.median(position, axis=1)))) > _DISTANCE
-    )
+    return bool(np.max(central_range(position)) > _RANGE or np.max(np.abs(np.median(position, axis=1))) > _DISTANCE)
 
 
 def central_range(values: Array) -> Array:
@@ -120,12 +114,6 @@ def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
     doubtful, impossible = _SIGMA_LENGTH if kind == "length" else _SIGMA_ANGLE
     typical = float(np.median(sigma))
     return typical > impossible, typical > doubtful
-
-
-def plausible_sigma(sigma: Array) -> bool:
-    """Return whether a measuring uncertainty of positions (m) is one of an instrument that tests robots."""
-    low, high = _SIGMA_USUAL
-    return low <= float(np.median(sigma)) <= high
 
 
 def check_scale(position: Array, nominal: Array, file: str | None) -> None:
@@ -198,53 +186,58 @@ class UnitChecks:
         if self.values.lines.size == 0:
             return frozenset()
         layout = self.values.layout
-        if layout.wrong_unit:
+        if layout.foreign.wrong_unit:
             return frozenset(layout.joints())
-        if layout.without_unit:
-            return self._ask_units()
-        self._ask_unit_of_sigma()
+        if columns := layout.foreign.without_unit:
+            # What the values suggest: a question to the user.
+            kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
+            sizes = [
+                f"{kinds[kind]} up to {np.max(np.abs(self.values.numbers[rows])):.4g}"
+                for kind in kinds
+                if (rows := [self.values.row_index[column.key] for column in columns if column.kind == kind])
+            ]
+            self.log.add(
+                f"these columns state no unit ({', '.join(sizes)})",
+                self.line,
+                compact([column.name for column in columns]),
+                "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
+            )
+            return frozenset(layout.joints())
+        sigma = self.values.column_set(SIGMAS) if layout.foreign.unit_of_position else None
+        if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
+            # Uncertainties that are too large or too small in the unit of the position.
+            column = layout.columns[layout.foreign.unit_of_position[0]]
+            typical = f"{float(np.median(sigma)) * column.divisor:.3g} {column.unit}"
+            self.log.add(
+                f"these columns state no unit, and {typical} is not a usual measuring uncertainty",
+                self.line,
+                compact([layout.columns[key].name for key in layout.foreign.unit_of_position]),
+                "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",
+            )
         wrong_joints = self._joints(limits)
-        too_large = [keys for keys in (AXES, COMMANDED_AXES) if self._lengths(keys)]
-        if not too_large:
-            self._scales()
-        for keys in (layout.orientation, layout.commanded_orientation):
-            if keys is not None and len(keys) == 3:
-                self._angles(keys)
-        for keys in (SIGMAS, ("sigma_r",)):
-            self._sigma(keys)
-        return wrong_joints
-
-    def _ask_units(self) -> frozenset[str]:
-        """Report the columns of an export that need a unit, with what their values suggest; return their joints."""
-        columns = self.values.layout.without_unit
-        kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
-        sizes = [
-            f"{kinds[kind]} up to {np.max(np.abs(self.values.numbers[rows])):.4g}"
-            for kind in kinds
-            if (rows := [self.values.row_index[column.key] for column in columns if column.kind == kind])
+        lengths = [
+            keys for keys in (AXES, COMMANDED_AXES) if (p := self._bare(keys)) is not None and lengths_too_large(p)
         ]
-        self.log.add(
-            f"these columns state no unit ({', '.join(sizes)})",
-            self.line,
-            compact([column.name for column in columns]),
-            "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
-        )
-        return frozenset(self.values.layout.joints())
-
-    def _ask_unit_of_sigma(self) -> None:
-        """Report uncertainties that are too large or too small in the unit of the position."""
-        layout = self.values.layout
-        sigma = self.values.column_set(SIGMAS)
-        if not layout.unit_of_position or sigma is None or plausible_sigma(sigma):
-            return
-        columns = [layout.columns[key] for key in layout.unit_of_position]
-        typical = float(np.median(sigma)) * columns[0].divisor
-        self.log.add(
-            f"these columns state no unit, and {typical:.3g} {columns[0].unit} is not a usual measuring uncertainty",
-            self.line,
-            compact([column.name for column in columns]),
-            "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",
-        )
+        for keys in lengths:
+            far = np.max(np.abs(self.values.column_set(keys)), axis=0)  # type: ignore[arg-type]
+            message = f"found positions up to {np.max(far):.4g}, which cannot be m"
+            self._refuse(keys, message, "m", "mm", far > _MOST_METRES)
+        attained, commanded = self.values.column_set(AXES), self.values.column_set(COMMANDED_AXES)
+        both = not lengths and attained is not None and commanded is not None and attained.shape[1] > 1
+        if both and (ratio := thousandfold(attained, commanded)) is not None:  # type: ignore[arg-type]
+            names = ", ".join(layout.columns[key].name for key in (*AXES, *COMMANDED_AXES))
+            message = f"attained positions spread {ratio:.3g} times as far as commanded positions"
+            fix = "put the unit in the columns' names, for example x_mm and cmd_x_m"
+            self.log.add(f"{message}, so one of them is in mm", self.line, names, fix)
+        for keys in filter(None, (layout.orientation, layout.commanded_orientation)):
+            angles = self._bare(keys) if len(keys) == 3 else None
+            if angles is not None and np.max(np.abs(angles)) > _LARGEST_ANGLE:
+                message = f"found angles up to {np.max(np.abs(angles)):.4g}, which cannot be rad"
+                self._refuse(keys, message, "rad", "deg")
+        for keys in (SIGMAS, ("sigma_r",)):
+            if (sigma := self._bare(keys)) is not None:
+                self._sigma(keys, sigma)
+        return wrong_joints
 
     def _refuse(
         self, keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
@@ -312,39 +305,7 @@ class UnitChecks:
             if key in millimetres or (key in columns and columns[key].kind != "length" and columns[key].unit is None)
         )
 
-    def _lengths(self, keys: Sequence[str]) -> bool:
-        position = self._bare(keys)
-        if position is None or not lengths_too_large(position):
-            return False
-        largest = float(np.max(np.abs(position)))
-        far = np.max(np.abs(position), axis=0) > _MOST_METRES
-        self._refuse(keys, f"found positions up to {largest:.4g}, which cannot be m", "m", "mm", far)
-        return True
-
-    def _scales(self) -> None:
-        """Report attained and commanded positions of which one is in mm."""
-        attained, commanded = self.values.column_set(AXES), self.values.column_set(COMMANDED_AXES)
-        if attained is None or commanded is None or attained.shape[1] < 2:
-            return
-        ratio = thousandfold(attained, commanded)
-        if ratio is None:
-            return
-        names = [self.values.layout.columns[key].name for key in (*AXES, *COMMANDED_AXES)]
-        message = f"attained positions spread {ratio:.3g} times as far as commanded positions, so one of them is in mm"
-        self.log.add(
-            message, self.line, ", ".join(names), "put the unit in the columns' names, for example x_mm and cmd_x_m"
-        )
-
-    def _angles(self, keys: Sequence[str]) -> None:
-        angles = self._bare(keys)
-        if angles is not None and angle_beyond_turn(angles):
-            largest = float(np.max(np.abs(angles)))
-            self._refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
-
-    def _sigma(self, keys: Sequence[str]) -> None:
-        sigma = self._bare(keys)
-        if sigma is None:
-            return
+    def _sigma(self, keys: Sequence[str], sigma: Array) -> None:
         kind = self.values.layout.columns[keys[0]].kind
         unit, likely_unit = ("m", "mm") if kind == "length" else ("rad", "deg")
         impossible, doubtful = doubtful_sigma(sigma, kind)
@@ -364,18 +325,19 @@ def with_units(
     Documented names are SI. They are read otherwise only where the values cannot be SI and the motion of the arm shows
     the unit; other names also where the values alone leave one unit.
     """
-    layout, foreign = values.layout, {_QUANTITY[column.kind] for column in values.layout.without_unit}
+    layout, foreign = values.layout, {_QUANTITY[column.kind] for column in values.layout.foreign.without_unit}
     columns = [
         column
         for column in layout.columns.values()
         if column.unit is None and column.kind in _QUANTITY
-        if _QUANTITY[column.kind] not in foreign or column in layout.without_unit
+        if _QUANTITY[column.kind] not in foreign or column in layout.foreign.without_unit
     ]
     index = np.arange(0, values.lines.size, -(-values.lines.size // _SAMPLE) or 1)
     index = index[np.isfinite(values.numbers[:, index]).all(axis=0)]
-    rows = replace(values.rows(index), layout=replace(layout, without_unit=()))
+    rows = values.rows(index)
+    rows = replace(rows, layout=replace(layout, foreign=replace(layout.foreign, without_unit=())))
     (checks := UnitChecks(rows, ProblemLog(""), line)).run(robot.limits)
-    if not index.size or layout.wrong_unit or "part" in checks.wrong or not (foreign or checks.wrong):
+    if not index.size or layout.foreign.wrong_unit or "part" in checks.wrong or not (foreign or checks.wrong):
         return values, []
     known = None if known_poses is None else known_poses(values.texts.get("pose"), values.lines.size)[0]
     wrong, scores = foreign | checks.wrong, {}
@@ -402,13 +364,12 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
     new = {c.key: replace(c, unit=units[_QUANTITY[c.kind]]) for c in columns if _QUANTITY[c.kind] in units}
     for key, column in new.items():
         numbers[values.row_index[key]] /= column.divisor / column.coverage
-    layout = replace(
-        layout,
-        columns={**layout.columns, **new},
-        without_unit=tuple(column for column in layout.without_unit if column.key not in new),
-        unit_of_position=layout.unit_of_position or tuple(key for key in SIGMAS if key in new),
+    foreign = replace(
+        layout.foreign,
+        without_unit=tuple(column for column in layout.foreign.without_unit if column.key not in new),
+        unit_of_position=layout.foreign.unit_of_position or tuple(key for key in SIGMAS if key in new),
     )
-    return replace(values, numbers=numbers, layout=layout)
+    return replace(values, numbers=numbers, layout=replace(layout, columns={**layout.columns, **new}, foreign=foreign))
 
 
 def _distance(values: Values, robot: KnownRobot, known: Array | None) -> float:

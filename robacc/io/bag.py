@@ -16,6 +16,7 @@ from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
 from robacc.io.bag_options import EXAMPLE, BagOptions
 from robacc.io.column_table import ColumnTable
+from robacc.io.files import sha256_of
 from robacc.io.table import TableOptions
 
 if TYPE_CHECKING:
@@ -44,6 +45,12 @@ class Samples:
     received: list[int] = field(default_factory=list)
     """Times of recording, ns."""
     values: list[tuple[float, ...]] = field(default_factory=list)
+
+    def add(self, stamped: int, received: int, values: tuple[float, ...]) -> None:
+        """Add a sample."""
+        self.stamped.append(stamped)
+        self.received.append(received)
+        self.values.append(values)
 
     def times(self, clock: str) -> NDArray[np.int64]:
         """Return the times ``(N,)`` by the stated clock, ns."""
@@ -104,9 +111,7 @@ def _opened(path: str) -> Iterator[AnyReader]:
     try:
         with AnyReader([Path(path)], default_typestore=get_typestore(Stores.LATEST)) as bag:
             yield bag
-    except (InputError, UsageError):
-        raise
-    except (MemoryError, KeyboardInterrupt):
+    except (InputError, UsageError, MemoryError):
         raise
     except Exception as error:  # the readers of rosbags, of SQLite and of the codecs share no base class
         reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -186,9 +191,7 @@ def _add_joints(joints: dict[str, Samples], topic: str, message: Any, received: 
     stamp = _stamp(message, received)
     for name, value in zip(names, positions, strict=False):  # a message without positions has velocities only
         samples = joints.setdefault(str(name), Samples(topic))
-        samples.stamped.append(stamp)
-        samples.received.append(received)
-        samples.values.append((float(value),))
+        samples.add(stamp, received, (float(value),))
 
 
 def _add_pose(samples: Samples, message: Any, received: int) -> None:
@@ -197,9 +200,7 @@ def _add_pose(samples: Samples, message: Any, received: int) -> None:
     for part in messages:
         header = getattr(part, "header", None)
         samples.frame = samples.frame or str(getattr(header, "frame_id", ""))
-        samples.stamped.append(_stamp(part, received))
-        samples.received.append(received)
-        samples.values.append(_pose_values(part))
+        samples.add(_stamp(part, received), received, _pose_values(part))
 
 
 def _pose_values(message: Any) -> tuple[float, ...]:
@@ -214,12 +215,6 @@ def _pose_values(message: Any) -> tuple[float, ...]:
     turn = getattr(body, "orientation", None) or getattr(body, "rotation", None)
     quaternion = (np.nan,) * 4 if turn is None else (turn.x, turn.y, turn.z, turn.w)
     return (float(place.x), float(place.y), float(place.z), *map(float, quaternion), *spread)
-
-
-def recorded_files(path: str) -> list[Path]:
-    """Return the files of a recording in the order of their names."""
-    root = Path(path)
-    return sorted(item for item in root.iterdir() if item.is_file()) if root.is_dir() else [root]
 
 
 # Table of a recording: a row for each measured pose, with the joints or the command at its time.
@@ -253,9 +248,12 @@ def bag_table(path: str, options: TableOptions) -> ColumnTable:
     times = (measured.times(options.bag.clock) - origin) / 1e9
     stands = _stands(times, tracks)
     are_stands = _use_rest(path, stands, options.bag)
-    groups = _groups(stands) if are_stands else [np.array([i]) for i in range(times.size)]
+    numbers = stands if are_stands else np.arange(times.size)
+    groups = [np.flatnonzero(numbers == number) for number in range(int(numbers.max()) + 1)]
     columns = _columns(measured, tracks, times, groups)
-    columns += _time_columns(origin, times, groups)
+    stamps = np.array([origin + round(1e9 * float(times[group].mean())) for group in groups])
+    for name, part in zip(("sec", "nanosec"), np.divmod(stamps, 1_000_000_000), strict=True):
+        columns.append((f"header.stamp.{name}", part))
     if not are_stands and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
         columns.append(("visit", (stands + 1).astype(str)))
     return ColumnTable(
@@ -377,10 +375,6 @@ def _use_rest(path: str, stands: NDArray[np.int64], options: BagOptions) -> bool
     return options.at == "rest"
 
 
-def _groups(stands: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    return [np.flatnonzero(stands == number) for number in range(int(stands.max()) + 1)]
-
-
 def _columns(
     measured: Samples, tracks: list[_Track], times: Array, groups: list[NDArray[np.int64]]
 ) -> list[tuple[str, NDArray[Any]]]:
@@ -412,26 +406,12 @@ def _mean_turns(quaternions: Array, groups: list[NDArray[np.int64]]) -> Array:
     return result
 
 
-def _time_columns(origin: int, times: Array, groups: list[NDArray[np.int64]]) -> list[tuple[str, NDArray[Any]]]:
-    nanoseconds = [origin + round(1e9 * float(times[group].mean())) for group in groups]
-    return [
-        ("header.stamp.sec", np.array([value // 1_000_000_000 for value in nanoseconds])),
-        ("header.stamp.nanosec", np.array([value % 1_000_000_000 for value in nanoseconds])),
-    ]
-
-
 def _digest(path: str) -> str:
     """Return the digest of the recording's bytes; a folder's is that of its files' names and bytes."""
-    files = recorded_files(path)
-    digests: Mapping[str, str] = {item.name: _file_digest(str(item)) for item in files}
-    if len(digests) == 1:
-        return next(iter(digests.values()))
-    return hashlib.sha256("".join(f"{name} {digest}\n" for name, digest in digests.items()).encode()).hexdigest()
-
-
-def _file_digest(path: str) -> str:
-    with open(path, "rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    root = Path(path)
+    files = sorted(item for item in root.iterdir() if item.is_file()) if root.is_dir() else [root]
+    lines = [f"{item.name} {sha256_of(item)}\n" for item in files]
+    return sha256_of(files[0]) if len(files) == 1 else hashlib.sha256("".join(lines).encode()).hexdigest()
 
 
 def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, are_stands: bool) -> str:

@@ -216,16 +216,11 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         siblings: Texts of all headings of the file, which make single letters unambiguous.
     """
     words = heading.words
-    if heading.text in _TEXT_NAMES:
-        return Meaning(_TEXT_NAMES[heading.text])
-    if heading.text in _TIME_NAMES:
-        return Meaning(_TIME_NAMES[heading.text])
-    if heading.text in _CIRCUMSTANCES:
-        return Meaning(_CIRCUMSTANCES[heading.text])
+    if key := {**_TEXT_NAMES, **_TIME_NAMES, **_CIRCUMSTANCES}.get(heading.text):
+        return Meaning(key)
     if _REFUSED & set(words) or not words:
         return None
-    robot = _universal_robots(words)
-    if robot is not None:
+    if robot := _universal_robots(words):
         return robot
     if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
         return Meaning("qw")
@@ -439,7 +434,11 @@ class Names:
         bare = {split_unit(name)[0] for name in header_names} | set(header_names)
         numbered = {f"q{i + 1}" for i in range(len(names))}
         by_name = set(names) <= bare and not numbered <= bare
-        keys = {branch.name: f"branch_q{i + 1}" for i, branch in enumerate(branches) if _may_name_branch(branch.name)}
+        keys = {
+            branch.name: f"branch_q{i + 1}"
+            for i, branch in enumerate(branches)
+            if branch.name not in FIXED_KINDS and not JOINT_COLUMN.fullmatch(branch.name)  # it means nothing else
+        }
         for i, name in enumerate(names):
             for prefix in ("", "dir_", "speed_", "read_"):
                 label = f"{prefix}{name}"
@@ -482,11 +481,6 @@ class Names:
         motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
         # The start of the name is enough: the cost of the comparison grows with the length of both names.
         return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
-
-
-def _may_name_branch(name: str) -> bool:
-    """Return whether a name means nothing else in a pose file."""
-    return name not in FIXED_KINDS and not JOINT_COLUMN.fullmatch(name)
 
 
 def split_unit(name: str) -> tuple[str, str | None]:

@@ -227,9 +227,11 @@ class _Completeness:
         count = len(joint_names) or max(joint_numbers or motion_numbers, default=0)
         read_back = tuple(f"read_q{i + 1}" for i in range(count))
         self._check_set(read_back, "the joint variables as read back")
+        # Without the attained position, which is required, that is the problem of the file.
+        has_position = not self.attained or set(AXES) <= self.columns.keys()
         if joint_numbers:
             self._check_joints(joint_numbers, count)
-        elif self.commands and not commanded and self._has_position() and (joint_names or "pose" not in self.columns):
+        elif self.commands and not commanded and has_position and (joint_names or "pose" not in self.columns):
             keys = f"q1 … q{count}" if joint_names else "q1 … qN"
             fix = (
                 "give the commands with `commanded`: the robot program, or a table of joints or poses; "
@@ -243,10 +245,6 @@ class _Completeness:
                 last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
                 self.log.add(f"the column belongs to joint {match[2]}, but {last}", self.line, column)
         return count
-
-    def _has_position(self) -> bool:
-        """Return whether the attained position is there, if it is required; else it is the problem of the file."""
-        return not self.attained or set(AXES) <= self.columns.keys()
 
     def _check_joints(self, joint_numbers: Sequence[int], count: int) -> None:
         joint_names = self.names.joint_names

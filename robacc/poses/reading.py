@@ -381,16 +381,6 @@ class PoseFile(str):
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
 
-    def __reduce__(self) -> tuple[object, ...]:
-        """Return how to copy the path into another process."""
-        return _restored, (str(self), self.reading, self.frame)
-
-
-def _restored(path: str, reading: Reading, frame: Any) -> PoseFile:
-    result = PoseFile(path)
-    result.reading, result.frame = reading, frame
-    return result
-
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:
     """Return the statements that a path carries."""

@@ -62,17 +62,11 @@ def degrees_likely(q: Array, limits: tuple[float, float] | None) -> bool:
     largest = float(max(q.max(), -q.min()))
     if largest <= 1.001 * TURN:
         return False
-    outside = np.ones(q.shape, dtype=bool) if limits is None else outside_limits(q, limits)
-    if limits is not None and np.mean(outside) >= _FREQUENT and not outside_limits(np.radians(q), limits).any():
+    outside = np.ones(q.shape, dtype=bool) if limits is None else excess_beyond_limits(q, limits) > 0
+    if limits is not None and np.mean(outside) >= _FREQUENT and not excess_beyond_limits(np.radians(q), limits).any():
         return True
     size = np.abs(q)
     return bool(np.any(outside & (size > _MANY_TURNS)) or np.mean(outside & (size > 1.001 * TURN)) >= _FREQUENT)
-
-
-def outside_limits(q: Array, limits: tuple[float, float]) -> NDArray[np.bool_]:
-    """Return ``(N,)``: True where a joint's value is outside its limits by more than rounding (5e-6 rad or m)."""
-    outside: NDArray[np.bool_] = (q < limits[0] - LIMIT_TOLERANCE) | (q > limits[1] + LIMIT_TOLERANCE)
-    return outside
 
 
 def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
@@ -285,7 +279,7 @@ class UnitChecks:
                 continue
             limit = limits[i] if limits is not None and i < len(limits) else None
             if self.values.layout.columns[key].kind == "length":
-                if np.max(np.abs(q)) > 50.0 and (limit is None or outside_limits(q[0], limit).any()):
+                if np.max(np.abs(q)) > 50.0 and (limit is None or excess_beyond_limits(q[0], limit).any()):
                     millimetres.append(key)
             elif degrees_likely(q[0], limit):
                 degrees.append(key)

@@ -55,7 +55,7 @@ class ColumnTable(Table):
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
         table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
-            row[:] = self._numbers(*self.column(i), self.names[i])
+            row[:] = self._numbers(*self.column(i), self.labels[i])
         columns = tuple(self._texts(i) for i in texts)
         return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.gaps)
 
@@ -114,7 +114,7 @@ class ColumnTable(Table):
         if self.skip_gaps:
             self.gaps.update(i for i, text in enumerate(texts, 1) if not text)
             return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
-        return np.array([self.text(text, i, self.names[index]) for i, text in enumerate(texts, 1)], dtype=str)
+        return np.array([self.text(text, i, self.labels[index]) for i, text in enumerate(texts, 1)], dtype=str)
 
 
 def _is_missing(value: Any) -> bool:

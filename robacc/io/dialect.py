@@ -228,9 +228,10 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
     head = next((line for line in lines if PLAIN.is_row(line)), None)
     if head is None or any(is_known(name) for name in _split(PLAIN, head)):
         return None
+    declared = re.fullmatch(r"\s*sep=(.)\s*", lines[0])  # by a spreadsheet program
     candidates = [
         candidate
-        for separator in _declared_separator(lines) or _SEPARATORS
+        for separator in ((declared[1],) if declared else _SEPARATORS)
         if (candidate := _candidate(list(lines[:_EXAMINED]), separator, is_known)) is not None
     ]
     if not candidates:
@@ -250,12 +251,6 @@ def _without_rows(head: str, line: int, is_known: Callable[[str], bool]) -> Tabl
         if len(names) > 1 and sum(map(is_known, names)) > len(names) / 2:
             return TableDialect(separator, header_line=line, first_row=line + 1, names=tuple(names))
     return None
-
-
-def _declared_separator(lines: Sequence[str]) -> tuple[str | None, ...]:
-    """Return the separator that a first line ``sep=;`` of a spreadsheet program states."""
-    match = re.fullmatch(r"\s*sep=(.)\s*", lines[0]) if lines else None
-    return (match[1],) if match else ()
 
 
 def _candidate(

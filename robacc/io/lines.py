@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import os
@@ -49,7 +50,11 @@ class LineReader:
         self.not_text: list[Problem] = []
         """Lines with bytes that Windows-1252 does not have either, up to :data:`_MOST_LINES`."""
         self._digest = _Digest()
-        self._size = _size(stream)
+        self._size = 0
+        """Size of a plain file, bytes; 0 for any other stream."""
+        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
+            status = os.fstat(stream.fileno())
+            self._size = status.st_size if stat.S_ISREG(status.st_mode) else 0
         self._consumed = 0
         self.ends_with_line = True
         """Whether the bytes read so far end with the end of a line."""
@@ -162,12 +167,3 @@ class _Digest:
         if self._running is not None:
             self._running.join()
             self._running = None
-
-
-def _size(stream: BinaryIO) -> int:
-    """Return the size of a plain file in bytes, 0 for any other stream."""
-    try:
-        status = os.fstat(stream.fileno())
-    except OSError:  # a stream in memory has no descriptor
-        return 0
-    return status.st_size if stat.S_ISREG(status.st_mode) else 0

@@ -73,12 +73,12 @@ class ParquetTable(ColumnTable):
         for i in numbers:
             kind = self._fields[i].type
             if not (types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_null(kind)):
-                self.log.add(f"the column holds {kind}, expected numbers", None, self.names[i], "store it as double")
+                self.log.add(f"the column holds {kind}, expected numbers", None, self.labels[i], "store it as double")
         for i in texts:
             kind = self._fields[i].type
             inner = kind.value_type if types.is_dictionary(kind) else kind
             if not (types.is_string(inner) or types.is_large_string(inner) or types.is_integer(inner)):
-                self.log.add(f"the column holds {kind}, expected text", None, self.names[i], "store it as string")
+                self.log.add(f"the column holds {kind}, expected text", None, self.labels[i], "store it as string")
         # Arrow cannot select one of two columns with the same name; the log has that problem already.
         if any(self._fields.count(self._fields[i]) > 1 for i in (*numbers, *texts)) or self.log.total:
             self.log.raise_if_any()

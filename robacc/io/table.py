@@ -114,6 +114,8 @@ class Table:
         self.file = file
         self.log = ProblemLog(file, counted)
         self.names = tuple(name.strip() for name in names)
+        self.labels = self.names
+        """Names in messages: a reader of poses may take names for others."""
         self.line = line
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
@@ -298,7 +300,7 @@ class TextTable(Table):
     def _without_footer(self, block: Block) -> Block:
         """Return the last block without the lines below the table."""
         end = len(block.lines)
-        while end > 1 and self.dialect.is_footer(block.lines[end - 1], len(self.names)):
+        while end > 1 and self.dialect.is_footer(block.lines[end - 1], len(self.labels)):
             end -= 1
         self._below = [text for line in block.lines[end:] if self.dialect.is_row(text := line.strip(" \t,;|"))]
         return Block(block.lines[:end], block.first)
@@ -318,7 +320,7 @@ class TextTable(Table):
         """Return the rows parsed by NumPy, lines from 0; None where it cannot or a value is not finite or empty."""
         if not self.cell_units.keys().isdisjoint(numbers):
             return None
-        n_columns = len(self.names)
+        n_columns = len(self.labels)
         only_numbers = len(set(numbers)) == n_columns
         # Without a type for every column a row with too many fields would pass unnoticed.
         kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
@@ -372,7 +374,7 @@ class TextTable(Table):
             if fields is None or self._is_lost(number, fields, numbers):
                 continue
             values.append([self._number(fields[i], number, i) for i in numbers])
-            columns.append([self.text(fields[i], number, self.names[i]) for i in texts])
+            columns.append([self.text(fields[i], number, self.labels[i]) for i in texts])
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
@@ -380,7 +382,7 @@ class TextTable(Table):
 
     def _number(self, cell: str, line: int, index: int) -> float:
         """Return the number in a cell of a column; NaN where there is none or a problem was logged."""
-        column, comma = self.names[index], self.dialect.decimal_comma
+        column, comma = self.labels[index], self.dialect.decimal_comma
         if index in self.cell_units and any(sign.isdecimal() for sign in cell):
             cell = self._bare(cell, line, index)
         is_gap = cell.lower() in GAPS
@@ -401,15 +403,15 @@ class TextTable(Table):
         expected, (number, unit) = self.cell_units[index], split_cell(cell)
         if unit is not None and unit != expected:
             fix = "export the column in one unit"
-            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, self.names[index], fix)
+            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, self.labels[index], fix)
         elif unit is None and number_of(number, self.dialect.decimal_comma) is not None:
             fix = f"export every cell with its unit, or none and {expected} in the column's name"
-            self.log.add(f"found {clip(cell)} without the unit {expected}", line, self.names[index], fix)
+            self.log.add(f"found {clip(cell)} without the unit {expected}", line, self.labels[index], fix)
         return number
 
     def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int]) -> bool:
         """Return whether the status of a row says that its missing values were not measured; it is then left out."""
-        status = {text.lower() for name, text in zip(self.names, fields, strict=True) if name.lower() in _STATUS}
+        status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
         is_lost = bool(status & _FAILED) and any(fields[i].lower() in GAPS for i in numbers)
         self.gaps |= {number} if is_lost else set()
         return is_lost
@@ -420,7 +422,7 @@ class TextTable(Table):
         except csv.Error as error:
             self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
-        n_fields, expected = len(fields), len(self.names)
+        n_fields, expected = len(fields), len(self.labels)
         if n_fields == expected and any(fields):
             return fields
         if self.skip_gaps and n_fields < expected:
@@ -433,7 +435,7 @@ class TextTable(Table):
 
     def _report_widths(self, body_rows: int) -> None:
         """Log rows with another number of fields than the header; once if no row fits and all have the same number."""
-        expected = len(self.names)
+        expected = len(self.labels)
         widths = {width for _, width in self._widths}
         is_same = not body_rows and len(widths) == 1 and len(self._widths) > 1
         for number, width in self._widths[:1] if is_same else self._widths:

@@ -127,15 +127,13 @@ def with_poses_of_matrices(table: Table) -> Table:
 
 def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> _Rows:
     """Return positions and quaternions; matrices that are no rotations go to the log."""
-    split, entries = len(old.numbers) - 9, old.numbers
-    matrix = entries[split:].reshape(3, 3, -1)
-    product = np.einsum("ijn,kjn->ikn", matrix, matrix) - np.eye(3)[:, :, None]
-    off = np.abs(product).max(axis=(0, 1), initial=0.0)
+    split, entries, identity = len(old.numbers) - 9, old.numbers, np.eye(3)[:, :, None]
     # Entries that could not be read are in the log already.
-    read = np.isfinite(entries).all(axis=0)
-    wrong = read & ((off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0))
+    matrix = np.where(np.isfinite(entries).all(axis=0), entries[split:].reshape(3, 3, -1), identity)
+    off = np.abs(np.einsum("ijn,kjn->ikn", matrix, matrix) - identity).max(axis=(0, 1), initial=0.0)
+    wrong = (off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
     log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
-    matrix = np.where(wrong | ~read, np.eye(3)[:, :, None], matrix)
+    matrix = np.where(wrong, identity, matrix)
     # The nearest rotation: entries are rounded.
     left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
     quaternion = quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))

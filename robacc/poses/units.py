@@ -239,27 +239,21 @@ class UnitChecks:
         """Report columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
         self.wrong.add(UNITS[likely_unit][0])
         names = [self.values.layout.columns[key].name for key in keys]
-        stretch = None if large is None else self._stretch(large)
-        if stretch is not None:
-            self.wrong.add("part")
-            message = f"{message}, from line {stretch[0]} to {stretch[1]} only"
-            fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
-            self.log.add(message, self.line, listing(names), fix)
-            return
+        rows = np.flatnonzero(large) if large is not None else np.empty(0, dtype=np.int64)
+        if large is not None and rows.size:
+            first, last = int(rows[0]), int(rows[-1])
+            others = large.size - (last + 1 - first)
+            is_many = others >= max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size)
+            if is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
+                # These rows are one part of the file.
+                self.wrong.add("part")
+                message = f"{message}, from line {self.values.lines[first]} to {self.values.lines[last]} only"
+                fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
+                self.log.add(message, self.line, listing(names), fix)
+                return
         new_names = listing([f"{name}_{likely_unit}" for name in names])
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
         self.log.add(message, self.line, listing(names), fix)
-
-    def _stretch(self, large: NDArray[np.bool_]) -> tuple[int, int] | None:
-        """Return the first and last line of the rows that are ``large`` ``(N,)``, if these are one part of the file."""
-        rows = np.flatnonzero(large)
-        if rows.size == 0:
-            return None
-        first, last = int(rows[0]), int(rows[-1])
-        others = large.size - (last + 1 - first)
-        if others < max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size) or np.mean(large[first : last + 1]) < _MOSTLY:
-            return None
-        return int(self.values.lines[first]), int(self.values.lines[last])
 
     def _bare(self, keys: Sequence[str]) -> Array | None:
         """Return a set of columns without units in their names; None for any other set."""

@@ -37,7 +37,7 @@ def arm(name: str) -> Arm:
 def suited(effect: str, one: Arm) -> Arm:
     """Return ``one``, or the arm with a slide where the effect cannot act on any joint of it."""
     cls = REGISTRY[effect]
-    return arm("stanford") if cls.per_joint and not cls.possible_joints(one) else one
+    return arm("stanford") if cls.traits.per_joint and not cls.possible_joints(one) else one
 
 
 def circumstances(robot: Robot, n: int, seed: int = 0) -> Measurements:

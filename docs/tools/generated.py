@@ -31,8 +31,8 @@ def _effects() -> str:
             ("usual size", about.usual_size),
             ("needs", about.needs),
             ("confused with", about.confused_with),
-            ("tested", "joint by joint" if cls.per_joint else "as a whole"),
-            ("written as", "parameters of the robot" if cls.is_constant else "an entry under `effects:`"),
+            ("tested", "joint by joint" if cls.traits.per_joint else "as a whole"),
+            ("written as", "parameters of the robot" if cls.traits.is_constant else "an entry under `effects:`"),
             ("source", about.source),
         ]
         table = "\n".join(f"| {key} | {_prose(value) if key != 'written as' else value} |" for key, value in properties)

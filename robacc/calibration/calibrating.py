@@ -91,7 +91,7 @@ class CalibrationPlan:
 def is_searched(request: Request) -> bool:
     """Return whether the joints of the requested effect are chosen by evidence."""
     cls = effect_class(request.name)
-    return request.joints is None and cls.per_joint and not cls.is_constant
+    return request.joints is None and cls.traits.per_joint and not cls.traits.is_constant
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def _calibrate(
     final, shrunk = plan.shrunk(structure.fit, data, structure.options)
     structure = dataclasses.replace(structure, fit=final)
     effects = final.model.free
-    frames = tuple(effect for effect in effects if effect.is_frame)
+    frames = tuple(effect for effect in effects if effect.traits.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
     judged = judge(stated, mistakes, registered, structure, deflection, data, how)
     warnings = (
@@ -181,7 +181,7 @@ def _calibrate(
         partial_residuals=tuple(
             (effect, curve)
             for effect in effects
-            if not effect.is_constant
+            if not effect.traits.is_constant
             for curve in partial_residuals(effect, final, data)
         ),
     )

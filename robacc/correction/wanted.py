@@ -132,8 +132,8 @@ def robot_pair(model: Robot, nominal: Robot, frame: FrameName) -> RobotPair:
         model = dataclasses.replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=com)
     nominal = dataclasses.replace(nominal, base=model.base, tool=model.tool, targets=model.targets)
     full = Model.of(model)
-    known = tuple(entry for entry in full.known if not entry.effect.is_of_measurement)
-    left_out = tuple(entry.effect for entry in full.known if entry.effect.is_of_measurement)
+    known = tuple(entry for entry in full.known if not entry.effect.traits.is_of_measurement)
+    left_out = tuple(entry.effect for entry in full.known if entry.effect.traits.is_of_measurement)
     return RobotPair(dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out)
 
 

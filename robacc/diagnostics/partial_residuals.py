@@ -23,7 +23,8 @@ import numpy as np
 
 from robacc.chain import BLOCK
 from robacc.diagnostics.mistakes import even_rows
-from robacc.effects.base import Driver, Effect
+from robacc.effects.base import Effect
+from robacc.effects.drivers import Driver
 from robacc.effects.joint_offset import JointOffset
 from robacc.effects.orders import supported_orders
 from robacc.effects.search_forms import orders_of

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, joint_terms, needed, register, setting, varies
+from robacc.effects.base import SPEED, About, Effect, Over, Part, Term, Traits, driven_by, register, setting
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -21,8 +21,12 @@ class ApproachLag(Effect):
     common: bool = setting(False)
 
     name = "approach_lag"
-    extrapolates = "a lag acts in proportion to the speed"
-    missing_reasons = ("no speed_q columns, and `ordered` is not set",)
+    traits = Traits(
+        needs=(SPEED,),
+        drivers=("speed_{joint}",),
+        chart=Over("speed_{joint}"),
+        extrapolates="a lag acts in proportion to the speed",
+    )
     about = About(
         summary="the pose was read before the joint had settled, or the clocks differ: the last motion's speed shows",
         equation="theta_j + c s_j, s_j the last motion's speed as a signed fraction of full speed; with common: true "
@@ -37,35 +41,20 @@ class ApproachLag(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no speeds."""
-        return None if varies(data.speed) else cls.missing_reasons[0]
-
-    @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield one joint at a time, and a delay common to all rotary joints."""
-        yield from (cls((joint,)) for joint in arm.names)
+        yield from super().candidates(arm, data)
         rotary = tuple(joint for joint in arm.names if arm.is_revolute(joint))
         if len(rotary) > 1:
             yield cls(rotary, common=True)
 
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the speed of each joint's last motion."""
-        return tuple(f"speed_{joint}" for joint in self.joints)
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the signed speed of the joint's last motion."""
-        if joint is None:
-            return None
-        return Driver("speed", "1", needed(data.speed, "speed_q1 …", self.name)[arm.number(joint)], True)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        speed = needed(data.speed, "speed_q1 … (or `ordered`)", self.name)
+        speeds = {joint: driven_by(arm, data, f"speed_{joint}", self.name) for joint in self.joints}
         if self.common:
-            parts = tuple(Part(arm.axis_motion(joint), speed[arm.number(joint)]) for joint in self.joints)
+            parts = tuple(Part(arm.axis_motion(joint), speed) for joint, speed in speeds.items())
             return (Term(f"{self.name}.common", "rad", 1e-4, parts),)
-        return joint_terms(self.name, arm, {joint: speed[arm.number(joint)] for joint in self.joints})
+        return tuple(self.joint_term(arm, joint, speed) for joint, speed in speeds.items())
 
     def __str__(self) -> str:
         """Return ``approach_lag[j1]`` or ``approach_lag[common]``."""

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.base import About, Beyond, Effect, Over, Part, Term, Traits, commanded, register, setting
+from robacc.effects.drivers import Driver
 from robacc.effects.orders import common_period, exact_period, orders_setting
-from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import FLEXURES, Arm
 
@@ -30,9 +30,7 @@ class AxisWobble(Effect):
     """Directions that tilt; empty for both."""
 
     name = "axis_wobble"
-    only_revolute = True
-    shares_terms = True
-    is_bounded = True
+    traits = Traits(only="revolute", chart=Over("{joint}", is_only=False), is_bounded=True, shared_by=())
     about = About(
         summary="the joint's axis tilts as it turns: runout or ovality of its bearing",
         equation="alpha_j and beta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2",
@@ -53,17 +51,14 @@ class AxisWobble(Effect):
             for orders in ((1.0,), (2.0,), (1.0, 2.0)):
                 yield from (cls((joint,), orders, tilts) for tilts in (*((t,) for t in tilt_motions(arm, joint)), ()))
 
-    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the joints that moved less than the period of the orders together: a whole period repeats itself."""
-        return tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
-
-    def period(self, arm: Arm, driver: str) -> float | None:
-        """Return the turn of the joint after which the orders repeat themselves."""
-        return exact_period(self.orders, arm.joint(driver).gear_ratio)
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself."""
+        is_held = limits[1] - limits[0] < common_period(self.orders)
+        return Beyond(is_held, exact_period(self.orders, arm.joint(driver).gear_ratio))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the variable of the joint that turns about the tilting axis."""
-        return joint_driver(arm, data, self.joints[0], is_only=False)
+        return super().driver(arm, data, self.joints[0])
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return four terms per joint and order."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
@@ -10,19 +10,20 @@ import numpy as np
 
 from robacc.effects.base import (
     About,
-    Driver,
     Effect,
+    Need,
+    Over,
     Term,
-    joint_terms,
+    Traits,
+    driven_by,
     needed,
     register,
     setting,
-    torque_driver,
-    torques_needed,
     varies,
     weight_needed,
 )
 from robacc.geometry import Array
+from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -49,10 +50,20 @@ class Backlash(Effect):
     """Friction that gravity's torque must overcome, N m (N for a prismatic joint); only by gravity."""
 
     name = "backlash"
-    extrapolates = "backlash has two values, one for each direction of approach"
-    missing_reasons = (
-        "no dir_q columns, `ordered` is not set, and no masses in the robot file",
-        "by the approach: no dir_q columns, and `ordered` is not set",
+    traits = Traits(
+        needs=(
+            Need(
+                "no dir_q columns, `ordered` is not set, and no masses in the robot file",
+                lambda arm, data: varies(data.direction) or bool(arm.chain.bodies),
+            ),
+        ),
+        needs_of_usual_form=(
+            Need(
+                "by the approach: no dir_q columns, and `ordered` is not set", lambda arm, data: varies(data.direction)
+            ),
+        ),
+        drivers=(),
+        extrapolates="backlash has two values, one for each direction of approach",
     )
     about = About(
         summary="clearance in the gear: the joint rests on the flank it came from, or that gravity pushes it to",
@@ -69,29 +80,16 @@ class Backlash(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there is neither a direction of approach nor a mass."""
-        if varies(data.direction) or arm.chain.bodies:
-            return None
-        return cls.missing_reasons[0]
-
-    @classmethod
-    def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there is no direction of approach."""
-        return None if varies(data.direction) else cls.missing_reasons[1]
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the effect by the approach if it is known, else by gravity."""
-        chosen = tuple(joints) if joints is not None else arm.names
-        return cls(joints=chosen, by="approach" if data.direction is not None else "gravity")
+        return cls(joints, "approach" if data.direction is not None else "gravity")
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield one joint at a time: by the approach if it is known, and by gravity if its torque changes sign."""
         torque = np.zeros((len(arm.names), 1))
         if arm.chain.bodies:
-            torque = torques_needed(arm, data, cls.name)
+            torque = weight_torques(arm, data)
         for joint, moment in zip(arm.names, torque, strict=True):
             if varies(data.direction):
                 yield cls((joint,))
@@ -112,7 +110,7 @@ class Backlash(Effect):
         """Yield, by gravity with friction, every friction that leaves another set of poses on their flank."""
         if self.friction > 0.0 and varies(data.direction):
             number = arm.number(self.joints[0])
-            torque = torques_needed(arm, data, self.name)[number]
+            torque = weight_torques(arm, data)[number]
             frictions = _distinct_frictions(number, torque, data)
             yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
 
@@ -121,34 +119,26 @@ class Backlash(Effect):
         """True unless gravity alone decides the flank."""
         return self.by == "approach" or self.friction > 0.0
 
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return none: a direction has no range."""
-        return ()
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+    def chart(self) -> Over:
         """Return the direction of approach, or gravity's torque if that decides the flank."""
-        if joint is None:
-            return None
-        if self.by == "gravity":
-            return torque_driver(arm, data, joint)
-        direction = needed(data.direction, "dir_q1 …", self.name)[arm.number(joint)]
-        return Driver("direction", "1", direction, True)
+        return Over("torque_{joint}" if self.by == "gravity" else "direction_{joint}")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
+        return tuple(self.joint_term(arm, joint, self._flank(arm, data, joint)) for joint in self.joints)
+
+    def _flank(self, arm: Arm, data: Measurements, joint: str) -> Array:
+        """Return ``(N,)`` the side of the flank on which the joint rests."""
         if self.by == "approach":
-            sign = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
-        else:
-            loads = weight_needed(arm, data, f"{self.name} by gravity")
-            torque = torques_needed(arm, data, f"{self.name} by gravity")
-            if self.friction > 0.0:
-                approach = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
-                sign = np.where(np.abs(torque) > self.friction, np.sign(torque), approach)
-            else:
-                weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
-                # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
-                sign = np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
-        return joint_terms(self.name, arm, {joint: sign[arm.number(joint)] for joint in self.joints})
+            return driven_by(arm, data, f"direction_{joint}", self.name)
+        loads = weight_needed(arm, data, f"{self.name} by gravity")
+        torque = driven_by(arm, data, f"torque_{joint}", f"{self.name} by gravity")
+        if self.friction > 0.0:
+            approach = driven_by(arm, data, f"direction_{joint}", self.name)
+            return np.where(np.abs(torque) > self.friction, np.sign(torque), approach)
+        weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
+        # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
+        return np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
 
     def conflict(self, given: Collection[str]) -> str | None:
         """Return the reason if there is a friction without gravity."""

@@ -16,19 +16,20 @@ import functools
 import math
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.effects.validity import Validity, ranges
+from robacc.effects.drivers import Driver, Validity, columns_of, driver_values, is_of_weight, ranges
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
-from robacc.gravity.torques import gravity_torques, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+_JOINT = "{joint}"
+"""Stands for a joint's name in the name of a driver."""
 
 # Settings of effects: fields of their dataclasses that declare how robot files and results state them.
 
@@ -207,12 +208,9 @@ class Term:
         return self.name.rpartition(".")[2]
 
 
-def joint_terms(effect: str, arm: Arm, regressors: Mapping[str, Array]) -> tuple[Term, ...]:
-    """Return one term a joint, which adds coefficient x regressor ``(N,)`` to its variable; of about 0.1 mrad or mm."""
-    return tuple(
-        Term(f"{effect}.{joint}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), regressor),))
-        for joint, regressor in regressors.items()
-    )
+def compliance_unit(arm: Arm, joint: str) -> str:
+    """Return the unit of a joint's deflection by gravity's torque (N m) or force (N) on it."""
+    return "rad/(N m)" if arm.is_revolute(joint) else "m/N"
 
 
 # Catalogue texts of an effect.
@@ -260,20 +258,22 @@ def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]
     Raises:
         UsageError: the robot file has no masses.
     """
-    _require_masses(arm, effect)
+    if not arm.chain.bodies:
+        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
     return own_weight(arm, data)
 
 
-def torques_needed(arm: Arm, data: Measurements, effect: str) -> Array:
-    """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint by the arm's own weight."""
-    commanded(data, effect)
-    _require_masses(arm, effect)
-    return weight_torques(arm, data)
+def driven_by(arm: Arm, data: Measurements, driver: str, effect: str) -> Array:
+    """Return ``(N,)`` the values of a driver (:mod:`robacc.effects.drivers`) that an effect needs.
 
-
-def _require_masses(arm: Arm, effect: str) -> None:
-    if not arm.chain.bodies:
-        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+    Raises:
+        UsageError: the data or the robot lack it.
+    """
+    values = driver_values(arm, data, driver)
+    if values is None and is_of_weight(arm, driver):
+        commanded(data, effect)
+        weight_needed(arm, data, effect)
+    return needed(values, columns_of(arm, driver), effect)
 
 
 def varies(column: Array | None) -> bool:
@@ -281,76 +281,86 @@ def varies(column: Array | None) -> bool:
     return column is not None and column.size > 1 and bool(np.ptp(column) > 0)
 
 
-# The driver of an effect: the quantity, one number per pose, that the effect is a function of.
-
-_CIRCUMSTANCES = {"payload_kg": ("payload", "kg"), "temperature_c": ("temperature", "°C"), "time_s": ("time", "s")}
-"""Field of :class:`Measurements` and unit of each circumstance, by its column."""
+# What an effect is.
 
 
 @dataclass(frozen=True, slots=True)
-class Driver:
-    """One quantity that varies from pose to pose."""
+class Need:
+    """Something without which an effect cannot be fitted to a robot and its poses."""
 
-    name: str
-    """A joint's name, or ``torque``, ``payload_torque``, ``direction``, ``speed``, ``time_s``, ``temperature_c``,
-    ``payload_kg``, ``distance``.
-    """
-    unit: str
-    values: Array
-    """``(N,)``"""
-    is_only: bool
+    reason: str
+    """Reason why the effect cannot be fitted, in one line."""
+    is_met: Callable[[Arm, Measurements], bool]
+
+
+TIME = Need("no time_s column that varies", lambda arm, data: varies(data.time))
+DIRECTION = Need("no dir_q columns, and `ordered` is not set", lambda arm, data: varies(data.direction))
+SPEED = Need("no speed_q columns, and `ordered` is not set", lambda arm, data: varies(data.speed))
+MASSES = Need("no masses in the robot file", lambda arm, data: bool(arm.chain.bodies))
+
+
+class Over(NamedTuple):
+    """Driver over which the residual is drawn."""
+
+    driver: str
+    """A driver, with ``{joint}`` for the effect's joint."""
+    is_only: bool = True
     """True if the effect is a function of this driver alone."""
-    swept: Callable[[Array], Measurements] | None = None
-    """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
 
 
-def joint_driver(arm: Arm, data: Measurements, joint: str, *, is_only: bool = True) -> Driver:
-    """Return a joint's own variable, in rad or m."""
-    q = commanded(data, "a driver")
-    number = arm.number(joint)
+class Beyond(NamedTuple):
+    """What becomes of an effect beyond its validity range, in one driver."""
 
-    def swept(values: Array) -> Measurements:
-        poses = _median_joints(q, values.size)
-        poses[number] = values
-        return _poses_at(poses)
-
-    return Driver(joint, arm.unit(joint), q[number], is_only, swept)
+    is_held: bool
+    """True if it keeps its value at the end of the range."""
+    period: float | None = None
+    """Change of the driver, SI, after which the effect repeats itself."""
+    fading: float | None = None
+    """How far beyond the range 0.6 of the effect is left, SI, where it fades to its level at the end of the range."""
 
 
-def torque_driver(
-    arm: Arm, data: Measurements, joint: str, *, is_only: bool = True, loads: tuple[Load, ...] | None = None
-) -> Driver:
-    """Return gravity's torque (N m) or force (N) on a joint: of the arm's own weight, or of the payload ``loads``."""
-    q = commanded(data, "a torque")
-    torque = gravity_torques(arm, q, own_weight(arm, data) if loads is None else loads)[arm.number(joint)]
-    name = "torque" if loads is None else "payload_torque"
-    return Driver(name, "N m" if arm.is_revolute(joint) else "N", torque, is_only)
+@dataclass(frozen=True, slots=True)
+class Traits:
+    """What an effect is, in all its forms."""
 
-
-def circumstance_driver(name: str, data: Measurements, *, is_only: bool = False) -> Driver:
-    """Return ``time_s``, ``temperature_c`` or ``payload_kg``."""
-    field, unit = _CIRCUMSTANCES[name]
-
-    def swept(values: Array) -> Measurements:
-        poses = _poses_at(_median_joints(commanded(data, "a driver"), values.size))
-        return dataclasses.replace(poses, **{field: values})  # type: ignore[arg-type]
-
-    return Driver(name, unit, needed(getattr(data, field), name, "a driver"), is_only, swept)
-
-
-def is_circumstance(name: str) -> bool:
-    """Return whether ``name`` is a circumstance's column, not a joint or a torque."""
-    return name in _CIRCUMSTANCES
-
-
-def _median_joints(q: Array, n: int) -> Array:
-    """Return ``(J, n)`` median of the joint variables ``(J, N)``, n times."""
-    return np.repeat(np.median(q, axis=1, keepdims=True), n, axis=1)
-
-
-def _poses_at(q: Array) -> Measurements:
-    rows: NDArray[np.int64] = np.arange(1, q.shape[1] + 1)
-    return Measurements(position=np.zeros((3, rows.size)), q=q, rows=rows)
+    per_joint: bool = True
+    """True if the effect acts on named joints, and is a candidate joint by joint."""
+    only: Literal["revolute", "prismatic"] | None = None
+    """Kind of the joints that have the effect; None for both."""
+    joints_optional: bool = False
+    """True if an effect on joints also has forms without a joint, of which the default is one."""
+    needs: tuple[Need, ...] = ()
+    """Needs of every form."""
+    needs_of_usual_form: tuple[Need, ...] = ()
+    """Further needs of the form that :meth:`Effect.usual` returns where they are met."""
+    is_searched: bool = False
+    """True if its forms are candidates only where a search makes them."""
+    drivers: tuple[str, ...] = ("{joint}",)
+    """Drivers (:mod:`robacc.effects.drivers`) whose range the model file keeps, with ``{joint}`` for each joint."""
+    chart: Over | None = None
+    """Driver over which the residual is drawn; None if it has no single driver."""
+    extrapolates: str | None = None
+    """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
+    is_bounded: bool = False
+    """True if it is as large beyond its validity range as within: a periodic error."""
+    is_constant: bool = False
+    """True if every regressor is 1, so that the fitted value is written into the robot's own numbers."""
+    is_frame: bool = False
+    """True if it is the base or the tool frame, which registration fits from any start."""
+    is_empirical: bool = False
+    """True if it is a smooth correction without a physical cause."""
+    is_of_measurement: bool = False
+    """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
+    is_event: bool = False
+    """True if it happened once, during one measuring campaign."""
+    is_spring: bool = False
+    """True if joints deflect about their axes under the arm's own weight."""
+    is_nonnegative: bool = False
+    """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
+    implausible_factor: float = 10.0
+    """Multiple of the largest usual size beyond which a coefficient is implausible."""
+    shared_by: tuple[str, ...] | None = None
+    """Fields of which forms have coefficients in common where they agree (orders 1, and 1 and 2); None: all fields."""
 
 
 @dataclass(frozen=True)
@@ -361,36 +371,7 @@ class Effect(abc.ABC):
 
     name: ClassVar[str]
     about: ClassVar[About]
-    is_constant: ClassVar[bool] = False
-    """True if every regressor is 1, so that the fitted value is written into the robot's own numbers."""
-    per_joint: ClassVar[bool] = True
-    """True if the effect acts on named joints, and is a candidate joint by joint."""
-    only_revolute: ClassVar[bool] = False
-    """True if only revolute joints have the effect."""
-    joints_optional: ClassVar[bool] = False
-    """True if an effect on joints also has forms without a joint."""
-    is_frame: ClassVar[bool] = False
-    """True if it is the base or the tool frame, which registration fits from any start."""
-    is_empirical: ClassVar[bool] = False
-    """True if it is a smooth correction without a physical cause."""
-    is_of_measurement: ClassVar[bool] = False
-    """True if it belongs to one measurement, not to the arm: no command to the arm can or should correct it."""
-    shares_terms: ClassVar[bool] = False
-    """True if forms of the effect have coefficients in common (order 1 alone, and with order 2)."""
-    implausible_factor: ClassVar[float] = 10.0
-    """Multiple of the largest usual size beyond which a coefficient is implausible."""
-    is_spring: ClassVar[bool] = False
-    """True if joints deflect about their axes under the arm's own weight."""
-    is_nonnegative: ClassVar[bool] = False
-    """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
-    extrapolates: ClassVar[str | None] = None
-    """Physical reason why the effect goes on beyond its validity range; None if it stops there."""
-    is_bounded: ClassVar[bool] = False
-    """True if it is as large beyond its validity range as within: a periodic error."""
-    odds_beside: ClassVar[float] = 1.0
-    """Prior odds of each form that is a candidate only given a finding, against a form of any other effect."""
-    missing_reasons: ClassVar[tuple[str, ...]] = ()
-    """Every text that :meth:`missing` can return, except texts that name a part of a robot."""
+    traits: ClassVar[Traits] = Traits()
 
     @abc.abstractmethod
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
@@ -400,15 +381,26 @@ class Effect(abc.ABC):
             UsageError: the data or the robot lack what the effect needs.
         """
 
+    def joint_term(
+        self, arm: Arm, joint: str, regressor: Array | float, label: str = "", typical: float = 1e-4, **more: Any
+    ) -> Term:
+        """Return the term that adds coefficient x regressor ``(N,)`` to a joint's variable.
+
+        ``more`` are other attributes of :class:`Term`; the unit is by default that of the variable.
+        """
+        name = f"{self.name}.{joint}.{label}" if label else f"{self.name}.{joint}"
+        unit = more.pop("unit", arm.unit(joint))
+        return Term(name, unit, typical, (Part(arm.axis_motion(joint), regressor),), **more)
+
     @classmethod
     def missing(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
-        return None
+        return next((need.reason for need in cls.traits.needs if not need.is_met(arm, data)), None)
 
     @classmethod
     def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
         """Return the reason if the usual form of a possible effect cannot be fitted, in one line; else None."""
-        return None
+        return next((need.reason for need in cls.traits.needs_of_usual_form if not need.is_met(arm, data)), None)
 
     @property
     def rejects_implausible(self) -> bool:
@@ -424,39 +416,44 @@ class Effect(abc.ABC):
             terms: Coefficients of the effect.
             values: Their values, in the terms' units.
         """
-        if self.is_constant:
+        if self.traits.is_constant:
             return None
         unit = self.about.unit.partition(" (")[0].partition(",")[0].partition(";")[0]
-        limit = self.implausible_factor * self.about.usual_range[1]
+        limit = self.traits.implausible_factor * self.about.usual_range[1]
         for term, value in zip(terms, values, strict=True):
             if term.unit != unit:
                 continue
             if abs(value) > limit:
                 usual = f"{self.about.usual_range[0]:.2g} to {self.about.usual_range[1]:.2g}"
                 return f"{term.name} = {value:.3g} {unit} is implausible; usual values are {usual} {unit}"
-            if self.is_nonnegative and value < 0:
+            if self.traits.is_nonnegative and value < 0:
                 return f"{term.name} = {value:.3g} {unit} is implausible: it cannot be negative"
         return None
 
     @classmethod
     def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
         """Return the joints the effect can act on."""
-        if not cls.per_joint:
-            return ()
-        return tuple(name for name in arm.names if arm.is_revolute(name) or not cls.only_revolute)
+        names = arm.names if cls.traits.per_joint else ()
+        return tuple(name for name in names if cls.traits.only in (None, arm.joint(name).type))
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
         """Return the effect requested by name alone: on all joints it can act on, or on ``joints``."""
-        return cls(joints=tuple(joints) if joints is not None else cls.possible_joints(arm))
+        if joints is None:
+            joints = () if cls.traits.joints_optional else cls.possible_joints(arm)
+        return cls.usual(arm, data, tuple(joints))
+
+    @classmethod
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
+        """Return the usual form of the effect on ``joints``, none if it acts on no joint in particular."""
+        return cls(joints)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield every form that is a candidate in a trace: by default one joint at a time."""
-        if cls.per_joint:
-            yield from (cls(joints=(joint,)) for joint in cls.possible_joints(arm))
-        else:
-            yield cls()
+        """Yield every form that is a candidate in a trace: by default the usual one, of one joint at a time."""
+        if not cls.traits.is_searched:
+            each = ((joint,) for joint in cls.possible_joints(arm)) if cls.traits.per_joint else ((),)
+            yield from (cls.usual(arm, data, joints) for joints in each)
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -523,29 +520,35 @@ class Effect(abc.ABC):
         """
         return None
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the driver of the effect on ``joint``, to plot the residual against; None if it has no single driver.
+    def chart(self) -> Over | None:
+        """Return the driver of this form over which the residual is drawn; None if it has no single driver."""
+        return self.traits.chart
 
-        Raises:
-            UsageError: the data or the robot lack the driver.
-        """
-        return None
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the driver over which the residual of the effect on ``joint`` is drawn; None if there is none."""
+        chart = self.chart()
+        if chart is None or (joint is None and _JOINT in chart.driver):
+            return None
+        return Driver.at(arm, data, chart.driver.replace(_JOINT, joint or ""), chart.is_only)
+
+    def depends_on(self, arm: Arm) -> tuple[str, ...]:
+        """Return the drivers of this form whose range the model file keeps, with ``{joint}`` for each joint."""
+        return self.traits.drivers
 
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the drivers (:mod:`robacc.effects.validity`) whose range the model file keeps: by default the joints.
-
-        A constant has no driver.
-        """
-        return () if self.is_constant else self.joints
+        """Return the drivers whose range the model file keeps; a constant has none."""
+        drivers = () if self.traits.is_constant else self.depends_on(arm)
+        joints = ((driver, self.joints if _JOINT in driver else ("",)) for driver in drivers)
+        return tuple(dict.fromkeys(driver.replace(_JOINT, joint) for driver, names in joints for joint in names))
 
     @property
     def uses_masses(self) -> bool:
         """True if its coefficients multiply torques of the masses as the robot file states them."""
-        return False
+        return MASSES in self.traits.needs or getattr(self, "masses", None) == "known"
 
     @property
     def prior_odds(self) -> float:
-        """Prior odds of this form against the usual form of the effect."""
+        """Prior odds of this form against the usual form of any effect."""
         return 1.0
 
     @property
@@ -553,33 +556,17 @@ class Effect(abc.ABC):
         """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
         return False
 
-    @property
-    def of_campaign(self) -> bool:
-        """True if it is a fact of one measuring campaign: of its time, or of its instrument."""
-        return False
+    def of_campaign(self, arm: Arm) -> bool:
+        """Return whether it is a fact of one measuring campaign: of its time, or of its instrument."""
+        return self.traits.is_of_measurement or self.traits.is_event or "time_s" in self.validity_drivers(arm)
 
-    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the drivers of ``validity`` beyond whose range the effect keeps its value at the end of the range.
-
-        By default every one, unless the effect :attr:`extrapolates`.
-        """
-        return () if self.extrapolates else tuple(validity)
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return what becomes of the effect beyond the range ``limits`` of one of its drivers, SI."""
+        return Beyond(self.traits.extrapolates is None)
 
     def within(self, validity: Validity) -> Effect:
         """Return the effect as it is used on poses beyond ``validity``; an effect of the torque may limit that."""
         return self
-
-    def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the joints of ``validity`` beyond whose range the effect fades to its level at the end of it."""
-        return ()
-
-    def fading_length(self, arm: Arm, driver: str) -> float:
-        """Return how far beyond its range a fading joint is where 0.6 of the effect is left, SI."""
-        return math.inf
-
-    def period(self, arm: Arm, driver: str) -> float | None:
-        """Return the change of a driver after which the effect repeats itself; None if it does not."""
-        return None
 
     def validity(self, arm: Arm, data: Measurements) -> Validity:
         """Return the range of each driver over these poses."""
@@ -591,7 +578,8 @@ class Effect(abc.ABC):
 
     def term_key(self, term: Term) -> str:
         """Return the key of a term's column of the Jacobian, over all forms of all effects."""
-        return f"{term.name}|{'' if self.shares_terms else self.key()}"
+        shared = self.traits.shared_by
+        return f"{term.name}|{self.key() if shared is None else [getattr(self, name) for name in shared]}"
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -609,7 +597,7 @@ class Effect(abc.ABC):
 
     def is_profile(self) -> bool:
         """Return whether it is a block of many terms, a candidate only if named terms leave structure."""
-        return self.is_empirical
+        return self.traits.is_empirical or self.term_of_covariance is not None
 
     def __str__(self) -> str:
         """Return the name with joints, as in ``backlash[j2]``."""

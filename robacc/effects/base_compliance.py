@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Effect, Part, Term, commanded, register, setting, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
+from robacc.effects.base import About, Effect, Part, Term, Traits, commanded, register, setting, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, OwnWeight, base_regressors
 from robacc.geometry import Poses
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import moments
@@ -21,7 +20,7 @@ from robacc.robots.arm import Arm
 
 @register
 @dataclass(frozen=True)
-class BaseCompliance(Elastic):
+class BaseCompliance(OwnWeight):
     """The base tilted by c times the torque of the arm's weight, the same in both directions.
 
     With ``below`` it tilts about a point on its axis at an unknown distance below: the base also shifts by the tilt
@@ -30,12 +29,13 @@ class BaseCompliance(Elastic):
     """
 
     below: bool = setting(False)
-    masses: Literal["known", "unknown"] = setting("known")
 
     name = "base_compliance"
-    is_nonnegative = True
-    extrapolates = "Hooke's law: tilt in proportion to the torque of the arm's weight"
-    per_joint = False
+    traits = Traits(
+        per_joint=False,
+        extrapolates="Hooke's law: tilt in proportion to the torque of the arm's weight",
+        is_nonnegative=True,
+    )
     about = About(
         summary="the pedestal or floor deflects: the base tilts under the torque of the arm's weight",
         equation="rotations of the base about x and y + c (m_x, m_y), the torque of the arm's weight about them at the "
@@ -50,20 +50,10 @@ class BaseCompliance(Elastic):
         example="{effect: base_compliance, values: {value: 5e-7}}",
     )
 
-    @property
-    def uses_masses(self) -> bool:
-        """True unless the masses are fitted too."""
-        return self.masses == "known"
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return the effect with the robot's masses, if it has any."""
-        return cls(masses="known" if arm.chain.bodies else "unknown")
-
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a tilt about the base's origin, and where masses are known a tilt about a point below it."""
-        yield cls.default(arm, data)
+        yield cls.usual(arm, data, ())
         if arm.chain.bodies:
             yield cls(below=True)
 

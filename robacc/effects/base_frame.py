@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, Traits, register
 from robacc.geometry import Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
@@ -48,9 +48,7 @@ class BaseFrame(Effect):
     """Six coordinates of the base."""
 
     name = "base_frame"
-    is_frame = True
-    is_constant = True
-    per_joint = False
+    traits = Traits(per_joint=False, is_constant=True, is_frame=True)
     about = About(
         summary="where the robot stands in the measuring frame",
         equation="base x, y, z + dx, dy, dz; then rotated about its own x, y, z by roll, pitch, yaw",

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import REGISTRY, About, Effect, effect_class
+from robacc.effects.base import REGISTRY, Effect, effect_class
 from robacc.effects.specification import every_column
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -29,10 +29,7 @@ class Availability:
 class CatalogueEntry:
     """One effect of the catalogue."""
 
-    name: str
-    about: About
-    per_joint: bool
-    is_constant: bool
+    effect: type[Effect]
     availability: Availability | None
     """None if no robot is given."""
 
@@ -47,12 +44,7 @@ def catalogue(
     """
     classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
     arm = None if robot is None else Arm.of(robot)
-    return tuple(
-        CatalogueEntry(
-            cls.name, cls.about, cls.per_joint, cls.is_constant, None if arm is None else _availability(cls, arm, data)
-        )
-        for cls in classes
-    )
+    return tuple(CatalogueEntry(cls, None if arm is None else _availability(cls, arm, data)) for cls in classes)
 
 
 def _availability(cls: type[Effect], arm: Arm, data: Measurements | None) -> Availability:
@@ -60,7 +52,7 @@ def _availability(cls: type[Effect], arm: Arm, data: Measurements | None) -> Ava
     poses = every_column(arm) if data is None else data
     joints = cls.possible_joints(arm)
     why = cls.missing(arm, poses)
-    if why is None and cls.per_joint and not joints:
+    if why is None and cls.traits.per_joint and not joints:
         why = "no joint that it can act on"
     if why is not None:
         return Availability(why, (), ())
@@ -70,17 +62,17 @@ def _availability(cls: type[Effect], arm: Arm, data: Measurements | None) -> Ava
 
 def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
     """Return the keys of ``robacc.effects/1``."""
-    return {"effects": [_entry_document(entry) for entry in entries]}
+    return {"effects": [_entry_document(entry.effect, entry.availability) for entry in entries]}
 
 
-def _entry_document(entry: CatalogueEntry) -> dict[str, Any]:
-    record: dict[str, Any] = {"name": entry.name, **dataclasses.asdict(entry.about)}
-    record |= {"per_joint": entry.per_joint, "is_constant": entry.is_constant}
-    if entry.availability is not None:
+def _entry_document(cls: type[Effect], availability: Availability | None) -> dict[str, Any]:
+    record: dict[str, Any] = {"name": cls.name, **dataclasses.asdict(cls.about)}
+    record |= {"per_joint": cls.traits.per_joint, "is_constant": cls.traits.is_constant}
+    if availability is not None:
         record |= {
-            "offered": entry.availability.why is None,
-            "why": entry.availability.why,
-            "joints": list(entry.availability.joints),
-            "coefficients": [{"name": name, "unit": unit} for name, unit in entry.availability.coefficients],
+            "offered": availability.why is None,
+            "why": availability.why,
+            "joints": list(availability.joints),
+            "coefficients": [{"name": name, "unit": unit} for name, unit in availability.coefficients],
         }
     return record

@@ -7,18 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, register, torque_driver
-from robacc.effects.elastic import TorqueDriven
+from robacc.effects.base import MASSES, About, Effect, Over, Term, Traits, driven_by, register
 from robacc.effects.orders import orders_setting
 from robacc.effects.search_forms import searched_order
-from robacc.effects.validity import torque_of
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
 @register
 @dataclass(frozen=True)
-class ComplianceVariation(TorqueDriven):
+class ComplianceVariation(Effect):
     """Joint variable plus gravity's torque times c cos(n q_j) + s sin(n q_j).
 
     It adds to ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
@@ -27,7 +25,12 @@ class ComplianceVariation(TorqueDriven):
     orders: tuple[float, ...] = orders_setting((2.0,))
 
     name = "compliance_variation"
-    only_revolute = True
+    traits = Traits(
+        only="revolute",
+        needs=(MASSES,),
+        drivers=("{joint}", "torque_{joint}"),
+        chart=Over("torque_{joint}", is_only=False),
+    )
     about = About(
         summary="the joint's spring is softer at some angles: a periodic error that grows with the torque",
         equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), tau_j the torque of gravity about the axis; "
@@ -56,22 +59,13 @@ class ComplianceVariation(TorqueDriven):
         if order is not None and set(other.joints) <= set(cls.possible_joints(arm)) and cls.missing(arm, data) is None:
             yield cls(other.joints, (order,))
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return gravity's torque on the joint."""
-        return None if joint is None else torque_driver(arm, data, joint, is_only=False)
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the joints and their torques."""
-        return (*self.joints, *map(torque_of, self.joints))
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return a cosine and a sine for each order of each joint."""
-        q, torque = commanded(data, self.name), self.torques(arm, data)
         terms = []
         for joint in self.joints:
-            number = arm.number(joint)
+            torque, q = driven_by(arm, data, f"torque_{joint}", self.name), driven_by(arm, data, joint, self.name)
             for order in self.orders:
                 for label, wave in (("cos", np.cos), ("sin", np.sin)):
-                    part = Part(arm.axis_motion(joint), torque[number] * wave(order * q[number]))
-                    terms.append(Term(f"{self.name}.{joint}.{label}{order:g}", "rad/(N m)", 1e-6, (part,)))
+                    column = torque * wave(order * q)
+                    terms.append(self.joint_term(arm, joint, column, f"{label}{order:g}", 1e-6, unit="rad/(N m)"))
         return tuple(terms)

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.base import About, Effect, Over, Term, Traits, driven_by, register, setting
 from robacc.effects.search_forms import low_orders
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -38,9 +38,7 @@ class Counterbalance(Effect):
     """r, above 0 and below 1."""
 
     name = "counterbalance"
-    only_revolute = True
-    is_bounded = True
-    odds_beside = 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
+    traits = Traits(only="revolute", is_searched=True, chart=Over("{joint}"), is_bounded=True)
     about = About(
         summary="a spring or cylinder across the joint carries a part of the weight, and its torque turns the joint",
         equation="theta_j + s sin(q_j - q_0) + l sin(q_j - q_0) / sqrt(1 + r cos(q_j - q_0))",
@@ -54,10 +52,10 @@ class Counterbalance(Effect):
         "values: {j2.spring: 2e-3, j2.length: -1e-3}}",
     )
 
-    @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield nothing: it is tried in place of a periodic error of order 1 or 2."""
-        yield from ()
+    @property
+    def prior_odds(self) -> float:
+        """Prior odds of one place of a spring, of which one in 150 joints has any."""
+        return 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -73,21 +71,15 @@ class Counterbalance(Effect):
                 centre = round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4)
                 yield Counterbalance(self.joints, centre, ratio)
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the joint's own variable."""
-        return None if joint is None else joint_driver(arm, data, joint)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint."""
-        q = commanded(data, self.name)
         terms = []
         for joint in self.joints:
-            angle = q[arm.number(joint)] - math.radians(self.centre)
+            angle = driven_by(arm, data, joint, self.name) - math.radians(self.centre)
             stretched = np.sin(angle)
             free = stretched / np.sqrt(1.0 + self.ratio * np.cos(angle))
-            for label, regressor in (("spring", stretched), ("length", free)):
-                part = Part(arm.axis_motion(joint), regressor)
-                terms.append(Term(f"{self.name}.{joint}.{label}", "rad", 1e-3, (part,)))
+            terms += [self.joint_term(arm, joint, stretched, "spring", 1e-3)]
+            terms += [self.joint_term(arm, joint, free, "length", 1e-3)]
         return tuple(terms)
 
     def statement(

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from typing import Literal
 
-from robacc.effects.base import Driver, Effect, Part, Term, setting, torque_driver, torques_needed
-from robacc.geometry import Array
+from robacc.effects.base import Effect, Part, Term, setting
 from robacc.gravity.loads import Load
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -67,11 +66,6 @@ class Elastic(Effect):
     _: KW_ONLY
     deflection: Deflection = setting("equilibrium")
 
-    @property
-    def uses_masses(self) -> bool:
-        """Return True: the weights behind a joint are the file's."""
-        return True
-
     def part(self, motion: int, loads: tuple[Load, ...]) -> Part:
         """Return the part of a motion that deflects under ``loads``."""
         return Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium")
@@ -81,32 +75,13 @@ class Elastic(Effect):
         return tuple(self.part(motion, loads) for motion in motions)
 
 
-# Base class of effects that are functions of gravity's torque on the joint at the commanded pose.
-
-
 @dataclass(frozen=True)
-class TorqueDriven(Effect):
-    """An effect of each joint's own torque, which is that of the file's masses and of no deflection.
+class OwnWeight(Elastic):
+    """An elastic effect of the arm's own weight, whose masses are those of the file, or are fitted too."""
 
-    It adds to ``joint_compliance``, the part in proportion to the torque.
-    """
-
-    missing_reasons = ("no masses in the robot file",)
-
-    @property
-    def uses_masses(self) -> bool:
-        """Return True: the torque is that of the file's masses."""
-        return True
+    masses: Literal["known", "unknown"] = setting("known")
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no masses."""
-        return None if arm.chain.bodies else cls.missing_reasons[0]
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return gravity's torque on the joint."""
-        return None if joint is None else torque_driver(arm, data, joint)
-
-    def torques(self, arm: Arm, data: Measurements) -> Array:
-        """Return ``(J, N)`` gravity's torque (N m) or force (N) on each joint."""
-        return torques_needed(arm, data, self.name)
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
+        """Return the effect with the robot's masses, if it has any."""
+        return cls(joints, "known" if arm.chain.bodies else "unknown")

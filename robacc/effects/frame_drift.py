@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import (
-    About,
-    Driver,
-    Effect,
-    Part,
-    Term,
-    circumstance_driver,
-    needed,
-    register,
-    setting,
-    varies,
-)
+from robacc.effects.base import TIME, About, Effect, Over, Part, Term, Traits, needed, register, setting
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -39,9 +28,13 @@ class FrameDrift(Effect):
     """True if the base turns too."""
 
     name = "frame_drift"
-    missing_reasons = ("no time_s column that varies",)
-    per_joint = False
-    is_of_measurement = True
+    traits = Traits(
+        per_joint=False,
+        needs=(TIME,),
+        drivers=("time_s",),
+        chart=Over("time_s", is_only=False),
+        is_of_measurement=True,
+    )
     about = About(
         summary="the base moves against the instrument: a tripod settles, a pedestal warms up, the floor sinks",
         equation="base x, y, z (and its rotations) + c ((t - t_mid) / span)^p, p = 1 … degree",
@@ -55,11 +48,6 @@ class FrameDrift(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there is no time that varies."""
-        return None if varies(data.time) else cls.missing_reasons[0]
-
-    @classmethod
     def over(cls, data: Measurements, degree: int = 1, turning: bool = False) -> FrameDrift:
         """Return the drift about the middle of these poses' time, in units of half the time span."""
         time = needed(data.time, "time_s", cls.name)
@@ -67,7 +55,7 @@ class FrameDrift(Effect):
         return cls(origin=(low + high) / 2, span=(high - low) / 2 or 1.0, degree=degree, turning=turning)
 
     @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return a straight and steady drift."""
         return cls.over(data)
 
@@ -76,19 +64,6 @@ class FrameDrift(Effect):
         """Yield a straight and steady drift, one that turns too, and curved ones."""
         for degree, turning in ((1, False), (1, True), (2, False), (3, False), (3, True)):
             yield cls.over(data, degree, turning)
-
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: the instrument stands differently the next time."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the time."""
-        return ("time_s",)
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the time."""
-        return circumstance_driver("time_s", data)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return three or six terms per power of time."""

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from robacc.effects.base import About, Driver, Effect, Part, Term, needed, register, torques_needed, varies
+from robacc.effects.base import (
+    DIRECTION,
+    MASSES,
+    About,
+    Effect,
+    Over,
+    Term,
+    Traits,
+    compliance_unit,
+    driven_by,
+    register,
+)
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -20,8 +29,11 @@ class FrictionWindup(Effect):
     """
 
     name = "friction_windup"
-    extrapolates = "friction acts in proportion to the load"
-    missing_reasons = ("no dir_q columns, and `ordered` is not set", "no masses in the robot file")
+    traits = Traits(
+        needs=(DIRECTION, MASSES),
+        chart=Over("signed_torque_{joint}"),
+        extrapolates="friction acts in proportion to the load",
+    )
     about = About(
         summary="friction of the loaded gear holds the joint short of its pose: a lost motion that grows with the load",
         equation="theta_j + c |tau_j| sign(approach_j), tau_j the torque of gravity about the axis",
@@ -35,42 +47,14 @@ class FrictionWindup(Effect):
     )
 
     @property
-    def uses_masses(self) -> bool:
-        """Return True: the torque is that of the file's masses."""
-        return True
-
-    @property
     def follows_approach(self) -> bool:
         """Return True: friction acts against the approach."""
         return True
 
-    @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there is no direction of approach, or no mass."""
-        if not varies(data.direction):
-            return cls.missing_reasons[0]
-        return None if arm.chain.bodies else cls.missing_reasons[1]
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the size of gravity's torque with the sign of the approach."""
-        if joint is None:
-            return None
-        return Driver("signed_torque", "N m", self._regressor(arm, data)[arm.number(joint)], True)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        regressor = self._regressor(arm, data)
+        columns = {joint: driven_by(arm, data, f"signed_torque_{joint}", self.name) for joint in self.joints}
         return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad/(N m)" if arm.is_revolute(joint) else "m/N",
-                1e-6,
-                (Part(arm.axis_motion(joint), regressor[arm.number(joint)]),),
-            )
-            for joint in self.joints
+            self.joint_term(arm, joint, column, typical=1e-6, unit=compliance_unit(arm, joint))
+            for joint, column in columns.items()
         )
-
-    def _regressor(self, arm: Arm, data: Measurements) -> np.ndarray:
-        direction = needed(data.direction, "dir_q1 … (or `ordered`)", self.name)
-        result: np.ndarray = np.abs(torques_needed(arm, data, self.name)) * direction
-        return result

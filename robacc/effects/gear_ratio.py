@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register
+from robacc.effects.base import About, Effect, Over, Term, Traits, driven_by, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -15,7 +15,7 @@ class GearRatio(Effect):
     """Joint variable scaled by 1 + k."""
 
     name = "gear_ratio"
-    extrapolates = "a ratio acts in proportion to the joint's angle or travel"
+    traits = Traits(chart=Over("{joint}"), extrapolates="a ratio acts in proportion to the joint's angle or travel")
     about = About(
         summary="joint angle scaled: the gear ratio, or a linear axis' pitch, is not the controller's",
         equation="theta_j + k q_j (d_j + k q_j for a prismatic joint)",
@@ -28,14 +28,8 @@ class GearRatio(Effect):
         example="{effect: gear_ratio, joints: [j3], values: {j3: 1e-4}}",
     )
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the joint's own variable."""
-        return None if joint is None else joint_driver(arm, data, joint)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        q = commanded(data, self.name)
         return tuple(
-            Term(f"{self.name}.{joint}", "1", 1e-4, (Part(arm.axis_motion(joint), q[arm.number(joint)]),))
-            for joint in self.joints
+            self.joint_term(arm, joint, driven_by(arm, data, joint, self.name), unit="1") for joint in self.joints
         )

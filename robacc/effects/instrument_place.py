@@ -52,20 +52,6 @@ class LineOfSight(Effect):
             places: ``(P, 3)`` places of the instrument.
         """
 
-    @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield nothing: a trace searches for the instrument's place."""
-        yield from ()
-
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: the instrument stands elsewhere the next time."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return none: the line of sight is no driver of the arm."""
-        return ()
-
     def at(self, place: Place) -> LineOfSight:
         """Return the same form at another place."""
         return dataclasses.replace(self, place=place)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
 
 import numpy as np
 
@@ -13,18 +12,18 @@ from robacc.chain import BASE
 from robacc.effects.base import (
     SCALE_OF_INSTRUMENT,
     About,
-    Driver,
+    Beyond,
     Effect,
+    Over,
     Part,
     Term,
-    circumstance_driver,
+    Traits,
     needed,
     register,
     setting,
     varies,
 )
 from robacc.effects.instrument_place import FARTHEST
-from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -52,10 +51,12 @@ class InstrumentScale(Effect):
     """s, the unit of time: a coefficient is the drift over it."""
 
     name = "instrument_scale"
-    extrapolates = "a scale acts in proportion to the distance"
-    per_joint = False
-    is_of_measurement = True
-    shares_terms: ClassVar[bool] = True
+    traits = Traits(
+        per_joint=False,
+        extrapolates="a scale acts in proportion to the distance",
+        is_of_measurement=True,
+        shared_by=("origin", "span"),
+    )
     about = About(
         summary="the instrument's own scale: refractive index, a camera's focal length, a wrong length "
         "standard; with drift, air whose index changes while the poses are measured",
@@ -84,24 +85,17 @@ class InstrumentScale(Effect):
         """Return whether the scale drifts: shifts of its own let it follow any drift of the frame."""
         return self.drift > 0
 
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: the scale belongs to the instrument on that day."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+    def depends_on(self, arm: Arm) -> tuple[str, ...]:
         """Return the time of a drift."""
         return ("time_s",) if self.drift else ()
 
-    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the time of a drift, which ends with the poses."""
-        return tuple(validity)
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that a drift ends with the poses."""
+        return Beyond(is_held=True)
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+    def chart(self) -> Over:
         """Return the distance from the instrument, or the time of a drift."""
-        if self.drift:
-            return circumstance_driver("time_s", data)
-        return Driver("distance", "m", np.sqrt(np.sum(np.square(data.position), axis=0)), True)
+        return Over("time_s", is_only=False) if self.drift else Over("distance")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term, or four per power of time."""
@@ -115,10 +109,6 @@ class InstrumentScale(Effect):
                 part = Part(arm.chain.index(BASE, label), elapsed**power)
                 terms.append(Term(f"{self.name}.{label}{power}", "m", 1e-4, (part,)))
         return tuple(terms)
-
-    def term_key(self, term: Term) -> str:
-        """Return the key of a term, which drifts of all degrees over the same time share."""
-        return f"{term.name}|{self.origin}|{self.span}"
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if the shifts of a drift are not those of a scale about an instrument's place."""

@@ -6,21 +6,21 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Literal
+from typing import Literal
 
 from robacc.effects.base import (
     About,
-    Driver,
     Effect,
+    Over,
     Term,
+    Traits,
     commanded,
-    joint_driver,
+    compliance_unit,
     register,
     setting,
-    torque_driver,
     weight_needed,
 )
-from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
+from robacc.effects.elastic import DEFLECTIONS, OwnWeight, base_regressors
 from robacc.gravity.loads import unit_loads
 from robacc.gravity.torques import bears_weight
 from robacc.measurements import Measurements
@@ -34,7 +34,7 @@ _MASS_ERROR = 0.25
 
 @register
 @dataclass(frozen=True)
-class JointCompliance(Elastic):
+class JointCompliance(OwnWeight):
     """Each joint turned by c times the torque of gravity about its axis, in equilibrium.
 
     With masses ``unknown`` the torque's base regressors are fitted; their coefficients are compliance x mass and
@@ -42,12 +42,12 @@ class JointCompliance(Elastic):
     prior in proportion to each link's own mass, correct them.
     """
 
-    masses: Literal["known", "uncertain", "unknown"] = setting("known")
+    masses: Literal["known", "uncertain", "unknown"] = setting("known")  # type: ignore[assignment]
 
     name = "joint_compliance"
-    is_nonnegative = True
-    is_spring = True
-    extrapolates = "Hooke's law: deflection in proportion to the torque"
+    traits = Traits(
+        extrapolates="Hooke's law: deflection in proportion to the torque", is_spring=True, is_nonnegative=True
+    )
     about = About(
         summary="the joint's gear deflects under the torque of the arm's own weight",
         equation="theta_j + c_j tau_j, tau_j the torque of gravity about the axis at the deflected pose; "
@@ -67,32 +67,18 @@ class JointCompliance(Elastic):
         """Odds of masses that are wrong by more than their uncertainty, which standard errors include in any case."""
         return _ODDS_OF_WRONG_MASSES if self.masses == "uncertain" else 1.0
 
-    @property
-    def uses_masses(self) -> bool:
-        """True unless the masses are fitted too."""
-        return self.masses == "known"
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Any = None) -> Effect:
-        """Return the effect with the robot's masses, if it has any."""
-        return cls(tuple(joints) if joints is not None else arm.names, "known" if arm.chain.bodies else "unknown")
-
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield one joint at a time, with the file's masses and, where weight can load it, with uncertain ones."""
         bears = bears_weight(arm, commanded(data, cls.name))
         for joint in arm.names:
-            yield cls.default(arm, data, (joint,))
+            yield cls.usual(arm, data, (joint,))
             if arm.chain.bodies and bears[arm.number(joint)]:
                 yield cls((joint,), "uncertain")
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+    def chart(self) -> Over:
         """Return gravity's torque on the joint, or its variable if the masses are unknown."""
-        if joint is None:
-            return None
-        if not arm.chain.bodies:
-            return joint_driver(arm, data, joint, is_only=False)
-        return torque_driver(arm, data, joint, is_only=self.masses == "known")
+        return Over("{joint}" if self.masses == "unknown" else "torque_{joint}", self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""
@@ -100,7 +86,7 @@ class JointCompliance(Elastic):
         own_weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
         for joint in self.joints:
             motion = arm.axis_motion(joint)
-            unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
+            unit = compliance_unit(arm, joint)
             if self.masses != "unknown":
                 terms.append(Term(f"{self.name}.{joint}", unit, 1e-5, (self.part(motion, own_weight),)))
             if self.masses == "known":

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.base import About, Effect, Over, Term, Traits, driven_by, register, setting
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -19,7 +19,7 @@ class JointCoupling(Effect):
     drivers: tuple[str, ...] = setting(())
 
     name = "joint_coupling"
-    extrapolates = "a coupling acts in proportion to the driving joint's angle"
+    traits = Traits(extrapolates="a coupling acts in proportion to the driving joint's angle")
     about = About(
         summary="one joint turns another: wrist gears, a parallelogram, a belt over an axis",
         equation="theta_j + k q_i, i not j",
@@ -32,33 +32,29 @@ class JointCoupling(Effect):
         example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
 
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+    def depends_on(self, arm: Arm) -> tuple[str, ...]:
         """Return the joints that turn others."""
-        return tuple(dict.fromkeys(name for joint in self.joints for name in self.drivers or neighbours(arm, joint)))
+        return tuple(driver for joint in self.joints for driver in self._drivers(arm, joint))
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+    def chart(self) -> Over | None:
         """Return the joint that turns this joint, if there is a single one."""
-        return joint_driver(arm, data, self.drivers[0]) if len(self.drivers) == 1 else None
+        return Over(self.drivers[0]) if len(self.drivers) == 1 else None
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per pair of joints."""
-        q = commanded(data, self.name)
         return tuple(
-            Term(
-                f"{self.name}.{joint}.{driver}",
-                _unit(arm, joint, driver),
-                1e-3,
-                (Part(arm.axis_motion(joint), q[arm.number(driver)]),),
+            self.joint_term(
+                arm, joint, driven_by(arm, data, driver, self.name), driver, 1e-3, unit=_unit(arm, joint, driver)
             )
             for joint in self.joints
-            for driver in (self.drivers or neighbours(arm, joint))
+            for driver in self._drivers(arm, joint)
             if driver != joint
         )
 
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return every pair of neighbours."""
-        return cls(joints=tuple(joints) if joints is not None else arm.names)
+    def _drivers(self, arm: Arm, joint: str) -> tuple[str, ...]:
+        """Return the joints that turn a joint: by default those next to it."""
+        i = arm.number(joint)
+        return self.drivers or tuple(arm.names[k] for k in (i - 1, i + 1) if 0 <= k < len(arm.names))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -72,12 +68,6 @@ class JointCoupling(Effect):
         """Return the effect of the ``drivers``, a name or a list of names."""
         listed = {key: [value] if isinstance(value, str) else value for key, value in settings.items()}
         return super().from_settings(joints, listed)
-
-
-def neighbours(arm: Arm, joint: str) -> tuple[str, ...]:
-    """Return the joints next to a joint in the chain."""
-    i = arm.number(joint)
-    return tuple(arm.names[k] for k in (i - 1, i + 1) if 0 <= k < len(arm.names))
 
 
 def _unit(arm: Arm, joint: str, driver: str) -> str:

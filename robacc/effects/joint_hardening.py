@@ -8,9 +8,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, register, setting
-from robacc.effects.elastic import TorqueDriven
-from robacc.effects.validity import Validity, torque_of
+from robacc.effects.base import (
+    MASSES,
+    About,
+    Effect,
+    Over,
+    Term,
+    Traits,
+    compliance_unit,
+    driven_by,
+    register,
+    setting,
+)
+from robacc.effects.drivers import Validity
 from robacc.geometry import Array
 from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
@@ -29,7 +39,7 @@ _KNEES = np.geomspace(0.02, 4.0, 40)
 
 @register
 @dataclass(frozen=True)
-class JointHardening(TorqueDriven):
+class JointHardening(Effect):
     """Joint variable plus c times the cube of gravity's torque over a reference torque.
 
     With a ``knee`` the spring is that of torque = k x (1 + (x / x_knee)^2), whose deflection grows with the cube root
@@ -45,6 +55,7 @@ class JointHardening(TorqueDriven):
     """Largest torque on a joint, either way, beyond which the deflection is held; none while it is fitted."""
 
     name = "joint_hardening"
+    traits = Traits(needs=(MASSES,), drivers=("{joint}", "torque_{joint}"), chart=Over("torque_{joint}"))
     about = About(
         summary="the joint's spring hardens: strain-wave gears and gears with play are soft at small torque",
         equation="theta_j + c (tau_j / tau_ref)^3, tau_j the torque of gravity about the axis; with knee_nm: "
@@ -62,16 +73,10 @@ class JointHardening(TorqueDriven):
     )
 
     @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the effect with the largest torque on these joints as the reference, to two digits."""
-        chosen = tuple(joints) if joints is not None else arm.names
-        largest = _largest_torque(arm, data, chosen)
-        return cls(chosen, float(f"{largest:.2g}") if largest > _LEAST_TORQUE else cls.reference)
-
-    @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield one joint at a time."""
-        yield from (cls.default(arm, data, (joint,)) for joint in arm.names)
+        largest = _largest_torque(arm, data, joints)
+        return cls(joints, float(f"{largest:.2g}") if largest > _LEAST_TORQUE else cls.reference)
 
     def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield the spring with each of many knees."""
@@ -92,33 +97,23 @@ class JointHardening(TorqueDriven):
                     )
         return super().implausible(terms, values)
 
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the joints, and the torques on them."""
-        return (*self.joints, *map(torque_of, self.joints))
-
     def within(self, validity: Validity) -> Effect:
         """Return the effect with its deflection held beyond :data:`_BEYOND` times the largest torques of ``validity``.
 
         The cube of a torque that is ten times as large would be a thousand times as large.
         """
-        largest = {
-            joint: _BEYOND * max(map(abs, validity[torque_of(joint)]))
-            for joint in self.joints
-            if torque_of(joint) in validity
-        }
+        torques = {joint: validity.get(f"torque_{joint}") for joint in self.joints}
+        largest = {joint: _BEYOND * max(map(abs, limits)) for joint, limits in torques.items() if limits}
         return dataclasses.replace(self, largest_torques=largest) if largest else self
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        torque = self.torques(arm, data)
         terms = []
         for joint in self.joints:
-            unit, force = ("rad", "N m") if arm.is_revolute(joint) else ("m", "N")
             largest = self.largest_torques.get(joint, np.inf)
-            held = np.clip(torque[arm.number(joint)], -largest, largest)
-            part = Part(arm.axis_motion(joint), self._regressor(held))
-            unit, typical = (unit, 1e-4) if self.knee is None else (f"{unit}/({force})", 1e-5)
-            terms.append(Term(f"{self.name}.{joint}", unit, typical, (part,)))
+            column = self._regressor(np.clip(driven_by(arm, data, f"torque_{joint}", self.name), -largest, largest))
+            unit, typical = (arm.unit(joint), 1e-4) if self.knee is None else (compliance_unit(arm, joint), 1e-5)
+            terms.append(self.joint_term(arm, joint, column, typical=typical, unit=unit))
         return tuple(terms)
 
     def _regressor(self, torque: Array) -> Array:

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from robacc.effects.base import LEAST_OF_CONSTANT, About, Driver, Effect, Part, Term, joint_driver, register
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Over, Term, Traits, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -28,7 +28,7 @@ class JointOffset(Effect):
     """Offset of each joint's zero."""
 
     name = "joint_offset"
-    is_constant = True
+    traits = Traits(is_constant=True, chart=Over("{joint}"))
     about = About(
         summary="joint zero: the encoder's zero is not the table's",
         equation="theta_j + c (revolute), d_j + c (prismatic)",
@@ -41,21 +41,10 @@ class JointOffset(Effect):
         example="{effect: joint_offset, joints: [j2, j3], values: {j2: 5e-4, j3: -2e-4}}",
     )
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the joint's own variable."""
-        return None if joint is None else joint_driver(arm, data, joint)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
         return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                arm.unit(joint),
-                1e-3,
-                (Part(arm.axis_motion(joint)),),
-                least_part=LEAST_OF_CONSTANT,
-            )
-            for joint in self.joints
+            self.joint_term(arm, joint, 1.0, typical=1e-3, least_part=LEAST_OF_CONSTANT) for joint in self.joints
         )
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:

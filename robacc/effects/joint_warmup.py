@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import (
-    About,
-    Driver,
-    Effect,
-    Term,
-    circumstance_driver,
-    joint_terms,
-    needed,
-    register,
-    setting,
-    varies,
-)
+from robacc.effects.base import TIME, About, Effect, Over, Term, Traits, needed, register, setting
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -37,7 +26,7 @@ class JointWarmup(Effect):
     """s, the time from which the joint warms up."""
 
     name = "joint_warmup"
-    missing_reasons = ("no time_s column that varies",)
+    traits = Traits(needs=(TIME,), drivers=("time_s",), chart=Over("time_s", is_only=False))
     about = About(
         summary="the joint's zero shifts while its motor and gear warm up; each joint has a time constant of its own",
         equation="theta_j + c (1 - exp(-(t - t_first) / t0)), t0 searched",
@@ -52,16 +41,10 @@ class JointWarmup(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there is no time that varies."""
-        return None if varies(data.time) else cls.missing_reasons[0]
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return a warm-up over a third of the time."""
         time = needed(data.time, "time_s", cls.name)
-        chosen = tuple(joints) if joints is not None else arm.names
-        return cls(chosen, float(np.ptp(time)) / 3 or cls.time_constant, float(time.min()))
+        return cls(joints, float(np.ptp(time)) / 3 or cls.time_constant, float(time.min()))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -71,24 +54,11 @@ class JointWarmup(Effect):
         for joint in arm.names:
             yield from (cls((joint,), float(f"{span * share:.3g}"), start) for share in _SHARES)
 
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: it counts the time since the campaign began."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return the time."""
-        return ("time_s",)
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the time."""
-        return circumstance_driver("time_s", data)
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
         elapsed = np.maximum(needed(data.time, "time_s", self.name) - self.origin, 0.0)
         risen = 1 - np.exp(-elapsed / self.time_constant)
-        return joint_terms(self.name, arm, {joint: risen for joint in self.joints})
+        return tuple(self.joint_term(arm, joint, risen) for joint in self.joints)
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
-from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Term, commanded, register, setting, weight_needed
-from robacc.effects.elastic import DEFLECTIONS, Elastic, base_regressors
+from robacc.effects.base import About, Effect, Term, Traits, commanded, register, weight_needed
+from robacc.effects.elastic import DEFLECTIONS, OwnWeight, base_regressors
 from robacc.gravity.loads import unit_loads
 from robacc.measurements import Measurements
 from robacc.robots.arm import FLEXURES, Arm
@@ -21,16 +20,14 @@ _UPRIGHT = 0.02
 
 @register
 @dataclass(frozen=True)
-class LateralCompliance(Elastic):
+class LateralCompliance(OwnWeight):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions.
 
     With masses ``unknown`` the bending moment's base regressors are fitted, as those of ``joint_compliance`` are.
     """
 
-    masses: Literal["known", "unknown"] = setting("known")
-
     name = "lateral_compliance"
-    extrapolates = "Hooke's law: deflection in proportion to the bending moment"
+    traits = Traits(extrapolates="Hooke's law: deflection in proportion to the bending moment")
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the bending moment across it",
         equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the bending moment of gravity about "
@@ -44,16 +41,6 @@ class LateralCompliance(Elastic):
         example="{effect: lateral_compliance, joints: [j2], values: {j2: 1e-6}}",
     )
 
-    @property
-    def uses_masses(self) -> bool:
-        """True unless the masses are fitted too."""
-        return self.masses == "known"
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return the effect with the robot's masses, if it has any."""
-        return cls(tuple(joints) if joints is not None else arm.names, "known" if arm.chain.bodies else "unknown")
-
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield one joint at a time; without masses only upright joints, but for the first.
@@ -61,7 +48,7 @@ class LateralCompliance(Elastic):
         Any other joint without masses bends less than it turns, and the first bends as the base tilts.
         """
         possible = arm.names if arm.chain.bodies else _upright_joints(arm, data)[1:]
-        yield from (cls.default(arm, data, (joint,)) for joint in possible)
+        yield from (cls.usual(arm, data, (joint,)) for joint in possible)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""

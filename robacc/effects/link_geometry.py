@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, register, setting
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, Traits, register, setting
 from robacc.effects.base_frame import FRAME_LABELS, moved_frame
 from robacc.effects.joint_offset import with_parameters
 from robacc.measurements import Measurements
@@ -35,8 +35,7 @@ class LinkGeometry(Effect):
     labels: tuple[str, ...] = setting((), choices=("theta", *_DH, *_ORIGIN))
 
     name = "link_geometry"
-    shares_terms = True
-    is_constant = True
+    traits = Traits(is_constant=True, shared_by=())
     about = About(
         summary="link lengths, offsets and twists differ from the table",
         equation="d_j, a_j, alpha_j + c, and beta_j (Hayati's rotation about y) + c; a URDF's joint origin "

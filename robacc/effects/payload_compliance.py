@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Term, needed, register, setting, torque_driver
+from robacc.effects.base import About, Effect, Need, Over, Term, Traits, compliance_unit, needed, register, setting
 from robacc.effects.elastic import DEFLECTIONS, Elastic
 from robacc.errors import UsageError
 from robacc.geometry import Array
@@ -34,12 +34,17 @@ class PayloadCompliance(Elastic):
     """Names of loads of unknown mass; none where the masses are those of payload_kg."""
 
     name = "payload_compliance"
-    is_nonnegative = True
-    extrapolates = "Hooke's law: deflection in proportion to the payload's torque"
-    missing_reasons = (
-        "no payload_kg column",
-        "payload_kg is zero throughout",
-        "payload_group has one name only, or a name with fewer than 8 rows",
+    traits = Traits(
+        needs=(
+            Need("no payload_kg column", lambda arm, data: data.payload is not None or data.payload_group is not None),
+            Need("payload_kg is zero throughout", lambda arm, data: data.payload is None or bool(data.payload.any())),
+            Need(
+                "payload_group has one name only, or a name with fewer than 8 rows",
+                lambda arm, data: data.payload is not None or bool(_groups(data)),
+            ),
+        ),
+        extrapolates="Hooke's law: deflection in proportion to the payload's torque",
+        is_nonnegative=True,
     )
     about = About(
         summary="the joint deflects under the payload, which was not the same at every pose",
@@ -56,18 +61,9 @@ class PayloadCompliance(Elastic):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if there are no payloads."""
-        if data.payload is None and data.payload_group is not None:
-            return None if _groups(data) else cls.missing_reasons[2]
-        if data.payload is None:
-            return cls.missing_reasons[0]
-        return None if data.payload.any() else cls.missing_reasons[1]
-
-    @property
-    def uses_masses(self) -> bool:
-        """Return False: the payload's mass is a column of the poses."""
-        return False
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
+        """Return the effect of the payload's masses, or of groups where these are unknown."""
+        return cls(joints, groups=_groups(data))
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -77,27 +73,20 @@ class PayloadCompliance(Elastic):
             yield cls((joint,), groups=groups)
             yield cls((joint,), "uncertain", groups)
 
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
-        """Return the effect of the payload's masses, or of groups where these are unknown."""
-        return cls(tuple(joints) if joints is not None else arm.names, groups=_groups(data))
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+    def depends_on(self, arm: Arm) -> tuple[str, ...]:
         """Return the payload, where it is known."""
         return () if self.groups else ("payload_kg",)
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the payload's torque on the joint."""
-        if joint is None or self.groups:
-            return None
-        return torque_driver(arm, data, joint, loads=payload(arm, needed(data.payload, "payload_kg", self.name)))
+    def chart(self) -> Over | None:
+        """Return the payload's torque on the joint, where it is known."""
+        return None if self.groups else Over("payload_torque_{joint}")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term for each joint and load, and one for each first moment if the centre is uncertain."""
         terms = []
         for joint in self.joints:
             motion, name = arm.axis_motion(joint), f"{self.name}.{joint}"
-            unit = "rad/(N m)" if arm.is_revolute(joint) else "m/N"
+            unit = compliance_unit(arm, joint)
             for label, mass in self._masses(data).items():
                 of_load = f"{name}.{label}" if self.groups else name
                 unit_of_load, typical = (f"{unit} kg", 5e-5) if self.groups else (unit, 1e-5)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, as_plain, commanded, scaled, setting
+from robacc.effects.base import About, Effect, Term, Traits, as_plain, commanded, scaled, setting
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -52,9 +52,8 @@ class PoseCorrection(Effect):
     centres: tuple[tuple[float, ...], ...] = setting((), written=True)
 
     name = "joint_correction"
+    traits = Traits(extrapolates="it fades to zero away from the poses that it was fitted to", is_empirical=True)
     about = ABOUT
-    is_empirical = True
-    extrapolates = "it fades to zero away from the poses that it was fitted to"
 
     @classmethod
     def over(cls, arm: Arm, data: Measurements, joints: Sequence[str], lengths: Sequence[float]) -> PoseCorrection:
@@ -80,7 +79,7 @@ class PoseCorrection(Effect):
         kernel = self._kernel(arm, centres, centres) + _JITTER * np.eye(len(self.centres))
         basis = np.linalg.solve(np.linalg.cholesky(kernel), self._kernel(arm, centres, q))
         return tuple(
-            Term(f"{self.name}.{joint}.c{k}", arm.unit(joint), 1e-4, (Part(arm.axis_motion(joint), row),), self.name)
+            self.joint_term(arm, joint, row, f"c{k}", group=self.name)
             for joint in self.joints
             for k, row in enumerate(basis, 1)
         )

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.base import About, Effect, Need, Over, Part, Term, Traits, commanded, register, setting
 from robacc.effects.base_frame import FRAME_LABELS
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -35,7 +35,11 @@ class RailErrors(Effect):
     """End of the travel, m."""
 
     name = "rail_errors"
-    missing_reasons = ("no prismatic joint",)
+    traits = Traits(
+        only="prismatic",
+        needs=(Need("no prismatic joint", lambda arm, data: not all(map(arm.is_revolute, arm.names))),),
+        chart=Over("{joint}", is_only=False),
+    )
     about = About(
         summary="the rail is bent or twisted: its carriage shifts across the travel and turns along it",
         equation="shifts and rotations of the carriage + sum of c_p T_p(u), u the travel from -1 to 1, p = 1 "
@@ -50,22 +54,11 @@ class RailErrors(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if no joint is prismatic."""
-        return None if cls.possible_joints(arm) else cls.missing_reasons[0]
-
-    @classmethod
-    def possible_joints(cls, arm: Arm) -> tuple[str, ...]:
-        """Return the joints that slide."""
-        return tuple(joint for joint in arm.names if not arm.is_revolute(joint))
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the curves over the travel of these poses."""
-        chosen = tuple(joints) if joints is not None else cls.possible_joints(arm)
-        travel = commanded(data, cls.name)[[arm.number(joint) for joint in chosen]]
+        travel = commanded(data, cls.name)[[arm.number(joint) for joint in joints]]
         low, high = (float(travel.min()), float(travel.max())) if travel.size else (0.0, 1.0)
-        return cls(chosen, low, high if high > low else low + 1.0)
+        return cls(joints, low, high if high > low else low + 1.0)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -73,11 +66,7 @@ class RailErrors(Effect):
         for joint in arm.names:
             if arm.is_revolute(joint):
                 return
-            yield cls.default(arm, data, (joint,))
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the slide's travel."""
-        return None if joint is None else joint_driver(arm, data, joint, is_only=False)
+            yield cls.usual(arm, data, (joint,))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients of each curve, in a group for each joint."""

@@ -7,14 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Part, Term, commanded, needed, register
-from robacc.geometry import Array
+from robacc.effects.base import About, Effect, Need, Part, Term, Traits, commanded, needed, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
-_COLUMNS = "read_q1 … read_qN"
 FOLLOWED_SHARE = 0.5
 """Share from which the joints read back describe the arm better than those commanded."""
+
+
+def _differs(arm: Arm, data: Measurements) -> bool:
+    """Return whether a joint was read back elsewhere than commanded."""
+    return data.read_back is not None and data.q is not None and not np.array_equal(data.read_back, data.q)
 
 
 @register
@@ -27,12 +30,15 @@ class ReadBack(Effect):
     """
 
     name = "read_back"
-    per_joint = False
-    is_of_measurement = True
-    is_nonnegative = True
-    implausible_factor = 1.5
-    extrapolates = "the difference is that of each pose"
-    missing_reasons = ("no read_q columns that differ from the commanded joints",)
+    traits = Traits(
+        per_joint=False,
+        needs=(Need("no read_q columns that differ from the commanded joints", _differs),),
+        drivers=(),
+        extrapolates="the difference is that of each pose",
+        is_of_measurement=True,
+        is_nonnegative=True,
+        implausible_factor=1.5,
+    )
     about = About(
         summary="the arm stood at the joints read back, not at those commanded: it had not settled, or its "
         "controller leaves a constant error",
@@ -46,30 +52,14 @@ class ReadBack(Effect):
         example="{effect: read_back, values: {value: 1}}",
     )
 
-    @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if no joint was read back elsewhere than commanded."""
-        if data.read_back is None or data.q is None or np.array_equal(data.read_back, data.q):
-            return cls.missing_reasons[0]
-        return None
-
     @property
     def rejects_implausible(self) -> bool:
         """Return True: an arm stands between its command and the joints read back, so no share is far above 1."""
         return True
 
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: it says where the arm stood while it was measured."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return none: the share holds for any difference."""
-        return ()
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the share, common to all joints."""
-        difference = self._difference(data)
+        difference = needed(data.read_back, "read_q1 … read_qN", self.name) - commanded(data, self.name)
         parts = tuple(Part(arm.axis_motion(joint), difference[arm.number(joint)]) for joint in arm.names)
         return (Term(self.name, "1", 1.0, parts),)
 
@@ -89,8 +79,3 @@ class ReadBack(Effect):
             "measured before it had settled, or its controller leaves a constant error; wait longer before "
             "a measurement, or give the joints read back as q1 … qN"
         )
-
-    def _difference(self, data: Measurements) -> Array:
-        """Return the joints read back minus those commanded, ``(J, N)``, rad or m."""
-        result: Array = needed(data.read_back, _COLUMNS, self.name) - commanded(data, self.name)
-        return result

@@ -67,7 +67,7 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
         joints = request.joints
         if joints == ("all",):
             joints = cls.possible_joints(arm)
-        if joints is not None and not cls.per_joint:
+        if joints is not None and not cls.traits.per_joint:
             raise UsageError(f"{request.name} acts on no joint in particular; write it without brackets")
         for joint in joints or ():
             arm.number(joint)

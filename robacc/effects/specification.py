@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.beyond_range import limits_of
-from robacc.effects.validity import Periods, Validity, driver_unit, is_outside, read_validity
+from robacc.effects.drivers import Periods, Validity, driver_unit, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -43,11 +43,11 @@ class Known:
 
     def held_limits(self, arm: Arm) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
-        return limits_of(self.effect, arm, self.validity, self.effect.held_drivers(arm, self.validity))
+        return limits_of(self.effect, arm, self.validity)
 
     def fading_limits(self, arm: Arm) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers beyond which the effect fades, and their periods."""
-        return limits_of(self.effect, arm, self.validity, self.effect.fading_drivers(arm, self.validity))
+        return limits_of(self.effect, arm, self.validity, fading=True)
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:
@@ -131,14 +131,14 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     """Return the entry's joints, checked."""
-    if not cls.per_joint:
+    if not cls.traits.per_joint:
         if joints:
             raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
         return ()
     if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
         raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
     possible = cls.possible_joints(arm)
-    if not joints and cls.joints_optional:
+    if not joints and cls.traits.joints_optional:
         return ()
     if not joints or len(set(joints)) < len(joints):
         raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")

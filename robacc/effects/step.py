@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from robacc.chain import BASE, TOOL
 from robacc.effects.base import (
     About,
-    Driver,
     Effect,
+    Need,
+    Over,
     Part,
     Term,
-    circumstance_driver,
+    Traits,
     commanded,
+    compliance_unit,
     register,
     setting,
     varies,
@@ -56,9 +58,19 @@ class Step(Effect):
     """Length of the run, s or lines; 0 if unknown."""
 
     name = "step"
-    extrapolates = "a change stays after its step"
-    joints_optional: ClassVar[bool] = True
-    missing_reasons = ("the poses have neither a time_s that varies nor lines",)
+    traits = Traits(
+        joints_optional=True,
+        needs=(
+            Need(
+                "the poses have neither a time_s that varies nor lines",
+                lambda arm, data: varies(data.time) or data.rows is not None,
+            ),
+        ),
+        is_searched=True,
+        drivers=(),
+        extrapolates="a change stays after its step",
+        is_event=True,
+    )
     about = About(
         summary="a step change between two poses: the base moved, the target was bumped, a joint's zero jumped, or the "
         "load changed",
@@ -74,31 +86,14 @@ class Step(Effect):
         example="{effect: step, part: target, from_time_s: 1800, values: {x: 2e-4, y: -1e-4, z: 5e-5}}",
     )
 
-    @property
-    def of_campaign(self) -> bool:
-        """Return True: the step happened between two poses of one campaign."""
-        return True
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
-        """Return none: a step has two values."""
-        return ()
-
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if the poses have no sequence."""
-        return None if varies(data.time) or data.rows is not None else cls.missing_reasons[0]
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return a step in the middle of the run: of the base, or of the zero of ``joints``."""
-        sequence = sequence_of(data)
-        part: Literal["base", "joint"] = "base" if joints is None else "joint"
-        return cls(tuple(joints or ()), part).starting(float(np.median(sequence)), data)
+        return cls(joints, "joint" if joints else "base").starting(float(np.median(sequence_of(data))), data)
 
-    @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield nothing: a trace searches for the step's place."""
-        yield from ()
+    def chart(self) -> Over:
+        """Return the time, or the line."""
+        return Over("line" if self.from_time is None else "time_s", is_only=False)
 
     def starting(self, at: float, data: Measurements) -> Step:
         """Return the same step at a time (s) or line of ``data``."""
@@ -130,9 +125,14 @@ class Step(Effect):
         after = self.after(data)
         if self.part == "payload":
             after = after * unit_torques(arm, data)
-            return tuple(self._joint_term(arm, joint, after[arm.number(joint)], 5e-5) for joint in self.joints)
+            return tuple(
+                self.joint_term(
+                    arm, joint, after[arm.number(joint)], typical=5e-5, unit=f"{compliance_unit(arm, joint)} kg"
+                )
+                for joint in self.joints
+            )
         if self.part == "joint":
-            return tuple(self._joint_term(arm, joint, after, 1e-4) for joint in self.joints)
+            return tuple(self.joint_term(arm, joint, after) for joint in self.joints)
         owner = BASE if self.part == "base" else TOOL
         if self.target is not None:
             after = after * (data.target == self.target if data.target is not None else 1.0)
@@ -146,17 +146,6 @@ class Step(Effect):
             for label, motion in FRAME_LABELS.items()
             if self.turning or label in "xyz"
         )
-
-    def _joint_term(self, arm: Arm, joint: str, regressor: Array, typical: float) -> Term:
-        unit, force = ("rad", "N m") if arm.is_revolute(joint) else ("m", "N")
-        unit = f"{unit}/({force}) kg" if self.part == "payload" else unit
-        return Term(f"{self.name}.{joint}", unit, typical, (Part(arm.axis_motion(joint), regressor),))
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the time, or the line."""
-        if self.from_time is not None and data.time is not None:
-            return circumstance_driver("time_s", data)
-        return None if data.rows is None else Driver("line", "1", data.rows.astype(float), False)
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, register, setting
+from robacc.effects.base import About, Traits, register, setting
 from robacc.effects.instrument_place import LineOfSight, beams, perpendicular
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
@@ -27,10 +27,13 @@ class TargetDecentre(LineOfSight):
     """Axis of the tool that decides the reflector's roll about the line of sight."""
 
     name = "target_decentre"
-    per_joint = False
-    is_of_measurement = True
-    shares_terms = False
-    extrapolates = "the decentring is a constant of the reflector"
+    traits = Traits(
+        per_joint=False,
+        is_searched=True,
+        drivers=(),
+        extrapolates="the decentring is a constant of the reflector",
+        is_of_measurement=True,
+    )
     about = About(
         summary="the reflector's optical centre is not the centre of its sphere, and it is turned to the instrument at "
         "each pose; or its nest holds it off centre along the line of sight",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,17 +10,18 @@ import numpy as np
 from robacc.chain import Scalar
 from robacc.effects.base import (
     About,
-    Driver,
+    Beyond,
     Effect,
+    Need,
+    Over,
     Part,
     Term,
-    circumstance_driver,
+    Traits,
     needed,
     register,
     setting,
     varies,
 )
-from robacc.effects.validity import Validity
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -43,9 +44,16 @@ class ThermalExpansion(Effect):
     """True if a slide's travel grows as the links do; False if its scale does not grow."""
 
     name = "thermal_expansion"
-    implausible_factor = 3.0
-    missing_reasons = ("neither temperature_c nor time_s varies",)
-    per_joint = False
+    traits = Traits(
+        per_joint=False,
+        needs=(
+            Need(
+                "neither temperature_c nor time_s varies",
+                lambda arm, data: varies(data.temperature) or varies(data.time),
+            ),
+        ),
+        implausible_factor=3.0,
+    )
     about = About(
         summary="the links grow with temperature, or as the arm warms up where no temperature was logged",
         equation="d_j, a_j (1 + k (T - T_ref)), all j, a slide's travel with them unless slides: false; or (1 + k (1 - "
@@ -60,14 +68,7 @@ class ThermalExpansion(Effect):
     )
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if neither temperature nor time varies."""
-        if varies(data.temperature) or varies(data.time):
-            return None
-        return cls.missing_reasons[0]
-
-    @classmethod
-    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+    def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the expansion by temperature if it was logged, else a warm-up over a third of the time."""
         if data.temperature is not None or data.time is None:
             return cls()
@@ -83,22 +84,17 @@ class ThermalExpansion(Effect):
         for slides in (True, False) if _travels(arm) else (True,):
             yield from (cls(time_constant=constant, slides=slides) for constant in constants)
 
-    @property
-    def of_campaign(self) -> bool:
-        """True of a warm-up over the time since the campaign began."""
-        return self.time_constant is not None
-
-    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+    def depends_on(self, arm: Arm) -> tuple[str, ...]:
         """Return the temperature, or the time of a warm-up."""
         return ("temperature_c" if self.time_constant is None else "time_s",)
 
-    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the time of a warm-up; lengths go on in proportion to temperature (linear expansion)."""
-        return () if self.time_constant is None else tuple(validity)
+    def chart(self) -> Over:
+        """Return the same."""
+        return Over("temperature_c" if self.time_constant is None else "time_s", is_only=False)
 
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the temperature, or the time if it is a warm-up."""
-        return circumstance_driver("temperature_c" if self.time_constant is None else "time_s", data)
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that a warm-up is held; lengths go on in proportion to temperature (linear expansion)."""
+        return Beyond(is_held=self.time_constant is not None)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term that moves every length."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robacc.chain import TOOL
-from robacc.effects.base import About, Effect, Term, register
+from robacc.effects.base import About, Effect, Term, Traits, register
 from robacc.effects.base_frame import frame_terms, moved_frame
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -20,9 +20,7 @@ class ToolFrame(Effect):
     """Six coordinates of the tool, or of each of several targets."""
 
     name = "tool_frame"
-    is_frame = True
-    is_constant = True
-    per_joint = False
+    traits = Traits(per_joint=False, is_constant=True, is_frame=True)
     about = About(
         summary="where the measured target sits on the last link",
         equation="tool x, y, z + dx, dy, dz; then rotated about its own x, y, z; for each target its own",

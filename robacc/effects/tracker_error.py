@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Term, register, setting
+from robacc.effects.base import About, Term, Traits, register, setting
 from robacc.effects.instrument_place import LineOfSight, beams
 from robacc.geometry import Array
 from robacc.robots.arm import Arm
@@ -29,10 +29,14 @@ class TrackerError(LineOfSight):
     kind: Literal["range", "horizontal", "vertical"] = setting("range", written=True)
 
     name = "tracker_error"
-    per_joint = False
-    is_of_measurement = True
-    extrapolates = "the geometry of the instrument"
-    implausible_factor = 3.0
+    traits = Traits(
+        per_joint=False,
+        is_searched=True,
+        drivers=(),
+        extrapolates="the geometry of the instrument",
+        is_of_measurement=True,
+        implausible_factor=3.0,
+    )
     about = About(
         summary="the tracker's own geometry: a wrong range offset (home point), an eccentric horizontal or vertical "
         "encoder",

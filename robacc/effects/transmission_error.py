@@ -9,15 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import About, Driver, Effect, Part, Term, commanded, joint_driver, register, setting
+from robacc.effects.base import About, Beyond, Effect, Over, Term, Traits, driven_by, register, setting
 from robacc.effects.orders import common_period, exact_period, orders_setting
-from robacc.effects.validity import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-
-_SHORT = 0.5 * math.pi
-"""rad: range over which poses do not tell a trend from the slow waves of a profile."""
 
 
 @register
@@ -35,8 +31,7 @@ class TransmissionError(Effect):
     shrunk: bool = setting(False)
 
     name = "transmission_error"
-    shares_terms = True
-    is_bounded = True
+    traits = Traits(chart=Over("{joint}"), is_bounded=True, shared_by=())
     about = About(
         summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear; "
         "the pitch of a slide's screw or rack",
@@ -67,54 +62,33 @@ class TransmissionError(Effect):
         """Return orders 1 and 2 of ``joints``, or of all that turn: a slide has no orders per turn."""
         return cls(tuple(filter(arm.is_revolute, arm.names) if joints is None else joints))
 
-    def held_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the joints that moved less than the period of the orders together: a whole period repeats itself.
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself.
 
-        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range.
+        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range. It
+        fades over a quarter of a period of its finest order: so far the poses say something of a profile.
         """
-        partial = tuple(name for name, (low, high) in validity.items() if high - low < common_period(self.orders))
-        return tuple(name for name in partial if not (self.shrunk and self.period(arm, name)))
-
-    def fading_drivers(self, arm: Arm, validity: Validity) -> tuple[str, ...]:
-        """Return the joint of a profile that repeats itself after a turn."""
-        return tuple(name for name in validity if self.shrunk and self.period(arm, name))
-
-    def fading_length(self, arm: Arm, driver: str) -> float:
-        """Return a quarter of a period of the finest order: so far the poses say something of a profile."""
-        return 0.5 * math.pi / max(self.orders)
-
-    def period(self, arm: Arm, driver: str) -> float | None:
-        """Return the turn of the joint after which the orders repeat themselves."""
-        return exact_period(self.orders, arm.joint(driver).gear_ratio)
-
-    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-        """Return the joint's own variable."""
-        return None if joint is None else joint_driver(arm, data, joint)
+        period = exact_period(self.orders, arm.joint(driver).gear_ratio)
+        if self.shrunk and period:
+            return Beyond(False, period, 0.5 * math.pi / max(self.orders))
+        return Beyond(limits[1] - limits[0] < common_period(self.orders), period)
 
     @property
     def term_of_covariance(self) -> str | None:
         """Return the profiles of joints."""
         return "profile" if self.shrunk else None
 
-    def is_profile(self) -> bool:
-        """Return whether it is the joint's whole profile."""
-        return self.shrunk
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint and order."""
-        q = commanded(data, self.name)
         # The orders of a profile together are as large as a single order usually is.
         typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)
         terms = []
         for joint in self.joints:
-            motion, angle = arm.axis_motion(joint), q[arm.number(joint)]
             group = f"{self.name}.{joint}" if self.shrunk else None
-            unit = "rad" if arm.is_revolute(joint) else "m"
-            waves = _waves(self.orders, angle.tobytes())
+            waves = _waves(self.orders, driven_by(arm, data, joint, self.name).tobytes())
             for order, of_order in zip(self.orders, waves, strict=True):
                 for kind, wave in zip(("cos", "sin"), of_order, strict=True):
-                    name = f"{self.name}.{joint}.{kind}{order:.6g}"
-                    terms.append(Term(name, unit, typical, (Part(motion, wave),), group))
+                    terms.append(self.joint_term(arm, joint, wave, f"{kind}{order:.6g}", typical, group=group))
         return tuple(terms)
 
     def statement(

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Term
-from robacc.effects.validity import Validity
+from robacc.effects.drivers import Validity
 from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BLOCK
+from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, entry_of, known_effects
-from robacc.effects.validity import Validity, united
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
@@ -42,14 +42,14 @@ def apply_values(
     ``validity`` holds the ranges that each effect was fitted on, if known.
     """
     limits = validity if validity is not None else ({},) * len(model.free)
-    constant = [Known(effect, v) for effect, v in zip(model.free, values, strict=True) if effect.is_constant]
+    constant = [Known(effect, v) for effect, v in zip(model.free, values, strict=True) if effect.traits.is_constant]
     classes = {type(known.effect) for known in constant}
     # Listed constants that add to fitted ones are absorbed with them: turns of one frame do not commute.
     constant += [known for known in model.known if type(known.effect) in classes]
     robot = _with_constants(model.arm.robot, constant)
     listed = [known for known in model.known if type(known.effect) not in classes]
     for effect, coefficients, limit in zip(model.free, values, limits, strict=True):
-        if effect.is_constant:
+        if effect.traits.is_constant:
             continue
         nonzero = {name: value for name, value in coefficients.items() if value != 0}
         place = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
@@ -70,8 +70,8 @@ def absorb_constants(robot: Robot) -> Robot:
         InputError: the file's ``effects:`` cannot be read.
     """
     known = known_effects(robot)
-    entries = [entry_of(k.effect, k.values, k.validity) for k in known if not k.effect.is_constant]
-    robot = _with_constants(robot, [k for k in known if k.effect.is_constant])
+    entries = [entry_of(k.effect, k.values, k.validity) for k in known if not k.effect.traits.is_constant]
+    robot = _with_constants(robot, [k for k in known if k.effect.traits.is_constant])
     return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
 
 

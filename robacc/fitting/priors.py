@@ -43,7 +43,7 @@ class WeakKind:
 
 def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
     """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others."""
-    is_constant = [effect.is_constant and not effect.is_frame for effect in free]
+    is_constant = [effect.traits.is_constant and not effect.traits.is_frame for effect in free]
     return np.array(
         [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
     )

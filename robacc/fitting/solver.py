@@ -283,7 +283,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         model = first.model
         options = dataclasses.replace(options, start=first.theta, group_stds=first.group_stds)
     names = {effect.name for effect in model.free}
-    if any(effect.is_frame for effect in model.free) and options.start is None:
+    if any(effect.traits.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)

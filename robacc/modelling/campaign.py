@@ -17,6 +17,7 @@ from robacc.errors import UsageError
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
+from robacc.robots.arm import Arm
 from robacc.robots.description import Campaign, Robot
 
 _PLACE = ("from_line", "from_time_s", "file")
@@ -90,9 +91,9 @@ def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tup
     known = known_effects(dataclasses.replace(robot, effects=campaign.effects))
     applied, names = [], []
     for entry, item in zip(campaign.effects, known, strict=True):
-        if use == "keep" or item.effect.extrapolates is not None:
+        if use == "keep" or item.effect.traits.extrapolates is not None:
             applied.append(entry)
-        elif not item.effect.is_of_measurement:
+        elif not item.effect.traits.is_of_measurement:
             names.append(str(item.effect))
     robot = dataclasses.replace(robot, effects=(*robot.effects, *applied))
     if not names:
@@ -115,8 +116,9 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     own_effects = {known.effect.key() for known in known_effects(before)} if not earlier.kept else set()
     effects: list[Mapping[str, Any]] = []
     facts: list[Mapping[str, Any]] = []
+    arm = Arm.of(robot)
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        is_fact = known.effect.of_campaign and known.effect.key() not in own_effects
+        is_fact = known.effect.of_campaign(arm) and known.effect.key() not in own_effects
         (facts if is_fact else effects).append(entry)
     return dataclasses.replace(
         robot,

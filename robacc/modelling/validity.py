@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
-from robacc.effects.validity import MARGIN, driver_unit, driver_values, range_excess
 from robacc.errors import InputError, Problem
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -95,20 +95,19 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     items: list[OutsideRange] = []
     for effect in known:
         share = np.zeros(data.n)
-        held_drivers = effect.effect.held_drivers(arm, effect.validity)
-        uncertain_drivers = (*held_drivers, *effect.effect.fading_drivers(arm, effect.validity))
         for driver, (low, high) in effect.validity.items():
             values = driver_values(arm, data, driver)
             if values is None:
                 continue
-            excess = range_excess(values, low, high, effect.effect.period(arm, driver))
+            is_held, period, fading = effect.effect.beyond(arm, driver, (low, high))
+            excess = range_excess(values, low, high, period)
             is_outside = excess > MARGIN * (high - low) + _ROUNDING
             if not is_outside.any():
                 continue
             outside |= is_outside
-            if driver in uncertain_drivers:
+            if is_held or fading is not None:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
-            items.append(_outside_range(arm, effect, driver, excess, is_outside, driver in held_drivers))
+            items.append(_outside_range(arm, effect, driver, excess, is_outside, is_held))
         if share.any():
             position_var += _growth(share) ** 2 * _mean_square_size(arm, effect, data)
     ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
@@ -148,7 +147,7 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
 
     It is held at its range, but does not fade: what it may be there is as large as it is within its range.
     """
-    fading = known.effect.fading_drivers(arm, known.validity)
+    fading, _ = known.fading_limits(arm)
     validity = {driver: limits for driver, limits in known.validity.items() if driver not in fading}
     known = dataclasses.replace(known, validity=validity)
     rows = np.unique(np.linspace(0, data.n - 1, min(data.n, 200)).astype(int))

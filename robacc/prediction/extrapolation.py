@@ -16,8 +16,8 @@ import numpy as np
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT
 from robacc.effects.beyond_range import faded
+from robacc.effects.drivers import MARGIN, Periods, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known
-from robacc.effects.validity import MARGIN, Periods, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -88,7 +88,7 @@ def _frequencies(count: int) -> Array:
 def _motion_stds(arm: Arm, known: Known, data: Measurements, sample: Measurements | None = None) -> dict[int, Array]:
     """Return the standard deviation ``(n,)`` of the scalar of each motion; none if no pose is beyond the ranges."""
     limits, periods = known.held_limits(arm)
-    growth = _growth(arm, data, limits, periods, known.effect.is_bounded)
+    growth = _growth(arm, data, limits, periods, known.effect.traits.is_bounded)
     # With ``sample``, poses are a block of many, which all have the columns of every held effect.
     if not limits or (sample is None and not growth.any()):
         return {}

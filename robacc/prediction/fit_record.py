@@ -152,7 +152,7 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
         nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
     )
     full = Model.of(robot)
-    arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.is_of_measurement))
+    arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
     real: Poses = arm_only.bind(data).poses(np.zeros(0))
     wanted = predict(rigid, data)
     angle = log_between(real.rotation, wanted.rotation)

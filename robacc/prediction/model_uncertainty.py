@@ -105,10 +105,10 @@ def error_columns(
     poses, of which ``data`` are some, products of the columns of coefficients and extrapolation at two poses are the
     covariance of these too; see :func:`robacc.prediction.extrapolation.beyond_columns`.
     """
-    effects = tuple(effect for effect in fit.effects if measured or not effect.is_of_measurement)
+    effects = tuple(effect for effect in fit.effects if measured or not effect.traits.is_of_measurement)
     model = Model.of(robot, effects)
     if not measured:
-        model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.is_of_measurement))
+        model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.traits.is_of_measurement))
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
     coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])

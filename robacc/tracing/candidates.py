@@ -111,13 +111,13 @@ def named_candidates(
         (effect.name, joint)
         for effect in present
         for joint in (effect.joints or ("",))
-        if effect.is_constant and not effect.settings()  # constants as a whole exclude all their other forms
+        if effect.traits.is_constant and not effect.settings()  # constants as a whole exclude all their other forms
     }
     keys = {effect.key() for effect in present}
     families: dict[str, list[Effect]] = {}
     missing: dict[str, str] = {}
     for name, cls in REGISTRY.items():
-        if cls.is_empirical or (only is not None and name not in only):
+        if cls.traits.is_empirical or (only is not None and name not in only):
             continue
         reason = cls.missing(arm, data)
         if reason is not None:
@@ -266,7 +266,7 @@ class Pool:
         for name, cls in REGISTRY.items():
             if self._allows(name):
                 beside = cls.beside(effect, self.arm, self.data)
-                forms += [(form, math.log(form.odds_beside / TYPICAL_CANDIDATES)) for form in beside]
+                forms += [(form, math.log(form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
         self.add(forms)
 
     def _settings_near(self, effect: Effect) -> Iterator[Effect]:

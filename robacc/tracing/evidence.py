@@ -90,7 +90,7 @@ class Evidence:
         self.products = columns.T @ white.y
         self.columns = columns
         self._log_prior = np.array([candidate.log_prior for candidate in candidates])
-        self._positive = np.array([candidate.effect.is_nonnegative for candidate in candidates], dtype=bool)
+        self._positive = np.array([candidate.effect.traits.is_nonnegative for candidate in candidates], dtype=bool)
         self.places = list(column_places(candidates))
         self._groups = list(self._grouped(columns))
 

@@ -115,7 +115,7 @@ def counterbalance_statement(effect: Effect, harmonics: Sequence[Harmonic], effe
     times k a b sin(q + phi) (1 - L / sqrt(a^2 + b^2 + 2 a b cos(q + phi))): a function of the joint's angle alone,
     which orders 1 and 2 describe over a range of 2 rad.
     """
-    springs = [other for other in effects if other.is_spring and set(effect.joints) <= set(other.joints)]
+    springs = [other for other in effects if other.traits.is_spring and set(effect.joints) <= set(other.joints)]
     if not springs or not harmonics or any(harmonic.order > _OF_COUNTERBALANCE for harmonic in harmonics):
         return None
     return (
@@ -212,7 +212,7 @@ def describe_finding(
     if (held_out := judged.after.held_out_inliers or judged.after.held_out) is not None:
         after, turn_after = _rms(held_out)
         # Without a frame nothing else can be fitted.
-        if without is not None and not effect.is_frame:
+        if without is not None and not effect.traits.is_frame:
             rows = slice(None) if judged.holdout is not None else final.inliers
             before, turn_before = _rms(pose_metrics(without[:, rows]))
     coefficients = tuple(judged.parameters[i] for i in columns)
@@ -511,7 +511,7 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
     """Return the verdict on the findings and the error that remains after them."""
     if not findings:
         return "unexplained" if unexplained.structured else "clean"
-    named = any(not effect_class(finding.effect).is_empirical for finding in findings)
+    named = any(not effect_class(finding.effect).traits.is_empirical for finding in findings)
     plausible = all(finding.implausible is None for finding in findings)
     return "explained" if named and plausible and not unexplained.structured else "partly_explained"
 

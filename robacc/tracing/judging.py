@@ -171,10 +171,10 @@ def _groups(fit: Fit) -> dict[tuple[int, str | None], list[int]]:
     for index, column in enumerate(fit.identifiability.columns.tolist()):
         number = fit.owners[column]
         effect = fit.model.free[number]
-        if effect.is_frame:
+        if effect.traits.is_frame:
             continue
         joint = next((name for name in effect.joints if name in fit.names[column].split(".")), None)
-        groups.setdefault((number, joint if effect.is_constant else None), []).append(index)
+        groups.setdefault((number, joint if effect.traits.is_constant else None), []).append(index)
     return groups
 
 

@@ -43,4 +43,4 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
 
 def frames_first(effects: Iterable[Effect]) -> tuple[Effect, ...]:
     """Return the effects with frames first, so that frames keep their parameters if poses cannot distinguish two."""
-    return tuple(sorted(effects, key=lambda effect: not effect.is_frame))
+    return tuple(sorted(effects, key=lambda effect: not effect.traits.is_frame))

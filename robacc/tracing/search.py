@@ -390,7 +390,7 @@ class _Search:
             scales, log_prior = candidate.scales
             nearest = int(np.argmin(np.abs(np.log(scales / scale))))
             total += candidate.log_prior + float(log_prior[nearest]) - ACCEPTED
-            total += math.log(2.0) * candidate.effect.is_nonnegative
+            total += math.log(2.0) * candidate.effect.traits.is_nonnegative
         return float(total)
 
     # -- moves

@@ -161,13 +161,13 @@ def with_effect(robot: Robot, name: str, data: Measurements) -> Robot | None:
     """The robot with an effect of usual size on all joints; None where it cannot have it."""
     own = Arm.of(robot)
     cls = REGISTRY[name]
-    if cls.missing(own, data) is not None or cls.is_frame:
+    if cls.missing(own, data) is not None or cls.traits.is_frame:
         return None
     effect = cls.default(own, data)
     rng = np.random.default_rng(len(name))
     terms = [term for term in effect.terms(own, data) if not term.name.endswith(".beta")]
     values = {term.name: 0.3 * term.typical * rng.uniform(0.5, 1.0) for term in terms}
-    if effect.is_constant:
+    if effect.traits.is_constant:
         return effect.apply(own, values)
     return dataclasses.replace(robot, effects=(entry_of(effect, values),), effect_units=(1.0, 1.0))
 
@@ -183,7 +183,7 @@ def test_every_effect_on_every_arm(kind: str, name: str) -> None:
     result = robacc.correct(data, model=model, nominal=robot)
     targets, chosen = result.targets, result.targets.is_corrected
     assert chosen.sum() >= 16, [refusal.reason for refusal in targets.refusals if refusal]
-    if REGISTRY[name].is_of_measurement:
+    if REGISTRY[name].traits.is_of_measurement:
         np.testing.assert_array_equal(targets.q, data.q)
         return
     at_commands = dataclasses.replace(data, q=targets.q)

@@ -181,7 +181,7 @@ def test_an_effect_without_a_single_driver_is_held_against_itself() -> None:
 
 def test_every_effect_of_a_joint_has_a_driver() -> None:
     for name, cls in REGISTRY.items():
-        if cls.per_joint and name not in ("link_geometry", "lateral_compliance", "step"):
+        if cls.traits.per_joint and name not in ("link_geometry", "lateral_compliance", "step"):
             robot_arm = suited(name, arm("puma560"))
             data = circumstances(robot_arm.robot, 40)
             default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])

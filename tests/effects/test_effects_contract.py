@@ -29,7 +29,11 @@ OTHER_FORMS = {
     "approach_lag": ({"common": True},),
     "backlash": ({"by": "gravity"},),
     "joint_compliance": ({"masses": "unknown"}, {"masses": "uncertain", "deflection": "rigid"}),
-    "joint_correction": ({"lengths": [1.5], "centres": [[0.0], [0.4]]},),
+    "joint_correction": (
+        {"lengths": [1.5], "centres": [[0.0], [0.4]]},
+        {"drivers": ["torque"], "range": [[-50.0, 50.0]]},
+        {"drivers": ["time_s", "direction"], "range": [[0.0, 600.0], [-1.0, 1.0]], "degree": 3},
+    ),
     "joint_hardening": ({"knee_nm": 40.0},),
     "lateral_compliance": ({"deflection": "rigid"}, {"masses": "unknown"}),
     "payload_compliance": ({"deflection": "rigid"}, {"com": "uncertain"}),
@@ -92,7 +96,7 @@ def test_the_catalogue_says_everything_of_it(name: str) -> None:
         value = getattr(about, field.name)
         assert value.strip() if isinstance(value, str) else 0 < value[0] < value[1], field.name
     assert REGISTRY[name].name == name
-    assert REGISTRY[name].is_constant == (name in ("base_frame", "tool_frame", "joint_offset", "link_geometry"))
+    assert REGISTRY[name].traits.is_constant == (name in ("base_frame", "tool_frame", "joint_offset", "link_geometry"))
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -284,7 +288,11 @@ def test_settings_are_read_back_and_unknown_keys_and_wrong_values_are_refused(na
 
 
 BARE = Measurements(position=np.zeros((3, 2)), q=np.array([[0.1, 0.2]] * 6))
-NEEDY = tuple(name for name, cls in REGISTRY.items() if cls.missing_reasons)
+REASONS = {
+    name: [need.reason for need in (*cls.traits.needs, *cls.traits.needs_of_usual_form)]
+    for name, cls in REGISTRY.items()
+}
+NEEDY = tuple(name for name, reasons in REASONS.items() if reasons)
 """Effects that ask for a column or for masses."""
 SLIDING = ("rail_errors",)
 """Effects that need a slide, not a column or a mass."""
@@ -300,10 +308,10 @@ def weightless() -> Arm:
 @pytest.mark.parametrize("name", EFFECTS)
 def test_what_is_missing_is_said_in_one_line(name: str) -> None:
     cls = REGISTRY[name]
-    assert cls.missing(arm("puma560"), BARE) in (None, *cls.missing_reasons)
+    assert cls.missing(arm("puma560"), BARE) in (None, *REASONS[name])
     why = cls.missing(weightless(), BARE)
-    assert (why is None) == (cls.missing_reasons == ())
-    assert why is None or (why in cls.missing_reasons and "\n" not in why)
+    assert (why is None) == (not REASONS[name])
+    assert why is None or (why in REASONS[name] and "\n" not in why)
     entry = catalogue(name, weightless().robot, BARE)[0]
     assert entry.availability is not None
     assert entry.availability.why == why
@@ -313,9 +321,9 @@ def test_what_is_missing_is_said_in_one_line(name: str) -> None:
 def test_backlash_without_directions_says_that_only_gravity_is_tested() -> None:
     backlash = REGISTRY["backlash"]
     assert backlash.missing(arm("puma560"), BARE) is None
-    assert backlash.missing_form(arm("puma560"), BARE) == backlash.missing_reasons[1]
+    assert backlash.missing_form(arm("puma560"), BARE) == REASONS["backlash"][1]
     named, missing = named_candidates(arm("puma560"), BARE, ())
-    assert missing["backlash"] == backlash.missing_reasons[1]
+    assert missing["backlash"] == REASONS["backlash"][1]
     assert {c.effect.settings()["by"] for c in named if c.effect.name == "backlash"} <= {"gravity"}
 
 

@@ -46,7 +46,7 @@ def one_joint(name: str, one: Arm, data: Measurements) -> Effect | None:
     cls = REGISTRY[name]
     if cls.missing(one, data) is not None:
         return None
-    if not cls.per_joint:
+    if not cls.traits.per_joint:
         return cls.default(one, data)
     joints = cls.possible_joints(one)
     for joint in (*joints[1:], joints[0]):
@@ -97,14 +97,14 @@ def test_recovery_within_four_standard_errors(name: str, arm_name: str) -> None:
     robot = with_truth(one, effect, truth)
     data = simulate(robot, PLAN).data
     others = [REGISTRY[part].default(one, data) for part in GEOMETRY if part != name]
-    whole = REGISTRY[name].default(one, data) if effect.is_constant else effect
+    whole = REGISTRY[name].default(one, data) if effect.traits.is_constant else effect
     found = fit(Model.of(one.robot, [*others, whole]), data)
     assert found.inliers.all()
     # 4 of 120 numbers' worth of normal tails would be one seed in a hundred; 5 leaves the seed free.
     assert worst_of_prediction(found, robot) < 5.0
     # What a fit shrinks, or cannot tell from geometry, has no number of its own to compare: its prediction was.
     shrunk = any(term.group for term in effect.terms(one, data))
-    if effect.is_constant or shrunk or any(drop.name in truth for drop in found.dropped):
+    if effect.traits.is_constant or shrunk or any(drop.name in truth for drop in found.dropped):
         return
     for term, value in truth.items():
         i = found.names.index(term)

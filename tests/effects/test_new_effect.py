@@ -15,7 +15,7 @@ from arms import arm, circumstances
 import robacc
 from robacc.diagnostics.partial_residuals import partial_residuals
 from robacc.effects import REGISTRY
-from robacc.effects.base import About, Driver, Effect, Part, Term, circumstance_driver, needed, register, varies
+from robacc.effects.base import About, Effect, Need, Over, Term, Traits, driven_by, register, varies
 from robacc.effects.catalogue import catalogue
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
@@ -36,7 +36,12 @@ def toy() -> Iterator[type[Effect]]:
         """Joint variable plus a coefficient times the payload."""
 
         name = "payload_zero"
-        missing_reasons = ("no payload_kg column that varies",)
+        traits = Traits(
+            needs=(Need("no payload_kg column that varies", lambda arm, data: varies(data.payload)),),
+            drivers=("payload_kg",),
+            chart=Over("payload_kg"),
+            extrapolates="the zero follows any payload",
+        )
         about = About(
             summary="a joint's zero that follows the payload",
             equation="theta_j + c m",
@@ -49,19 +54,9 @@ def toy() -> Iterator[type[Effect]]:
             example="{effect: payload_zero, joints: [j1], values: {j1: 1e-4}}",
         )
 
-        @classmethod
-        def missing(cls, arm: Arm, data: Measurements) -> str | None:
-            return None if varies(data.payload) else cls.missing_reasons[0]
-
-        def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
-            return circumstance_driver("payload_kg", data, is_only=True)
-
         def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-            payload = needed(data.payload, "payload_kg", self.name)
-            return tuple(
-                Term(f"{self.name}.{joint}", "rad/kg", 1e-4, (Part(arm.axis_motion(joint), payload),))
-                for joint in self.joints
-            )
+            payload = driven_by(arm, data, "payload_kg", self.name)
+            return tuple(self.joint_term(arm, joint, payload, unit="rad/kg") for joint in self.joints)
 
     yield PayloadZero
     REGISTRY.clear()
@@ -70,7 +65,7 @@ def toy() -> Iterator[type[Effect]]:
 
 def test_it_is_listed_read_simulated_fitted_traced_and_drawn(toy: type[Effect]) -> None:
     robot = arm("puma560").robot
-    assert [entry.name for entry in catalogue("payload_zero", robot)] == ["payload_zero"]
+    assert [entry.effect.name for entry in catalogue("payload_zero", robot)] == ["payload_zero"]
     truth = dataclasses.replace(robot, effects=({"effect": "payload_zero", "joints": ["j1"], "values": {"j1": 3e-4}},))
     data = circumstances(robot, 80)
     rng = np.random.default_rng(3)

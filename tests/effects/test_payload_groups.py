@@ -67,6 +67,6 @@ def test_a_load_of_another_name_and_a_single_name_are_refused() -> None:
     with pytest.raises(UsageError, match="a row carries 'part'"):
         effect.terms(ARM, data)
     alone = dataclasses.replace(data, payload_group=np.full(data.n, "part"))
-    assert PayloadCompliance.missing(ARM, alone) == PayloadCompliance.missing_reasons[2]
+    assert PayloadCompliance.missing(ARM, alone) == PayloadCompliance.traits.needs[2].reason
     again = PayloadCompliance.from_settings(("j2",), {"com": "uncertain", "groups": ["gripper"]})
     assert again == PayloadCompliance(("j2",), "uncertain", ("gripper",))

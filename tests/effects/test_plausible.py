@@ -32,7 +32,7 @@ def test_usual_sizes_are_plausible_and_ten_thousand_times_that_is_not(name: str)
     terms = effect.terms(Model.of(robot).arm, data)
     usual = cls.about.usual_range[1]
     assert effect.implausible(terms, [usual] * len(terms)) is None
-    if not cls.is_constant and any(term.unit == cls.about.unit.partition(" (")[0] for term in terms):
+    if not cls.traits.is_constant and any(term.unit == cls.about.unit.partition(" (")[0] for term in terms):
         reason = effect.implausible(terms, [1e4 * usual] * len(terms))
         assert reason is not None
         assert "implausible" in reason

@@ -81,7 +81,7 @@ def test_every_effect_keeps_its_range_and_stops_or_extrapolates_as_it_says(name:
     else:
         np.testing.assert_array_equal(limited, unlimited)
         assert outside is None or not any(item.is_held for item in outside.ranges)
-        assert cls.extrapolates or cls.is_constant or name == "thermal_expansion"
+        assert cls.traits.extrapolates or cls.traits.is_constant or name == "thermal_expansion"
 
 
 def test_a_held_effect_has_the_value_of_the_end_of_its_range() -> None:
@@ -107,7 +107,7 @@ def test_harmonics_over_a_common_period_repeat_and_narrower_ones_are_held() -> N
     one = arm("puma560")
     for orders, reach, is_held in (((1.0, 2.0), 6.2, True), ((1.0, 2.0), 6.3, False), ((17.0,), 0.4, False)):
         effect = TransmissionError(("j1",), orders)
-        assert bool(effect.held_drivers(one, {"j1": (0.0, reach)})) == is_held
+        assert effect.beyond(one, "j1", (0.0, reach)).is_held == is_held
 
 
 def test_the_written_model_reproduces_the_fit_and_is_bounded_beyond_its_range() -> None:

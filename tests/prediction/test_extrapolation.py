@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from arms import arm
 
+from robacc.effects.base import Beyond
 from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -73,9 +74,9 @@ def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> 
 def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model.of(ripple())
     effect = type(model.known[0].effect)
-    monkeypatch.setattr(effect, "is_bounded", periodic)
+    monkeypatch.setattr(effect, "traits", dataclasses.replace(effect.traits, is_bounded=periodic))
     if not periodic:
-        monkeypatch.setattr(effect, "period", lambda *_: None)
+        monkeypatch.setattr(effect, "beyond", lambda *_: Beyond(is_held=True))
     sizes = []
     for share in (0.02, 0.05, 0.1, 0.9, 2.0):
         covariance = outer_sums(beyond_columns(model, poses(HIGH + share * (HIGH - LOW), 1)))

@@ -29,7 +29,7 @@ def arm_for(name: str) -> Arm:
 def effect_of(name: str, one: Arm, data: Measurements, deflection: str) -> Effect:
     cls = REGISTRY[name]
     joints = tuple(joint for joint in ("j2", "j3") if joint in cls.possible_joints(one))
-    effect = cls.default(one, data, joints if cls.per_joint else None)
+    effect = cls.default(one, data, joints if cls.traits.per_joint else None)
     return dataclasses.replace(effect, deflection=deflection) if isinstance(effect, Elastic) else effect
 
 
@@ -43,7 +43,7 @@ def check(name: str, n: int, deflection: str = "equilibrium") -> None:
     exact = predict(true, data)
     noise = np.random.default_rng(n).normal(0, 2e-5, (3, n))
     data = dataclasses.replace(data, position=exact.translation + noise, rotation=exact.rotation)
-    joints = f"[{','.join(effect.joints)}]" if REGISTRY[name].per_joint else ""
+    joints = f"[{','.join(effect.joints)}]" if REGISTRY[name].traits.per_joint else ""
     result = calibrate(data, robot=robot, fit=f"{name}{joints}", folds=2)
     assert result.after.fitted.position.rms < 2e-4
     assert result.document()["parameters"]

@@ -267,12 +267,12 @@ def draw_effects(entries: Sequence[CatalogueEntry], in_detail: bool, stream: Tex
 
 def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLine]:
     """Return a line or two for each effect, with the reason why it is not applicable."""
-    label = max(len(entry.name) for entry in entries) + 2
+    label = max(len(entry.effect.name) for entry in entries) + 2
     for entry in entries:
-        text = entry.about.summary
+        text = entry.effect.about.summary
         if entry.availability is not None and entry.availability.why is not None:
             text += f" (not applicable: {entry.availability.why})"
-        first = f"{entry.name:<{label}}"
+        first = f"{entry.effect.name:<{label}}"
         lines = textwrap.wrap(text, width, initial_indent=first, subsequent_indent=" " * label)
         yield from (TextLine(line) for line in lines)
     yield BLANK
@@ -282,10 +282,10 @@ def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLin
 
 def _details(entry: CatalogueEntry, width: int) -> Iterator[TextLine]:
     """Return the facts of an effect."""
-    yield heading(entry.name)
+    yield heading(entry.effect.name)
     yield from (
         TextLine(text)
-        for text in textwrap.wrap(entry.about.summary, width, initial_indent="  ", subsequent_indent="  ")
+        for text in textwrap.wrap(entry.effect.about.summary, width, initial_indent="  ", subsequent_indent="  ")
     )
     for label, value in _effect_facts(entry):
         indent = " " * (_LABEL + 2)
@@ -295,7 +295,7 @@ def _details(entry: CatalogueEntry, width: int) -> Iterator[TextLine]:
 
 
 def _effect_facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
-    about = entry.about
+    about = entry.effect.about
     yield "equation", about.equation
     yield "unit", about.unit
     yield "usual size", about.usual_size

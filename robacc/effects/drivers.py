@@ -1,14 +1,19 @@
-"""Validity ranges: the ranges of an effect's drivers over the poses that it was fitted to.
+"""Drivers: the quantities, one number a pose, that an effect is a function of; their values, units and ranges.
 
 A driver is a joint's name (its variable, rad or m), ``time_s``, ``temperature_c``, ``payload_kg``, ``speed_JOINT`` (of
-its last motion, fraction of full speed) or ``torque_JOINT`` (of the arm's own weight about it, N m or N).
+its last motion, fraction of full speed) or ``torque_JOINT`` (of the arm's own weight about it, N m or N). Charts have
+further ones: ``direction_JOINT`` (of approach), ``payload_torque_JOINT``, ``signed_torque_JOINT`` (the size of the
+torque, with the sign of the approach), ``distance`` (from the origin of the measuring frame) and ``line``.
+
+The validity ranges of an effect are the ranges of its drivers over the poses that it was fitted to.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -16,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.gravity.torques import weight_torques
+from robacc.gravity.loads import payload
+from robacc.gravity.torques import gravity_torques, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -28,40 +34,113 @@ Periods = Mapping[str, float]
 NO_PERIODS: Periods = MappingProxyType({})
 
 _CIRCUMSTANCES = {"time_s": ("time", "s"), "temperature_c": ("temperature", "°C"), "payload_kg": ("payload", "kg")}
-_SPEED, _TORQUE = "speed_", "torque_"
+"""Field of :class:`Measurements` and unit of each circumstance."""
+_MOTION = {
+    "speed": ("of full speed", "speed_q1 … (or `ordered`)"),
+    "direction": ("1", "dir_q1 … (or `ordered`)"),
+}
+"""Unit and columns of what each joint's last motion decides, by the field of :class:`Measurements`."""
+_TORQUES = ("torque", "payload_torque", "signed_torque")
 MARGIN = 0.01
 """Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
-def torque_of(joint: str) -> str:
-    """Return the name of the driver that is the torque about a joint."""
-    return f"{_TORQUE}{joint}"
+def _split(arm: Arm, name: str) -> tuple[str, str]:
+    """Return the kind of a driver, ``torque`` for example, and its joint; the kind of a joint's variable is empty."""
+    if name in arm.names:
+        return "", name
+    kind = next((kind for kind in (*_MOTION, *_TORQUES) if name.startswith(f"{kind}_")), name)
+    return kind, name.removeprefix(f"{kind}_")
 
 
 def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
-    """Return ``(N,)`` the values of a driver, or None if the poses do not have it."""
+    """Return ``(N,)`` the values of a driver, or None if the poses or the robot do not have it."""
+    column: Array | None
     if name in _CIRCUMSTANCES:
-        column: Array | None = getattr(data, _CIRCUMSTANCES[name][0])
+        column = getattr(data, _CIRCUMSTANCES[name][0])
         return column
-    if name in arm.names:
-        return None if data.q is None else data.q[arm.number(name)]
-    if name.startswith(_SPEED):
-        return None if data.speed is None else data.speed[arm.number(name.removeprefix(_SPEED))]
-    if data.q is None or not arm.chain.bodies:
+    if name == "distance":
+        return np.asarray(np.sqrt(np.sum(np.square(data.position), axis=0)))
+    if name == "line":
+        return None if data.rows is None else data.rows.astype(float)
+    kind, joint = _split(arm, name)
+    number = arm.number(joint)
+    if kind in _MOTION:
+        column = getattr(data, kind)
+        return None if column is None else column[number]
+    if data.q is None or not kind:
+        return None if data.q is None else data.q[number]
+    if kind == "payload_torque":
+        return None if data.payload is None else gravity_torques(arm, data.q, payload(arm, data.payload))[number]
+    if not arm.chain.bodies:
         return None
-    torque: Array = weight_torques(arm, data)[arm.number(name.removeprefix(_TORQUE))]
-    return torque
+    torque: Array = weight_torques(arm, data)[number]
+    if kind == "torque":
+        return torque
+    return None if data.direction is None else np.asarray(np.abs(torque) * data.direction[number])
 
 
 def driver_unit(arm: Arm, name: str) -> str:
     """Return the SI unit of a driver."""
     if name in _CIRCUMSTANCES:
         return _CIRCUMSTANCES[name][1]
-    if name.startswith(_SPEED) and name not in arm.names:
-        return "of full speed"
-    joint = name if name in arm.names else name.removeprefix(_TORQUE)
-    units = ("rad", "m") if name in arm.names else ("N m", "N")
-    return units[0] if arm.is_revolute(joint) else units[1]
+    kind, joint = _split(arm, name)
+    if kind in _MOTION:
+        return _MOTION[kind][0]
+    if kind in ("distance", "line"):
+        return {"distance": "m", "line": "1"}[kind]
+    if not kind:
+        return arm.unit(joint)
+    return "N m" if arm.is_revolute(joint) or kind == "signed_torque" else "N"
+
+
+def is_of_weight(arm: Arm, name: str) -> bool:
+    """Return whether a driver is a torque of the arm's own weight."""
+    return _split(arm, name)[0] in ("torque", "signed_torque")
+
+
+def columns_of(arm: Arm, name: str) -> str:
+    """Return the columns of a pose file that a driver follows from, as messages name them."""
+    kind = _split(arm, name)[0]
+    if kind in _CIRCUMSTANCES:
+        return kind
+    motion = "direction" if kind == "signed_torque" else kind
+    return _MOTION[motion][1] if motion in _MOTION else "q1 … qN"
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """A driver as the axis of a chart."""
+
+    name: str
+    """A joint's name, or the driver's without its joint."""
+    unit: str
+    values: Array
+    """``(N,)``"""
+    is_only: bool
+    """True if the effect is a function of this driver alone."""
+    swept: Callable[[Array], Measurements] | None = None
+    """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
+
+    @classmethod
+    def at(cls, arm: Arm, data: Measurements, name: str, is_only: bool) -> Driver | None:
+        """Return a driver at these poses; None if they do not have it."""
+        values = driver_values(arm, data, name)
+        if values is None:
+            return None
+        kind, joint = _split(arm, name)
+        unit = "1" if kind == "speed" else driver_unit(arm, name)
+
+        def swept(values: Array) -> Measurements:
+            assert data.q is not None
+            q = np.repeat(np.median(data.q, axis=1, keepdims=True), values.size, axis=1)
+            rows: NDArray[np.int64] = np.arange(1, values.size + 1)
+            changes: dict[str, Any] = {_CIRCUMSTANCES[kind][0]: values} if kind else {}
+            if not kind:
+                q[arm.number(joint)] = values
+            return Measurements(position=np.zeros((3, rows.size)), q=q, rows=rows, **changes)
+
+        return cls(kind or joint, unit, values, is_only, swept if not kind or kind in _CIRCUMSTANCES else None)
 
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -122,9 +201,9 @@ def clip_drivers(arm: Arm, data: Measurements, limits: Validity, periods: Period
             q = changes.get("q", np.array(data.q))
             q[arm.number(name)] = np.clip(nearest_image(values, low, high, periods.get(name)), low, high)
             changes["q"] = q
-        elif name.startswith(_SPEED):
+        elif name.startswith("speed_"):
             speed = changes.get("speed", np.array(data.speed))
-            speed[arm.number(name.removeprefix(_SPEED))] = np.clip(values, low, high)
+            speed[arm.number(name.removeprefix("speed_"))] = np.clip(values, low, high)
             changes["speed"] = speed
     return dataclasses.replace(data, **changes) if changes else data
 

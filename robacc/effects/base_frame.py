@@ -10,7 +10,7 @@ import numpy as np
 
 from robacc.chain import BASE
 from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, Traits, register
-from robacc.geometry import Poses, rotation_about, rpy_from_rotation
+from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import Frame, Robot
@@ -19,14 +19,29 @@ FRAME_LABELS = {"x": "x", "y": "y", "z": "z", **TURN_OF_ANGLE}
 """Term to motion. Roll, pitch and yaw here are turns about the frame's own x, y, z: no gimbal lock anywhere."""
 
 
-def frame_terms(arm: Arm, owner: int, prefix: str, factor: float | np.ndarray = 1.0) -> tuple[Term, ...]:
-    """Return six terms that move a frame: x, y, z and the turns about its own axes."""
-    terms = []
-    for label, motion in FRAME_LABELS.items():
-        unit = "m" if label in "xyz" else "rad"
-        part = Part(arm.chain.index(owner, motion), factor)
-        terms.append(Term(f"{prefix}.{label}", unit, 1e-3, (part,), least_part=LEAST_OF_CONSTANT))
-    return tuple(terms)
+def frame_terms(
+    arm: Arm,
+    owner: int,
+    prefix: str,
+    regressor: Array | float = 1.0,
+    *,
+    turning: bool = True,
+    suffix: str = "",
+    typical: float = 1e-4,
+    least_part: float = 0.0,
+) -> tuple[Term, ...]:
+    """Return the terms that move a frame along x, y, z and, where it is ``turning``, about its own axes."""
+    return tuple(
+        Term(
+            f"{prefix}.{label}{suffix}",
+            "m" if label in "xyz" else "rad",
+            typical,
+            (Part(arm.chain.index(owner, motion), regressor),),
+            least_part=least_part,
+        )
+        for label, motion in FRAME_LABELS.items()
+        if turning or label in "xyz"
+    )
 
 
 def moved_frame(frame: Frame, values: Mapping[str, float], prefix: str) -> Frame:
@@ -63,7 +78,7 @@ class BaseFrame(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return six terms."""
-        return frame_terms(arm, BASE, self.name)
+        return frame_terms(arm, BASE, self.name, typical=1e-3, least_part=LEAST_OF_CONSTANT)
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
         """Return the robot with its base moved."""

@@ -14,24 +14,18 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True)
-class Availability:
-    """Availability of an effect for a robot and its poses."""
-
-    why: str | None
-    """Reason if it is not available; None if it is."""
-    joints: tuple[str, ...]
-    """Joints that it can act on."""
-    coefficients: tuple[tuple[str, str], ...]
-    """Name and unit of each coefficient of the effect in its default form."""
-
-
-@dataclass(frozen=True, slots=True)
 class CatalogueEntry:
     """One effect of the catalogue."""
 
     effect: type[Effect]
-    availability: Availability | None
-    """None if no robot is given."""
+    for_robot: bool
+    """True if it was compared with a robot, which the following are of."""
+    why: str | None = None
+    """Reason if it is not available; None if it is."""
+    joints: tuple[str, ...] = ()
+    """Joints that it can act on."""
+    coefficients: tuple[tuple[str, str], ...] = ()
+    """Name and unit of each coefficient of the effect in its default form."""
 
 
 def catalogue(
@@ -43,36 +37,32 @@ def catalogue(
         UsageError: there is no such effect.
     """
     classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
-    arm = None if robot is None else Arm.of(robot)
-    return tuple(CatalogueEntry(cls, None if arm is None else _availability(cls, arm, data)) for cls in classes)
-
-
-def _availability(cls: type[Effect], arm: Arm, data: Measurements | None) -> Availability:
+    if robot is None:
+        return tuple(CatalogueEntry(cls, False) for cls in classes)
+    arm = Arm.of(robot)
     # Without poses, every column is assumed to be present.
     poses = every_column(arm) if data is None else data
-    joints = cls.possible_joints(arm)
-    why = cls.missing(arm, poses)
-    if why is None and cls.traits.per_joint and not joints:
-        why = "no joint that it can act on"
-    if why is not None:
-        return Availability(why, (), ())
-    terms = cls.default(arm, poses).terms(arm, poses)
-    return Availability(None, joints, tuple((term.name, term.unit) for term in terms))
+    entries = []
+    for cls in classes:
+        joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
+        if why is None and cls.traits.per_joint and not joints:
+            why = "no joint that it can act on"
+        terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
+        names = tuple((term.name, term.unit) for term in terms)
+        entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
+    return tuple(entries)
 
 
 def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
     """Return the keys of ``robacc.effects/1``."""
-    return {"effects": [_entry_document(entry.effect, entry.availability) for entry in entries]}
-
-
-def _entry_document(cls: type[Effect], availability: Availability | None) -> dict[str, Any]:
-    record: dict[str, Any] = {"name": cls.name, **dataclasses.asdict(cls.about)}
-    record |= {"per_joint": cls.traits.per_joint, "is_constant": cls.traits.is_constant}
-    if availability is not None:
-        record |= {
-            "offered": availability.why is None,
-            "why": availability.why,
-            "joints": list(availability.joints),
-            "coefficients": [{"name": name, "unit": unit} for name, unit in availability.coefficients],
-        }
-    return record
+    records = []
+    for entry in entries:
+        traits = entry.effect.traits
+        record = {"name": entry.effect.name, **dataclasses.asdict(entry.effect.about)}
+        record |= {"per_joint": traits.per_joint, "is_constant": traits.is_constant}
+        if entry.for_robot:
+            coefficients = [{"name": name, "unit": unit} for name, unit in entry.coefficients]
+            record |= {"offered": entry.why is None, "why": entry.why}
+            record |= {"joints": list(entry.joints), "coefficients": coefficients}
+        records.append(record)
+    return {"effects": records}

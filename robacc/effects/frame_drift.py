@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BASE
-from robacc.effects.base import TIME, About, Effect, Over, Part, Term, Traits, needed, register, setting
-from robacc.effects.base_frame import FRAME_LABELS
+from robacc.effects.base import TIME, About, Effect, Over, Term, Traits, needed, register, setting
+from robacc.effects.base_frame import frame_terms
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -68,12 +68,15 @@ class FrameDrift(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return three or six terms per power of time."""
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
-        terms = []
-        for power in range(1, self.degree + 1):
-            for label, motion in FRAME_LABELS.items():
-                if label in "xyz" or self.turning:
-                    unit = "m" if label in "xyz" else "rad"
-                    name = f"{self.name}.{label}" + (f"{power}" if power > 1 else "")
-                    part = Part(arm.chain.index(BASE, motion), elapsed**power)
-                    terms.append(Term(name, unit, 1e-4, (part,)))
-        return tuple(terms)
+        return tuple(
+            term
+            for power in range(1, self.degree + 1)
+            for term in frame_terms(
+                arm,
+                BASE,
+                self.name,
+                elapsed**power,
+                turning=self.turning,
+                suffix=f"{power}" if power > 1 else "",
+            )
+        )

@@ -23,7 +23,9 @@ from robacc.effects.base import (
     setting,
     varies,
 )
+from robacc.effects.base_frame import frame_terms
 from robacc.effects.instrument_place import FARTHEST
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -102,60 +104,46 @@ class InstrumentScale(Effect):
         if not self.drift:
             return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
-        terms = []
+        terms: list[Term] = []
         for power in range(1, self.drift + 1):
             terms.append(Term(f"{self.name}.k{power}", "1", 1e-5, (Part(SCALE_OF_INSTRUMENT, elapsed**power),)))
-            for label in "xyz":
-                part = Part(arm.chain.index(BASE, label), elapsed**power)
-                terms.append(Term(f"{self.name}.{label}{power}", "m", 1e-4, (part,)))
+            terms += frame_terms(arm, BASE, self.name, elapsed**power, turning=False, suffix=f"{power}")
         return tuple(terms)
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if the shifts of a drift are not those of a scale about an instrument's place."""
-        by_name = {term.name: value for term, value in zip(terms, values, strict=True)}
-        centre = self._centre(by_name)
+        scale, shifts, centre = self._curves({term.name: value for term, value in zip(terms, values, strict=True)})
         if centre is None:
             return super().implausible(terms, values)
         if math.hypot(*centre) > FARTHEST:
             distance = f"{math.hypot(*centre):.2g} m away"
             return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
-        if self._share_about_no_point(by_name, centre) > _ABOUT_NO_POINT:
+        moved, left_over = (float(np.sum(np.square(part))) for part in (shifts, shifts + np.outer(scale, centre)))
+        if left_over > _ABOUT_NO_POINT * moved:
             return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
         return super().implausible(terms, values)
 
-    def _share_about_no_point(self, values: Mapping[str, float], centre: tuple[float, float, float]) -> float:
-        """Return the share of the shifts' mean square over time that is not the scale times the distance."""
+    def _curves(self, values: Mapping[str, float]) -> tuple[Array, Array, Array | None]:
+        """Return ``(T,)`` the scale and ``(T, 3)`` the shifts over the time of the poses, and ``(3,)`` their centre, m.
+
+        The centre is the point about which the scale drifts; None without drift.
+        """
         powers = range(1, self.drift + 1)
-        curves = np.linspace(-1, 1, 101)[:, None] ** np.arange(1, self.drift + 1)
         scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
         shifts = np.array([[values.get(f"{self.name}.{label}{power}", 0.0) for label in "xyz"] for power in powers])
-        moved = float(np.sum(np.square(curves @ shifts)))
-        left_over = float(np.sum(np.square(curves @ (shifts + np.outer(scale, centre)))))
-        return left_over / moved if moved > 0.0 else 0.0
-
-    def _centre(self, values: Mapping[str, float]) -> tuple[float, float, float] | None:
-        """Return the point, m, about which the scale drifts; None without drift."""
-        powers = range(1, self.drift + 1)
-        scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
-        size = float(scale @ scale)
-        if size == 0.0:
-            return None
-        shifts = [np.array([values.get(f"{self.name}.{label}{power}", 0.0) for power in powers]) for label in "xyz"]
-        x, y, z = (-float(scale @ shift) / size for shift in shifts)
-        return x, y, z
+        curves = np.linspace(-1, 1, 101)[:, None] ** np.arange(1, self.drift + 1)
+        centre = -(scale @ shifts) / (scale @ scale) if scale.any() else None
+        return curves @ scale, curves @ shifts.reshape(-1, 3), centre
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return how far a drifting scale ranges, and about which point."""
-        centre = self._centre(values)
+        scale, _, centre = self._curves(values)
         if centre is None:
             return None
-        powers = np.arange(1, self.drift + 1)
-        scale = np.array([values.get(f"{self.name}.k{power}", 0.0) for power in powers])
-        curve = scale @ np.linspace(-1, 1, 101)[None] ** powers[:, None]
         place = ", ".join(f"{coordinate:.2g}" for coordinate in centre)
         return (
-            f"the instrument's scale changes by {1e6 * float(np.ptp(curve)):.2g} ppm during the measurement, about the "
+            f"the instrument's scale changes by {1e6 * float(np.ptp(scale)):.2g} ppm during the measurement, about the "
             f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"
         )

@@ -112,33 +112,22 @@ def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     """Return the effects of every arm that poses in ``n_places`` different places support."""
     names: list[str] = []
     left_out: list[tuple[str, str]] = []
-    measured = n_places * (3 if data.rotation is None else 6)
-    for name in (*FRAMES, *CONSTANTS):
+    per_pose = 3 if data.rotation is None else 6
+    revolute = sum(map(arm.is_revolute, arm.names))
+    # Identifiable coefficients of the baseline up to each effect.
+    zeros, links = 6 + len(arm.names), 4 * revolute + 2 * (len(arm.names) - revolute)
+    for name, coefficients in zip((*FRAMES, *CONSTANTS), (0, 0, zeros, links), strict=True):
         why = effect_class(name).missing(arm, data)
-        if why is None and name in CONSTANTS:
-            why = _too_few(n_places, measured, _coefficients(arm, data, name))
+        if coefficients:
+            coefficients += per_pose * max(len(arm.robot.targets), 1)
+            least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
+            if why is None and n_places * per_pose < least:
+                why = (
+                    f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
+                    f"coefficients of the baseline with it need {least}"
+                )
         if why is None:
             names.append(name)
         else:
             left_out.append((name, why))
     return Baseline(tuple(names), True, tuple(left_out))
-
-
-def _too_few(n_places: int, measured: int, coefficients: int) -> str | None:
-    needed = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
-    if measured >= needed:
-        return None
-    return (
-        f"poses in {n_places} places give {measured} coordinates, but the {coefficients} coefficients of the baseline "
-        f"with it need {needed}"
-    )
-
-
-def _coefficients(arm: Arm, data: Measurements, last: str) -> int:
-    """Return the number of identifiable coefficients of the baseline up to the effect ``last``."""
-    of_target = (3 if data.rotation is None else 6) * max(len(arm.robot.targets), 1)
-    revolute = sum(arm.is_revolute(name) for name in arm.names)
-    prismatic = len(arm.names) - revolute
-    if last == "joint_offset":
-        return 6 + of_target + revolute + prismatic
-    return 4 * revolute + 2 * prismatic + of_target

@@ -16,7 +16,6 @@ from robacc.effects.base import (
     Effect,
     Need,
     Over,
-    Part,
     Term,
     Traits,
     commanded,
@@ -25,7 +24,7 @@ from robacc.effects.base import (
     setting,
     varies,
 )
-from robacc.effects.base_frame import FRAME_LABELS
+from robacc.effects.base_frame import frame_terms
 from robacc.geometry import Array
 from robacc.gravity.loads import payload
 from robacc.gravity.torques import gravity_torques
@@ -136,16 +135,7 @@ class Step(Effect):
         owner = BASE if self.part == "base" else TOOL
         if self.target is not None:
             after = after * (data.target == self.target if data.target is not None else 1.0)
-        return tuple(
-            Term(
-                f"{self.name}.{label}",
-                "m" if label in "xyz" else "rad",
-                1e-4,
-                (Part(arm.chain.index(owner, motion), after),),
-            )
-            for label, motion in FRAME_LABELS.items()
-            if self.turning or label in "xyz"
-        )
+        return frame_terms(arm, owner, self.name, after, turning=self.turning)
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:

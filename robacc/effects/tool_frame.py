@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robacc.chain import TOOL
-from robacc.effects.base import About, Effect, Term, Traits, register
+from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Term, Traits, register
 from robacc.effects.base_frame import frame_terms, moved_frame
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -35,13 +36,14 @@ class ToolFrame(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return six terms, or six for each target that was measured."""
-        if not arm.robot.targets or data.target is None:
-            prefix = f"{self.name}.{next(iter(arm.robot.targets))}" if arm.robot.targets else self.name
-            return frame_terms(arm, TOOL, prefix)
+        names = [*arm.robot.targets]
+        regressors: dict[str, Array | float] = {f"{self.name}.{names[0]}" if names else self.name: 1.0}
+        if names and data.target is not None:
+            regressors = {f"{self.name}.{name}": (data.target == name).astype(float) for name in names}
         return tuple(
             term
-            for target in arm.robot.targets
-            for term in frame_terms(arm, TOOL, f"{self.name}.{target}", (data.target == target).astype(float))
+            for prefix, regressor in regressors.items()
+            for term in frame_terms(arm, TOOL, prefix, regressor, typical=1e-3, least_part=LEAST_OF_CONSTANT)
         )
 
     def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:

@@ -10,12 +10,12 @@ from dataclasses import replace
 from pathlib import PurePath
 from typing import Any
 
-from robacc.effects.specification import with_effect_units
+from robacc.effects.specification import known_effects, with_effect_units
 from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import read_text
 from robacc.io.yaml_edit import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
-from robacc.robots.yaml_robot import file_units, parse_robot
+from robacc.robots.yaml_robot import effect_lines, file_units, parse_robot
 from robacc.robots.yaml_writer import comment_lines, robot_document, robot_to_yaml, rounded_document
 
 _XML_SUFFIXES = frozenset({".urdf", ".xml"})
@@ -94,40 +94,23 @@ def read_robot(
         )
     if suffix in _TABLES:
         raise InputError(Problem("is a table, not a robot description", name, fix=_EXPECTED))
-    from robacc.robots.yaml_robot import parse_robot
-
     robot = parse_robot(text, name)
     _check_effects(robot, text, name)
     return robot
 
 
 def _check_effects(robot: Robot, text: str, file: str) -> None:
-    """Raise InputError for invalid effects, with their lines, which are known only here."""
-    if not robot.effects and robot.campaign is None:
-        return
-    from robacc.effects.specification import known_effects
-    from robacc.robots.yaml_robot import effect_lines
-
-    if robot.campaign is not None:
-        _check_campaign(robot, file)
-    try:
-        known_effects(robot)
-    except InputError as error:
-        lines = effect_lines(text, file)
-        placed = [replace(problem, file=file, line=lines[problem.column or ""]) for problem in error.problems]
-        raise InputError(placed, total=error.total) from None
-
-
-def _check_campaign(robot: Robot, file: str) -> None:
-    """Raise InputError for invalid effects of the campaign."""
-    from robacc.effects.specification import known_effects
-
-    assert robot.campaign is not None
-    try:
-        known_effects(replace(robot, effects=robot.campaign.effects))
-    except InputError as error:
-        placed = [replace(problem, file=file, column=f"campaign.{problem.column}") for problem in error.problems]
-        raise InputError(placed, total=error.total) from None
+    """Raise InputError for invalid effects, those of the campaign first, with their lines."""
+    for where, part in (("campaign.", robot.campaign), ("", robot)):
+        try:
+            known_effects(replace(robot, effects=part.effects if part else ()))
+        except InputError as error:
+            lines = {} if where else effect_lines(text, file)
+            placed = [
+                replace(problem, file=file, column=f"{where}{problem.column}", line=lines.get(problem.column or ""))
+                for problem in error.problems
+            ]
+            raise InputError(placed, total=error.total) from None
 
 
 # Write a fitted robot as a robot file, in the units and the layout of the file that the robot was read from.

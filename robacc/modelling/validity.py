@@ -6,7 +6,6 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
@@ -107,29 +106,24 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             outside |= is_outside
             if is_held or fading is not None:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
-            items.append(_outside_range(arm, effect, driver, excess, is_outside, is_held))
+            items.append(
+                OutsideRange(
+                    effect=str(effect.effect),
+                    driver=driver,
+                    unit=driver_unit(arm, driver),
+                    low=low,
+                    high=high,
+                    n_poses=int(np.count_nonzero(is_outside)),
+                    excess=float(excess.max()),
+                    first_row=int(np.argmax(is_outside)),
+                    is_held=is_held,
+                )
+            )
         if share.any():
             position_var += _growth(share) ** 2 * _mean_square_size(arm, effect, data)
     ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
     std_max = float(np.sqrt(position_var.max(initial=0.0)))
     return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max)
-
-
-def _outside_range(
-    arm: Arm, known: Known, driver: str, excess: Array, is_outside: NDArray[np.bool_], is_held: bool
-) -> OutsideRange:
-    low, high = known.validity[driver]
-    return OutsideRange(
-        effect=str(known.effect),
-        driver=driver,
-        unit=driver_unit(arm, driver),
-        low=low,
-        high=high,
-        n_poses=int(np.count_nonzero(is_outside)),
-        excess=float(excess.max()),
-        first_row=int(np.argmax(is_outside)),
-        is_held=is_held,
-    )
 
 
 def _growth(share: Array) -> Array:

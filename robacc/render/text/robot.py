@@ -270,8 +270,8 @@ def _overview(entries: Sequence[CatalogueEntry], width: int) -> Iterator[TextLin
     label = max(len(entry.effect.name) for entry in entries) + 2
     for entry in entries:
         text = entry.effect.about.summary
-        if entry.availability is not None and entry.availability.why is not None:
-            text += f" (not applicable: {entry.availability.why})"
+        if entry.why is not None:
+            text += f" (not applicable: {entry.why})"
         first = f"{entry.effect.name:<{label}}"
         lines = textwrap.wrap(text, width, initial_indent=first, subsequent_indent=" " * label)
         yield from (TextLine(line) for line in lines)
@@ -303,13 +303,13 @@ def _effect_facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
     yield "confused with", about.confused_with
     yield "source", about.source
     yield "in a file", about.example
-    if entry.availability is None:
+    if not entry.for_robot:
         return
-    if entry.availability.why is not None:
-        yield "this robot", f"not applicable: {entry.availability.why}"
+    if entry.why is not None:
+        yield "this robot", f"not applicable: {entry.why}"
         return
-    joints = f" to {', '.join(entry.availability.joints)}" if entry.availability.joints else ""
+    joints = f" to {', '.join(entry.joints)}" if entry.joints else ""
     yield "this robot", f"applicable{joints}"
-    names = [f"{name} ({unit})" for name, unit in entry.availability.coefficients]
+    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
     more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
     yield "coefficients", ", ".join(names[:_COEFFICIENTS_SHOWN]) + more

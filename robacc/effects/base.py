@@ -26,7 +26,6 @@ from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 
 _JOINT = "{joint}"
 """Stands for a joint's name in the name of a driver."""
@@ -484,15 +483,6 @@ class Effect(abc.ABC):
             if declared.unit
         }
         return dataclasses.replace(self, **changes)
-
-    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the robot with fitted values written into its own numbers; only for an effect that is constant."""
-        raise TypeError(f"{self.name} is not constant")
-
-    @classmethod
-    def covering(cls, effects: Sequence[Effect]) -> Effect:
-        """Return one effect that has every coefficient of ``effects``, of this class; only of constant effects."""
-        return effects[0] if len(effects) == 1 else cls(tuple(dict.fromkeys(j for e in effects for j in e.joints)))
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
-
-import numpy as np
 
 from robacc.chain import BASE
 from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, Traits, register
-from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
-from robacc.robots.description import Frame, Robot
 
 FRAME_LABELS = {"x": "x", "y": "y", "z": "z", **TURN_OF_ANGLE}
 """Term to motion. Roll, pitch and yaw here are turns about the frame's own x, y, z: no gimbal lock anywhere."""
@@ -44,19 +39,6 @@ def frame_terms(
     )
 
 
-def moved_frame(frame: Frame, values: Mapping[str, float], prefix: str) -> Frame:
-    """Return the frame with fitted terms added: the product of the chain's motions; unturned, its angles stay."""
-    x, y, z = (value + values.get(f"{prefix}.{label}", 0.0) for value, label in zip(frame.xyz, "xyz", strict=True))
-    turns = [values.get(f"{prefix}.{label}", 0.0) for label in TURN_OF_ANGLE]
-    if not any(turns):
-        return Frame((x, y, z), frame.rpy)
-    rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
-    for axis, turn in enumerate(turns):
-        rotation = rotation @ rotation_about(axis, turn)
-    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(rotation))
-    return Frame((x, y, z), (roll, pitch, yaw))
-
-
 @register
 @dataclass(frozen=True)
 class BaseFrame(Effect):
@@ -79,7 +61,3 @@ class BaseFrame(Effect):
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return six terms."""
         return frame_terms(arm, BASE, self.name, typical=1e-3, least_part=LEAST_OF_CONSTANT)
-
-    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the robot with its base moved."""
-        return dataclasses.replace(arm.robot, base=moved_frame(arm.robot.base, values, self.name))

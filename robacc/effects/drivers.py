@@ -33,65 +33,78 @@ Periods = Mapping[str, float]
 """Driver to the change of it, SI, after which an effect repeats itself."""
 NO_PERIODS: Periods = MappingProxyType({})
 
-_CIRCUMSTANCES = {"time_s": ("time", "s"), "temperature_c": ("temperature", "°C"), "payload_kg": ("payload", "kg")}
-"""Field of :class:`Measurements` and unit of each circumstance."""
-_MOTION = {
-    "speed": ("of full speed", "speed_q1 … (or `ordered`)"),
-    "direction": ("1", "dir_q1 … (or `ordered`)"),
+_FIELDS = {
+    "": "q",
+    "speed": "speed",
+    "direction": "direction",
+    "time_s": "time",
+    "temperature_c": "temperature",
+    "payload_kg": "payload",
 }
-"""Unit and columns of what each joint's last motion decides, by the field of :class:`Measurements`."""
-_TORQUES = ("torque", "payload_torque", "signed_torque")
+"""Field of :class:`Measurements` by the kind of a driver; the kind of a joint's variable is empty."""
+_UNITS = {
+    "": ("rad", "m"),
+    "speed": ("of full speed",),
+    "direction": ("1",),
+    "time_s": ("s",),
+    "temperature_c": ("°C",),
+    "payload_kg": ("kg",),
+    "torque": ("N m", "N"),
+    "payload_torque": ("N m", "N"),
+    "signed_torque": ("N m",),
+    "distance": ("m",),
+    "line": ("1",),
+}
+"""SI unit of each kind; two where that of a slide differs."""
+_DIRECTIONS = "dir_q1 … (or `ordered`)"
+_COLUMNS = {
+    "speed": "speed_q1 … (or `ordered`)",
+    "direction": _DIRECTIONS,
+    "signed_torque": _DIRECTIONS,
+    "time_s": "time_s",
+    "temperature_c": "temperature_c",
+    "payload_kg": "payload_kg",
+    "payload_torque": "payload_kg",
+}
+"""Columns that a kind follows from, as messages name them; by default the joints."""
 MARGIN = 0.01
 """Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
 def _split(arm: Arm, name: str) -> tuple[str, str]:
     """Return the kind of a driver, ``torque`` for example, and its joint; the kind of a joint's variable is empty."""
-    if name in arm.names:
-        return "", name
-    kind = next((kind for kind in (*_MOTION, *_TORQUES) if name.startswith(f"{kind}_")), name)
-    return kind, name.removeprefix(f"{kind}_")
+    of_joint = ("speed", "direction", "torque", "payload_torque", "signed_torque")
+    kind = next((kind for kind in of_joint if name.startswith(f"{kind}_")), name)
+    return ("", name) if name in arm.names else (kind, name.removeprefix(f"{kind}_"))
 
 
 def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
     """Return ``(N,)`` the values of a driver, or None if the poses or the robot do not have it."""
-    column: Array | None
-    if name in _CIRCUMSTANCES:
-        column = getattr(data, _CIRCUMSTANCES[name][0])
-        return column
-    if name == "distance":
-        return np.asarray(np.sqrt(np.sum(np.square(data.position), axis=0)))
-    if name == "line":
-        return None if data.rows is None else data.rows.astype(float)
     kind, joint = _split(arm, name)
+    if kind in _FIELDS:
+        column: Array | None = getattr(data, _FIELDS[kind])
+        return column if column is None or column.ndim == 1 else column[arm.number(joint)]
+    if kind == "distance":
+        return np.asarray(np.sqrt(np.sum(np.square(data.position), axis=0)))
+    if kind == "line":
+        return None if data.rows is None else data.rows.astype(float)
     number = arm.number(joint)
-    if kind in _MOTION:
-        column = getattr(data, kind)
-        return None if column is None else column[number]
-    if data.q is None or not kind:
-        return None if data.q is None else data.q[number]
-    if kind == "payload_torque":
-        return None if data.payload is None else gravity_torques(arm, data.q, payload(arm, data.payload))[number]
-    if not arm.chain.bodies:
+    if data.q is None:
         return None
-    torque: Array = weight_torques(arm, data)[number]
-    if kind == "torque":
+    if kind == "payload_torque":
+        load = None if data.payload is None else payload(arm, data.payload)
+        return None if load is None else np.asarray(gravity_torques(arm, data.q, load)[number])
+    torque: Array | None = weight_torques(arm, data)[number] if arm.chain.bodies else None
+    if torque is None or kind == "torque":
         return torque
     return None if data.direction is None else np.asarray(np.abs(torque) * data.direction[number])
 
 
 def driver_unit(arm: Arm, name: str) -> str:
     """Return the SI unit of a driver."""
-    if name in _CIRCUMSTANCES:
-        return _CIRCUMSTANCES[name][1]
     kind, joint = _split(arm, name)
-    if kind in _MOTION:
-        return _MOTION[kind][0]
-    if kind in ("distance", "line"):
-        return {"distance": "m", "line": "1"}[kind]
-    if not kind:
-        return arm.unit(joint)
-    return "N m" if arm.is_revolute(joint) or kind == "signed_torque" else "N"
+    units = _UNITS[kind]
+    return units[0] if len(units) == 1 or arm.is_revolute(joint) else units[1]
 
 
 def is_of_weight(arm: Arm, name: str) -> bool:
@@ -101,11 +114,7 @@ def is_of_weight(arm: Arm, name: str) -> bool:
 
 def columns_of(arm: Arm, name: str) -> str:
     """Return the columns of a pose file that a driver follows from, as messages name them."""
-    kind = _split(arm, name)[0]
-    if kind in _CIRCUMSTANCES:
-        return kind
-    motion = "direction" if kind == "signed_torque" else kind
-    return _MOTION[motion][1] if motion in _MOTION else "q1 … qN"
+    return _COLUMNS.get(_split(arm, name)[0], "q1 … qN")
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,12 +144,13 @@ class Driver:
             assert data.q is not None
             q = np.repeat(np.median(data.q, axis=1, keepdims=True), values.size, axis=1)
             rows: NDArray[np.int64] = np.arange(1, values.size + 1)
-            changes: dict[str, Any] = {_CIRCUMSTANCES[kind][0]: values} if kind else {}
+            changes: dict[str, Any] = {_FIELDS[kind]: values} if kind else {"q": q}
             if not kind:
                 q[arm.number(joint)] = values
-            return Measurements(position=np.zeros((3, rows.size)), q=q, rows=rows, **changes)
+            return Measurements(**{"position": np.zeros((3, rows.size)), "q": q, "rows": rows, **changes})
 
-        return cls(kind or joint, unit, values, is_only, swept if not kind or kind in _CIRCUMSTANCES else None)
+        can_be_swept = kind in ("", "time_s", "temperature_c", "payload_kg")
+        return cls(kind or joint, unit, values, is_only, swept if can_be_swept else None)
 
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
@@ -192,19 +202,14 @@ def clip_drivers(arm: Arm, data: Measurements, limits: Validity, periods: Period
     """
     changes: dict[str, Any] = {}
     for name, (low, high) in limits.items():
-        values = driver_values(arm, data, name)
+        kind, joint = _split(arm, name)
+        values = driver_values(arm, data, name) if kind in _FIELDS else None
         if values is None or not np.any((values < low) | (values > high)):
             continue
-        if name in _CIRCUMSTANCES:
-            changes[_CIRCUMSTANCES[name][0]] = np.clip(values, low, high)
-        elif name in arm.names:
-            q = changes.get("q", np.array(data.q))
-            q[arm.number(name)] = np.clip(nearest_image(values, low, high, periods.get(name)), low, high)
-            changes["q"] = q
-        elif name.startswith("speed_"):
-            speed = changes.get("speed", np.array(data.speed))
-            speed[arm.number(name.removeprefix("speed_"))] = np.clip(values, low, high)
-            changes["speed"] = speed
+        field = _FIELDS[kind]
+        column = changes.setdefault(field, np.array(getattr(data, field)))
+        row = ... if column.ndim == 1 else arm.number(joint)
+        column[row] = np.clip(nearest_image(values, low, high, periods.get(name)), low, high)
     return dataclasses.replace(data, **changes) if changes else data
 
 

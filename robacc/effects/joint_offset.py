@@ -2,24 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Over, Term, Traits, register
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
-
-
-def with_parameters(arm: Arm, changes: Mapping[tuple[int, str], float]) -> Robot:
-    """Return the robot with ``changes`` {(joint index, parameter): delta} added to its joints' numbers."""
-    joints = list(arm.robot.joints)
-    for (owner, label), delta in changes.items():
-        joint = joints[owner]
-        parameters = {**joint.parameters, label: joint.parameters.get(label, 0.0) + delta}
-        joints[owner] = dataclasses.replace(joint, parameters=parameters)
-    return dataclasses.replace(arm.robot, joints=tuple(joints))
 
 
 @register
@@ -46,11 +33,3 @@ class JointOffset(Effect):
         return tuple(
             self.joint_term(arm, joint, 1.0, typical=1e-3, least_part=LEAST_OF_CONSTANT) for joint in self.joints
         )
-
-    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the robot with its offsets changed."""
-        changes = {
-            (arm.owners[arm.number(joint)], arm.joint(joint).offset_parameter): values.get(f"{self.name}.{joint}", 0.0)
-            for joint in self.joints
-        }
-        return with_parameters(arm, changes)

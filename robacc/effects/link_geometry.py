@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Part, Term, Traits, register, setting
-from robacc.effects.base_frame import FRAME_LABELS, moved_frame
-from robacc.effects.joint_offset import with_parameters
+from robacc.effects.base_frame import FRAME_LABELS
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import Joint
 
 _DH = ("d", "a", "alpha", "beta")
 _ORIGIN = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -72,28 +70,3 @@ class LinkGeometry(Effect):
                 terms.append(Term(name, unit, 1e-3, (Part(motion),), least_part=LEAST_OF_CONSTANT))
         # Hayati's rotations last: a rotation is identifiable only if the table's own numbers cannot describe it.
         return tuple(sorted(terms, key=lambda term: term.label == "beta"))
-
-    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the robot with its table changed."""
-        if arm.robot.convention == "urdf":
-            return self._with_moved_origins(arm, values)
-        changes = {}
-        for joint in self.joints:
-            for label in self._labels(arm, joint):
-                changes[arm.owners[arm.number(joint)], label] = values.get(f"{self.name}.{joint}.{label}", 0.0)
-        return with_parameters(arm, changes)
-
-    def _with_moved_origins(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the URDF's robot with the origins of its joints moved, then turned about their own axes."""
-        joints = list(arm.robot.joints)
-        for name in self.joints:
-            owner = arm.owners[arm.number(name)]
-            parameters = joints[owner].parameters
-            x, y, z, roll, pitch, yaw = (parameters[label] for label in _ORIGIN)
-            prefix = f"{self.name}.{name}"
-            names = [f"{prefix}.{label}" for label in self._labels(arm, name)]
-            corrections = {name: values.get(name, 0.0) for name in names}
-            moved = moved_frame(Frame((x, y, z), (roll, pitch, yaw)), corrections, prefix)
-            coordinates = dict(zip(_ORIGIN, (*moved.xyz, *moved.rpy), strict=True))
-            joints[owner] = dataclasses.replace(joints[owner], parameters={**parameters, **coordinates})
-        return dataclasses.replace(arm.robot, joints=tuple(joints))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 from robacc.chain import TOOL
 from robacc.effects.base import LEAST_OF_CONSTANT, About, Effect, Term, Traits, register
-from robacc.effects.base_frame import frame_terms, moved_frame
+from robacc.effects.base_frame import frame_terms
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 
 
 @register
@@ -45,12 +42,3 @@ class ToolFrame(Effect):
             for prefix, regressor in regressors.items()
             for term in frame_terms(arm, TOOL, prefix, regressor, typical=1e-3, least_part=LEAST_OF_CONSTANT)
         )
-
-    def apply(self, arm: Arm, values: Mapping[str, float]) -> Robot:
-        """Return the robot with its tool, or its targets, moved."""
-        if not arm.robot.targets:
-            return dataclasses.replace(arm.robot, tool=moved_frame(arm.robot.tool, values, self.name))
-        targets = {
-            target: moved_frame(frame, values, f"{self.name}.{target}") for target, frame in arm.robot.targets.items()
-        }
-        return dataclasses.replace(arm.robot, targets=targets)

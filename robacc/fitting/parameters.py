@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BLOCK
+from robacc.effects.constants import absorbed
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.fitting.fit_result import Fit
@@ -17,7 +18,6 @@ from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 
 # Write a fit into a robot: constants into its own numbers, other effects into its list of effects.
@@ -76,16 +76,12 @@ def absorb_constants(robot: Robot) -> Robot:
 
 
 def _with_constants(robot: Robot, constants: Sequence[Known]) -> Robot:
-    """Return the robot with constants written into its numbers: all of one class at once, as the chain adds them."""
-    classes = dict.fromkeys(type(known.effect) for known in constants)
-    for cls in classes:
-        of_class = [known for known in constants if type(known.effect) is cls]
-        sums: dict[str, float] = {}
-        for known in of_class:
-            for name, value in known.values.items():
-                sums[name] = sums.get(name, 0.0) + value
-        robot = cls.covering([known.effect for known in of_class]).apply(Arm.of(robot), sums)
-    return robot
+    """Return the robot with constants written into its numbers."""
+    sums: dict[str, float] = {}
+    for known in constants:
+        for name, value in known.values.items():
+            sums[name] = sums.get(name, 0.0) + value
+    return absorbed(robot, [known.effect for known in constants], sums)
 
 
 # Leverage: the share of a row in its own prediction.

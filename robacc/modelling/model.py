@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,7 @@ _MANY_REGRESSORS = 8
 """Terms that move a motion by a regressor each, from which their sum is one product."""
 
 
-@dataclass(frozen=True, slots=True)
-class _Layout:
+class _Layout(NamedTuple):
     """Motions that a sweep must follow for the Jacobian of requested coefficients."""
 
     motions: tuple[int, ...]
@@ -132,18 +131,16 @@ class BoundModel:
     def _layout(self, columns: NDArray[np.int64]) -> _Layout:
         key = columns.tobytes()
         if key not in self._layouts:
-            self._layouts[key] = self._new_layout(columns.tolist())
+            first, numbers = len(self.fixed), columns.tolist()
+            column = {first + number: i for i, number in enumerate(numbers)}
+            parts = [self.terms[number].parts for number in numbers]
+            composed = bool(self._elastic.entries) or any(len(some) != 1 or not _is_plain(some[0]) for some in parts)
+            motions = [part.motion for of_term in parts for part in of_term]
+            if composed:
+                moved = {*motions, *(entry.part.motion for entry in self._elastic.entries)}
+                motions = sorted(moved - {SCALE_OF_INSTRUMENT})
+            self._layouts[key] = _Layout(tuple(motions), composed, column)
         return self._layouts[key]
-
-    def _new_layout(self, columns: Sequence[int]) -> _Layout:
-        first = len(self.fixed)
-        column = {first + number: i for i, number in enumerate(columns)}
-        parts = [self.terms[number].parts for number in columns]
-        if not self._elastic.entries and all(len(of_term) == 1 and _is_plain(of_term[0]) for of_term in parts):
-            return _Layout(tuple(of_term[0].motion for of_term in parts), False, column)
-        needed = {part.motion for of_term in parts for part in of_term}
-        needed |= {entry.part.motion for entry in self._elastic.entries}
-        return _Layout(tuple(sorted(needed - {SCALE_OF_INSTRUMENT})), True, column)
 
     def _coefficients(self, theta: NDArray[Any]) -> NDArray[Any]:
         return np.concatenate((self.fixed_values, theta))
@@ -294,13 +291,10 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
         chosen = np.full(data.n, next(iter(targets)))
     else:
         chosen = data.target
-    for axis, (place, turn) in enumerate((("x", "roll"), ("y", "pitch"), ("z", "yaw"))):
-        for label, values in (
-            (place, {name: frame.xyz[axis] for name, frame in targets.items()}),
-            (turn, {name: frame.rpy[axis] for name, frame in targets.items()}),
-        ):
-            column = np.zeros(data.n)
-            for name, value in values.items():
-                column[chosen == name] = value
-            scalars[arm.chain.index(TOOL, label)] = column
+    frames = {name: (*frame.xyz, *frame.rpy) for name, frame in targets.items()}
+    for coordinate, label in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
+        column = np.zeros(data.n)
+        for name, frame in frames.items():
+            column[chosen == name] = frame[coordinate]
+        scalars[arm.chain.index(TOOL, label)] = column
     return scalars

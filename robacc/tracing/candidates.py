@@ -14,7 +14,10 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.change_points import (
+from robacc.effects.instrument_place import LineOfSight, Place, first_places, lines_of_sight, neighbours
+from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, ORDER_STEP, high_orders, supported_orders
+from robacc.effects.search_forms import PERIODIC, of_order, periodic_joints, searched_order
+from robacc.effects.step import (
     CHANGE_POINT,
     FEWEST,
     at_place,
@@ -24,9 +27,6 @@ from robacc.effects.change_points import (
     possible_places,
     step_forms,
 )
-from robacc.effects.instrument_place import LineOfSight, Place, first_places, lines_of_sight, neighbours
-from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, ORDER_STEP, high_orders, supported_orders
-from robacc.effects.search_forms import PERIODIC, of_order, periodic_joints, searched_order
 from robacc.errors import UsageError
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array

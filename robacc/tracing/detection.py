@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, effect_class
-from robacc.effects.change_points import is_step
+from robacc.effects.step import is_step
 from robacc.error_model.covariance import ACCEPTED
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit

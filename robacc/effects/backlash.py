@@ -96,15 +96,11 @@ class Backlash(Effect):
             if moment.min() < 0 < moment.max():
                 yield cls((joint,), "gravity")
                 if varies(data.direction):
-                    yield from cls._with_friction(arm, joint, moment, data)
-
-    @classmethod
-    def _with_friction(cls, arm: Arm, joint: str, torque: Array, data: Measurements) -> Iterator[Effect]:
-        """Yield the effect by gravity with each friction that changes the flank of some of the poses."""
-        frictions = _distinct_frictions(arm.number(joint), torque, data)
-        largest = float(np.abs(torque).max())
-        nearest = [np.argmin(np.abs(frictions - share * largest)) for share in _FRICTION_SHARES if frictions.size]
-        yield from (cls((joint,), "gravity", float(frictions[i])) for i in sorted(set(nearest)))
+                    # Frictions near these shares of the largest torque, each of which changes the flank of some poses.
+                    frictions = _distinct_frictions(arm.number(joint), moment, data)
+                    shares = [share * float(np.abs(moment).max()) for share in _FRICTION_SHARES if frictions.size]
+                    nearest = sorted({int(np.argmin(np.abs(frictions - share))) for share in shares})
+                    yield from (cls((joint,), "gravity", float(frictions[i])) for i in nearest)
 
     def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield, by gravity with friction, every friction that leaves another set of poses on their flank."""

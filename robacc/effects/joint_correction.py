@@ -93,14 +93,11 @@ class JointCorrection(Effect):
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the correction in SI; ranges of joints are in the file's unit of length or angle."""
-        sizes = [self._unit_of(arm, driver, length, angle) for driver in self.drivers]
+        sizes = []
+        for driver in self.drivers:
+            units = {arm.unit(joint) for joint in (self.joints if driver == "own" else (driver,)) if joint in arm.names}
+            sizes.append(1.0 if not units else angle if units == {"rad"} else length)
         return dataclasses.replace(self, ranges=tuple(map(scaled, self.ranges, sizes)))
-
-    def _unit_of(self, arm: Arm, driver: str, length: float, angle: float) -> float:
-        joints = self.joints if driver == "own" else (driver,)
-        if not set(joints) <= set(arm.names):
-            return 1.0
-        return angle if all(arm.is_revolute(joint) for joint in joints) else length
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:

@@ -52,23 +52,16 @@ class LateralCompliance(OwnWeight):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""
-        if self.masses == "unknown":
-            return tuple(term for joint in self.joints for term in self._base_regressors(arm, joint))
-        weight = weight_needed(arm, data, self.name)
-        return tuple(
-            Term(
-                f"{self.name}.{joint}",
-                "rad/(N m)",
-                1e-5,
-                self.parts(tuple(arm.motion(joint, label) for label in FLEXURES), weight),
-            )
-            for joint in self.joints
-        )
-
-    def _base_regressors(self, arm: Arm, joint: str) -> Iterator[Term]:
-        loads = unit_loads(arm, arm.owners[arm.number(joint)])
-        flexures = tuple(arm.motion(joint, flexure) for flexure in FLEXURES)
-        return base_regressors(f"{self.name}.{joint}", "rad/(N m)", 1e-5, loads, partial(self.parts, flexures))
+        terms: list[Term] = []
+        weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
+        for joint in self.joints:
+            name, tilt = f"{self.name}.{joint}", tuple(arm.motion(joint, label) for label in FLEXURES)
+            if self.masses == "known":
+                terms.append(Term(name, "rad/(N m)", 1e-5, self.parts(tilt, weight)))
+            else:
+                loads = unit_loads(arm, arm.owners[arm.number(joint)])
+                terms += base_regressors(name, "rad/(N m)", 1e-5, loads, partial(self.parts, tilt))
+        return tuple(terms)
 
 
 def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:

@@ -54,16 +54,14 @@ class LinkGeometry(Effect):
             yield from (cls((joint,), (label,)) for label in geometry_labels(arm, arm.joint(joint)))
             yield cls((joint,))
 
-    def _labels(self, arm: Arm, joint: str) -> tuple[str, ...]:
-        labels = geometry_labels(arm, arm.joint(joint))
-        return tuple(label for label in labels if label in self.labels) if self.labels else labels
-
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the constants of each joint's row; the fit finds those that are not identifiable."""
         terms = []
         is_urdf = arm.robot.convention == "urdf"
         for joint in self.joints:
-            for label in self._labels(arm, joint):
+            for label in geometry_labels(arm, arm.joint(joint)):
+                if self.labels and label not in self.labels:
+                    continue
                 motion = arm.motion(joint, FRAME_LABELS[label] if is_urdf else label)
                 unit = arm.chain.motions[motion].unit
                 name = f"{self.name}.{joint}.{label}"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.beyond_range import limits_of
-from robacc.effects.drivers import Periods, Validity, driver_unit, is_outside, read_validity
+from robacc.effects.drivers import Periods, Validity, is_outside, read_validity
 from robacc.errors import InputError, Problem, UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -219,9 +219,8 @@ def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, An
     effect = stated.effect.from_units(arm, 1 / length, 1 / angle)
     sizes = {term.name: unit_size(term, length, angle) for term in stated.effect.terms(arm, every_column(arm))}
     values = {name: value / sizes[name] for name, value in stated.values.items()}
-    validity = {}
-    for name, (low, high) in stated.validity.items():
-        unit = driver_unit(arm, name) if name in arm.names else ""
-        size = {"rad": angle, "m": length}.get(unit, 1.0)
-        validity[name] = (low / size, high / size)
+    units = {name: {"rad": angle, "m": length}[arm.unit(name)] for name in stated.validity if name in arm.names}
+    validity = {
+        name: (low / units.get(name, 1.0), high / units.get(name, 1.0)) for name, (low, high) in stated.validity.items()
+    }
     return entry_of(effect, values, validity)

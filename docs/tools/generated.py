@@ -49,9 +49,9 @@ def _commands() -> str:
 
 
 def _command(name: str) -> str:
-    from robacc.cli.main import _load
+    from robacc.cli.command import load
 
-    command = _load(name)
+    command = load(name)
     context = command.make_context(f"robacc {name}", [], resilient_parsing=True)
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option"]

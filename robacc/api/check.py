@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
-from robacc.api.inputs import StrPath, load_result
+from robacc.api.inputs import load_result
+from robacc.api.parameters import Help, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.documents.gate import read_gate
 from robacc.documents.read_result import StoredResult, understood
@@ -21,11 +22,6 @@ class Checked(Result, GateOutcome):
     result: StoredResult
     made: Provenance
 
-    @classmethod
-    def of(cls, outcome: GateOutcome, result: StoredResult, made: Provenance) -> Checked:
-        """Return ``outcome`` with its inputs."""
-        return cls(**fields_of(outcome), result=result, made=made)
-
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
         from robacc.documents.gate import gate_document
@@ -34,12 +30,15 @@ class Checked(Result, GateOutcome):
         return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}
 
 
-def check(result: StrPath | Result | StoredResult, gate: StrPath) -> Checked:
+@call
+def check(
+    result: Annotated[
+        StrPath | Result | StoredResult,
+        Help("Result of any command as JSON; - reads standard input.", "RESULT", "Or the result of a call."),
+    ],
+    gate: Annotated[StrPath, Help("Gate file (YAML) with the criteria.", "FILE")],
+) -> Checked:
     """Check a result against a gate.
-
-    Args:
-        result: Result of any command as JSON (``-`` is standard input), or the result of a call.
-        gate: Gate file (YAML) with the criteria.
 
     Returns:
         ``outcome`` of the gate and of each criterion; ``exit_status`` of the command: 0 for pass, 4 for fail, 5 for
@@ -61,4 +60,4 @@ def check(result: StrPath | Result | StoredResult, gate: StrPath) -> Checked:
     stored = load_result(result)
     with understood(stored.name, stored.command):
         outcome = evaluate_gate(loaded.gate, stored.document, loaded.baselines)
-    return Checked.of(outcome, stored, Provenance({}, (stored.record, *loaded.records), None))
+    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *loaded.records), None))

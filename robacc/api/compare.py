@@ -7,19 +7,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from robacc.api.inputs import (
     STDIN,
-    PosesSource,
-    StrPath,
     load_grade_scale,
+    load_optional_robot,
     load_poses,
     load_result,
-    load_robot,
     path_of,
 )
-from robacc.api.result import Provenance, Result, check_range, fields_of, options_of
+from robacc.api.parameters import Confidence, Help, Seed, StrPath, call
+from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
@@ -28,8 +27,9 @@ from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult
 from robacc.errors import InputError, Problem, UsageError
 from robacc.prediction.model_fit import model_fit
-from robacc.robots.description import Robot
-from robacc.threads import single_threaded
+
+if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource, RobotSource
 
 Source = StrPath | Result | StoredResult
 
@@ -41,11 +41,6 @@ class Compared(Result, ResultComparison):
     command: ClassVar[str] = "compare"
     made: Provenance
 
-    @classmethod
-    def of(cls, body: ResultComparison, made: Provenance) -> Compared:
-        """Return ``body`` with its inputs."""
-        return cls(**fields_of(body), made=made)
-
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
         from robacc.documents.compare import COMPARE
@@ -53,28 +48,31 @@ class Compared(Result, ResultComparison):
         return COMPARE.write(self)
 
 
+@call
 def compare(
-    *results: Source,
-    baseline: str | None = None,
-    by: str | None = None,
-    grade: str | None = None,
-    scale: StrPath | None = None,
-    confidence: float = 0.95,
-    seed: int = 0,
+    *results: Annotated[
+        Source,
+        Help(
+            "Results stored as JSON, or two CSVs with `paired`; - reads standard input.",
+            "RESULT RESULT …",
+            "Or results of calls. A stored result is named after its file, another after its command; equal names get "
+            "a number.",
+        ),
+    ],
+    baseline: Annotated[
+        str | None, Help("Result that the others are compared with; default: the first.", "NAME")
+    ] = None,
+    by: Annotated[
+        str | None, Help("Figure for the ranking, such as position.p95; default: position.rms.", "KEY")
+    ] = None,
+    grade: Annotated[str | None, Help("Grade to check each result for.", "GRADE")] = None,
+    scale: Annotated[StrPath | None, Help("Grade scale (YAML) in place of the scale of the results.", "FILE")] = None,
+    confidence: Confidence = 0.95,
+    seed: Seed = 0,
 ) -> Compared:
     """Compare results: every shared figure, the significant differences, and the grades that are confirmed.
 
     Differences are paired if the results have the same poses.
-
-    Args:
-        results: Two or more, stored as JSON (``-`` is standard input) or returned by calls. A stored result is named
-            after its file, another after its command; equal names get a number.
-        baseline: Name of the result that the others are compared with; None for the first.
-        by: Key of the figure for the ranking, such as ``position.p95``; None for ``position.rms``.
-        grade: Grade to check each result for.
-        scale: Grade scale (YAML) of ``grade``; None for the scale of the results.
-        confidence: Confidence level of the intervals.
-        seed: Seed of the bootstrap.
 
     Returns:
         Every shared figure with its differences, the ranking, the grades, and other differences between the results.
@@ -91,7 +89,6 @@ def compare(
         ('estimate (2)', 'estimate')
     """
     arguments = locals()
-    check_range("seed", seed, 0)
     if scale is not None and grade is None:
         raise UsageError("`scale` needs `grade`, the grade to check the results for")
     compared_results, inputs = _load(results)
@@ -106,7 +103,7 @@ def compare(
         seed=seed,
     )
     options = options_of(compare, arguments, baseline=comparison.baseline, by=comparison.ranking.key)
-    return Compared.of(comparison, Provenance(options, (*inputs, *scale_record), seed))
+    return Compared(**fields_of(comparison), made=Provenance(options, (*inputs, *scale_record), seed))
 
 
 def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFile]]:
@@ -193,29 +190,33 @@ class ComparedTargets(Result, PairedTargets):
         return COMPARE_PAIRED.write(self)
 
 
-@single_threaded
+@call
 def compare_paired(
-    before: PosesSource,
-    after: PosesSource,
+    before: Annotated[PosesSource, Help("Poses measured without the correction.")],
+    after: Annotated[PosesSource, Help("Poses measured with the correction.")],
     *,
-    model: StrPath | Robot | None = None,
-    nominal: StrPath | Robot | None = None,
-    noise: str | float | None = None,
+    model: Annotated[
+        RobotSource | None,
+        Help("Model of the correction, to test whether the remaining error agrees with its prediction."),
+    ] = None,
+    nominal: Annotated[
+        RobotSource | None,
+        Help("Robot file that the controller computes with; only for files without ``cmd_`` columns."),
+    ] = None,
+    noise: Annotated[
+        str | float | None,
+        Help(
+            "Standard deviation of the measurement noise along each axis, m or text; None for that of `after`, else of "
+            "the model's fit. Where the unexplained error of the model contains the noise of its own measurements, it "
+            "is only the lower bound of that error, with a warning."
+        ),
+    ] = None,
 ) -> ComparedTargets:
     """Compare the same targets, measured before and after a correction.
 
     Rows belong together by their ``pose``, or by their order where both files have no such column. Wanted poses are the
     ``cmd_`` columns of ``after``, as ``correct`` writes them, else of ``before``, else the poses of the nominal robot
     at the joints of ``before``.
-
-    Args:
-        before: Poses measured without the correction.
-        after: Poses measured with the correction.
-        model: Model of the correction, to test whether the remaining error agrees with its prediction.
-        nominal: Robot file that the controller computes with; only for files without ``cmd_`` columns.
-        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of ``after``, else
-            of the model's fit. Where the unexplained error of the model contains the noise of its own measurements, it
-            is only the lower bound of that error, with a warning.
 
     Returns:
         The gain with its interval, the remaining error, whether the correction was loaded, and whether the remaining
@@ -238,9 +239,8 @@ def compare_paired(
         >>> result.loaded.verdict, result.metrics_after.rms < 0.1 * result.metrics_before.rms
         ('loaded', True)
     """
-    arguments = locals()
-    arm, arm_records = (None, ()) if model is None else _with_records(load_robot(model))
-    controller, nominal_records = (None, ()) if nominal is None else _with_records(load_robot(nominal))
+    arm, arm_records = load_optional_robot(model)
+    controller, nominal_records = load_optional_robot(nominal)
     first, first_record = load_poses(before, controller or arm, kind="before")
     second, second_record = load_poses(after, controller or arm, kind="after")
     targets = shared_targets(first, second)
@@ -259,15 +259,9 @@ def compare_paired(
         doubts += () if fit is None else fit.warnings
     measured_before, measured_after = (file.means(file.data.position) for file in (targets.before, targets.after))
     body = paired_targets(targets.names, measured_before, measured_after, wanted, promise)
-    options = options_of(compare_paired, arguments, model=None, nominal=None)
-    options = {"noise": options["noise"]}
     records = (first_record, second_record, *arm_records, *nominal_records)
     return ComparedTargets(
         **fields_of(body),
         doubts=tuple(doubts),
-        made=Provenance(options, records, None),
+        made=Provenance({"noise": noise}, records, None),
     )
-
-
-def _with_records(loaded: tuple[Robot, Any]) -> tuple[Robot, tuple[Any, ...]]:
-    return loaded[0], (loaded[1],)

@@ -6,17 +6,18 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
-from robacc.api.inputs import PosesSource, StrPath, load_grade_scale, load_poses, load_robot
-from robacc.api.result import CampaignUse, Provenance, Result, check_choice, check_range, fields_of, options_of
+from robacc.api.inputs import load_grade_scale, load_poses, load_robot
+from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
+from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.correction.correcting import Cause, Limits
 from robacc.correction.correction import Correction, correction
-from robacc.correction.wanted import FrameName, check_same_joints, circumstances, nominal_of
+from robacc.correction.wanted import check_same_joints, circumstances, nominal_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
@@ -33,7 +34,9 @@ from robacc.quantities import size
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
-from robacc.threads import single_threaded
+
+if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource
 
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
@@ -127,49 +130,83 @@ class NothingCorrectedError(InputError):
         self.result = result
 
 
-@single_threaded
+@call
 def correct(
-    targets: PosesSource,
+    targets: Annotated[
+        PosesSource,
+        Help(
+            "CSV of targets: joints, or wanted poses as cmd_ columns; or a robot program.",
+            "TARGETS",
+            "Or poses read or made before; a program is for ``correct_program``. Joints mean the pose that the "
+            "nominal robot has there; ``cmd_`` columns (else ``x, y, z``) are wanted poses, and joints beside them "
+            "choose the configuration.",
+            holds="planned poses",
+        ),
+    ],
     *,
-    model: StrPath | Robot,
-    nominal: StrPath | Robot | None = None,
-    frame: FrameName = "measuring",
-    ordered: bool = True,
-    payload: float | None = None,
-    temperature: float | None = None,
-    time: float | None = None,
-    most: str | float | None = None,
-    weight: str | float = "10mm",
-    beyond_range: bool = False,
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
-    scale: StrPath | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
+    model: Annotated[StrPath | Robot, Help("Robot file of the real arm, as `write_model` writes it.", "FILE")],
+    nominal: Annotated[
+        StrPath | Robot | None,
+        Help(
+            "Robot file that the controller computes with; default: the robot that the model was fitted from.", "FILE"
+        ),
+    ] = None,
+    frame: Annotated[
+        Literal["measuring", "base"],
+        Help(
+            "Frame of Cartesian targets: measuring frame, or the robot's base.",
+            python="In the measuring frame they have the model's tool, in the base that of the nominal robot.",
+        ),
+    ] = "measuring",
+    ordered: Annotated[
+        bool,
+        Help(
+            "The arm drives from target to target in their order.",
+            python="Directions and speeds are derived from it.",
+            names=("ordered/unordered",),
+        ),
+    ] = True,
+    payload: Annotated[
+        float | None,
+        Help("Payload of all targets.", "KG", "It is in kg, for targets without a column of it.", least=0.0),
+    ] = None,
+    temperature: Annotated[
+        float | None,
+        Help("Temperature of all targets.", "C", "It is in degrees Celsius, for targets without a column of it."),
+    ] = None,
+    time: Annotated[
+        float | None, Help("Time of all targets.", "S", "It is in s, for targets without a column of it.")
+    ] = None,
+    most: Annotated[
+        str | float | None,
+        Help(
+            "Largest correction, such as 3mm,0.5deg; default: twice the largest on the poses of the fit.",
+            "SIZE[,ANGLE]",
+            "A number is in m.",
+        ),
+    ] = None,
+    weight: Annotated[
+        str | float,
+        Help("Length that counts as much as 1 rad for arms with fewer than six axes.", "SIZE", "A number is in m."),
+    ] = "10mm",
+    beyond_range: Annotated[
+        bool, Help("Also correct targets outside the ranges that the model was fitted on.")
+    ] = False,
+    campaign: Annotated[
+        CampaignUse,
+        Help(
+            "Effects of the campaign of the fit: auto applies its steps, keep its warm-up too, drop neither.",
+            python="``drop`` leaves out the frames that were registered too.",
+        ),
+    ] = "auto",
+    strict_range: Annotated[
+        bool, Help("Refuse all targets if one is outside the range of the model (exit 3).")
+    ] = False,
+    scale: Scale = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
 ) -> Corrected:
     """Compute the commands that make the real arm reach its targets, from a model of the arm.
-
-    Args:
-        targets: CSV of targets, or poses read or made before. Joints mean the pose that the nominal robot has there;
-            ``cmd_`` columns (else ``x, y, z``) are wanted poses, and joints beside them choose the configuration.
-        model: Robot file of the real arm, as ``write_model`` of a trace or a calibration writes it.
-        nominal: Robot file that the controller computes with; None for the robot that the model was fitted from.
-        frame: Frame of Cartesian targets: ``measuring``, with the model's tool, or ``base``: the robot's base, with
-            the tool of the nominal robot.
-        ordered: The arm drives from target to target in their order; directions and speeds are derived from it.
-        payload: Payload of all targets, kg, where they have no column of it.
-        temperature: Temperature of all targets, degrees Celsius, where they have no column of it.
-        time: Time of all targets, s, where they have no column of it.
-        most: Largest correction, m or text such as ``"3mm"`` or ``"3mm,0.5deg"``; None for twice the largest that the
-            model has on the poses it was fitted to.
-        weight: Length that counts as much as 1 rad for arms with fewer than six axes, m or text.
-        beyond_range: Also correct targets outside the ranges that the model was fitted on.
-        campaign: Use of the facts of the campaign that the model was fitted in: ``auto`` applies steps, which stay,
-            ``keep`` a warm-up too; ``drop`` leaves out both, and the frames that were registered.
-        strict_range: Refuse all targets if one is outside the ranges that the model was fitted on.
-        scale: Grade scale (YAML); None for the scale of the package.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
 
     Returns:
         Corrected commands, expected errors before and after, and the targets that are not corrected, with reasons.
@@ -186,11 +223,9 @@ def correct(
         (20, '1.4 mm')
     """
     arguments = locals()
-    check_choice("frame", frame, ("measuring", "base"))
     for name, value in (("payload", payload), ("temperature", temperature), ("time", time)):
         if value is not None and not math.isfinite(value):
             raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
-    check_range("payload", payload or 0.0, 0.0)
     if strict_range and beyond_range:
         raise UsageError("`strict_range` refuses what `beyond_range` corrects; give one of them")
     arm, arm_record = load_robot(model, base_link, tip_link)
@@ -225,7 +260,7 @@ def correct(
         raise MissingColumnError(message) from error
     if strict_range:
         _refuse_out_of_range(body, data)
-    options = options_of(correct, arguments, model=None, nominal=None)
+    options = options_of(correct, arguments)
     options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
     result = Corrected(
         **fields_of(body),

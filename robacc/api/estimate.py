@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TextIO
 
 from robacc.accuracy.estimation import EstimateResult
 from robacc.accuracy.estimation import estimate as estimate_errors
-from robacc.accuracy.pose_errors import ErrorFrame
 from robacc.api.inputs import (
-    PosesSource,
-    StrPath,
     fitted_pose_warnings,
     load_grade_scale,
     load_optional_robot,
@@ -20,19 +17,31 @@ from robacc.api.inputs import (
     stated,
     with_measured_targets,
 )
-from robacc.api.result import (
-    CampaignUse,
-    Provenance,
-    Result,
-    check_choice,
-    check_range,
-    effect_names,
-    fields_of,
-    options_of,
-    use_model,
+from robacc.api.parameters import (
+    Angles,
+    Bag,
+    BaseLink,
+    Campaign,
+    Columns,
+    Commanded,
+    Confidence,
+    Coverage,
+    Help,
+    IgnoreLimits,
+    OptionalRobot,
+    Ordered,
+    Poses,
+    Scale,
+    Seed,
+    Sheet,
+    SkipGaps,
+    StrictRange,
+    TipLink,
+    Units,
+    call,
 )
+from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.measurements import Measurements
-from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
@@ -51,11 +60,6 @@ class Estimate(Result, EstimateResult):
     data: Measurements
     """The measured poses."""
     made: Provenance
-
-    @classmethod
-    def of(cls, body: EstimateResult, robot: Robot | None, data: Measurements, made: Provenance) -> Estimate:
-        """Return ``body`` with its inputs."""
-        return cls(**fields_of(body), robot=robot, data=data, made=made)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -81,63 +85,49 @@ class Estimate(Result, EstimateResult):
         return per_pose_csv(self, self.data)
 
 
-@single_threaded
+@call
 def estimate(
-    poses: PosesSource,
+    poses: Poses,
     *,
-    robot: StrPath | Robot | None = None,
-    align: str | Sequence[str] | None = None,
-    frame: ErrorFrame | None = None,
-    scale: StrPath | None = None,
-    confidence: float = 0.95,
-    ordered: bool = False,
-    ignore_limits: bool = False,
-    angles: str | None = None,
-    units: str | None = None,
-    columns: StrPath | Mapping[str, str | None] | None = None,
-    skip_gaps: bool = False,
-    coverage: float | None = None,
-    sheet: str | None = None,
-    commanded: StrPath | None = None,
-    bag: str | None = None,
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    seed: int = 0,
+    robot: OptionalRobot = None,
+    align: Annotated[
+        str | Sequence[str] | None,
+        Help(
+            "Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
+            "FRAME,…",
+            "They are frames of `robot`, or without `robot` of the commanded poses. None fits them where the errors "
+            "without it are too large for an arm and those with it are not.",
+        ),
+    ] = None,
+    frame: Annotated[
+        Literal["tool", "base"] | None,
+        Help(
+            "Axes of the errors: tool of the commanded target, or base of the measuring frame.",
+            python="None is ``tool`` if the commanded orientation is known, else ``base``.",
+        ),
+    ] = None,
+    scale: Scale = None,
+    confidence: Confidence = 0.95,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    angles: Angles = None,
+    units: Units = None,
+    columns: Columns = None,
+    skip_gaps: SkipGaps = False,
+    coverage: Coverage = None,
+    sheet: Sheet = None,
+    commanded: Commanded = None,
+    bag: Bag = None,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
 ) -> Estimate:
     """Compute the Cartesian error at each measured pose, its covariances, and an accuracy grade.
 
     With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
     file or the arrays.
-
-    Args:
-        poses: CSV of measured poses (``-`` is standard input), or poses read before or made of arrays.
-        robot: Robot file (YAML), URDF, or a robot read before.
-        align: Frames that are fitted to the poses first: ``base_frame``, ``tool_frame`` or both; of the robot, or
-            without ``robot`` of the commanded poses. None fits them where the errors without it are too large for an
-            arm and those with it are not; ``"none"`` never does.
-        frame: Axes of the errors: ``tool`` of the commanded target, ``base`` of the measuring frame. None is ``tool``
-            if the commanded orientation is known, else ``base``.
-        scale: Grade scale (YAML); None for the scale of the package.
-        confidence: Confidence level of every interval.
-        ordered: The rows of the file are in the order measured; directions and speeds are derived from it.
-        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
-            limit by more than 0.05 degree or 0.5 mm.
-        angles: Convention of three angles that form an orientation, such as ``fixed-xyz``.
-        units: Units of columns whose names have none, such as ``mm,deg``.
-        columns: Column map (YAML), or documented names by the names in the file.
-        skip_gaps: Leave out rows with a missing value, with a warning.
-        coverage: Coverage factor of uncertainties that the file calls U.
-        sheet: Sheet of a workbook.
-        commanded: Robot program, or table of joints or commanded poses, whose rows were measured.
-        bag: Topics and samples of a recording.
-        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
-            ``auto`` for its own poses and for measured poses that agree better with them.
-        strict_range: Refuse poses outside the validity range of the model.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
-        seed: Seed of the random numbers, bootstrap included.
 
     Returns:
         Position and orientation statistics (m, rad), the errors themselves, and the grade.
@@ -157,8 +147,6 @@ def estimate(
         (3, 60)
     """
     arguments = locals()
-    check_range("seed", seed, 0)
-    check_choice("frame", frame, ("tool", "base", None))
     poses = stated(
         poses, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
         commanded=commanded, bag=bag,
@@ -181,7 +169,7 @@ def estimate(
     fitted = body.alignment.effects if body.alignment else ()
     options = options_of(estimate, arguments, align=list(fitted), frame=body.errors.frame)
     made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
-    return Estimate.of(body, arm, data, made)
+    return Estimate(**fields_of(body), robot=arm, data=data, made=made)
 
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from robacc.api.inputs import StrPath, load_robot
-from robacc.api.result import Provenance, Result, check_choice, fields_of
+from robacc.api.inputs import load_robot
+from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
+from robacc.api.result import Provenance, Result, fields_of
 from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
@@ -44,28 +45,25 @@ class Exported(Result, ExportedModel):
         write_text(path, self.text)
 
 
+@call
 def export(
-    model: StrPath | Robot,
+    model: Annotated[
+        StrPath | Robot, Help("Robot file (YAML), URDF, or name of an arm.", "MODEL", "Or a robot read before.")
+    ],
     *,
-    format: ExportFormatName,
-    nominal: StrPath | Robot | None = None,
-    arm: str | None = None,
-    template: StrPath | None = None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
+    format: Annotated[ExportFormatName, Help("Format of the text.")],
+    nominal: Annotated[
+        StrPath | Robot | None,
+        Help("joint-offsets: the model that the controller computes with.", "ROBOT"),
+    ] = None,
+    arm: Annotated[str | None, Help("ur-calibration: the arm, such as ur10e.", "NAME")] = None,
+    template: Annotated[StrPath | None, Help("ur-…: the arm's own file, whose other lines are kept.", "FILE")] = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
 ) -> Exported:
     """Write a model in the format of a controller, a driver or a simulator, as text.
 
     What the format cannot hold is left out, and what it can hold is fitted again to the model.
-
-    Args:
-        model: Robot file (YAML) or URDF, or a robot read before.
-        format: Format of the text.
-        nominal: Robot that the controller computes with; only for ``joint-offsets``.
-        arm: Arm of Universal Robots, such as ``ur10e``; only for ``ur-calibration``.
-        template: The arm's own file, whose other lines are kept; only for ``ur-calibration`` and ``ur-kinematics``.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
 
     Returns:
         The text, and the error that remains with it.
@@ -80,7 +78,6 @@ def export(
         >>> result.text.splitlines()[0], result.remaining.position_max < 1e-9
         ('robacc: 1', True)
     """
-    check_choice("format", format, tuple(form.value for form in ControllerFormat))
     if nominal is not None and format != "joint-offsets":
         raise UsageError("`nominal` belongs to `format` joint-offsets")
     if template is not None and format not in ("ur-calibration", "ur-kinematics"):

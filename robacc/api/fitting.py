@@ -12,8 +12,6 @@ import numpy as np
 
 from robacc.api.inputs import (
     STDIN,
-    PosesSource,
-    StrPath,
     check_targets,
     fitted_pose_warnings,
     load_poses,
@@ -22,7 +20,8 @@ from robacc.api.inputs import (
     with_fitted_poses,
     with_measured_targets,
 )
-from robacc.api.result import CampaignUse, ModelUse, Result, fields_of, use_model
+from robacc.api.parameters import CampaignUse, StrPath
+from robacc.api.result import ModelUse, Result, fields_of, use_model
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, UsageError
@@ -34,6 +33,7 @@ from robacc.robots.description import Robot
 from robacc.version import __version__
 
 if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource
     from robacc.fitting.fit_result import Fit
     from robacc.tracing.judging import Judged
 

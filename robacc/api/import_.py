@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import os
+from typing import Annotated
 
-from robacc.api.inputs import StrPath
+from robacc.api.parameters import Help, StrPath, call
 from robacc.robots.description import Robot
 
 
-def import_(file: StrPath, *, arm: str | None = None) -> Robot:
+@call
+def import_(
+    file: Annotated[
+        StrPath,
+        Help("calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export.", "FILE"),
+    ],
+    *,
+    arm: Annotated[str | None, Help("Arm that a calibration.conf belongs to, such as ur10e.", "NAME")] = None,
+) -> Robot:
     """Read a robot from the kinematics file of a controller or of its ROS driver.
-
-    Args:
-        file: ``calibration.conf`` of Universal Robots, a ROS kinematics file, or a JSON export.
-        arm: Arm that a ``calibration.conf`` belongs to, such as ``ur10e``.
 
     Returns:
         The robot; :func:`robacc.write_robot` writes it as a robot file.

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.api.parameters import StrPath
 from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
@@ -27,6 +28,7 @@ from robacc.robots.description import Frame, Robot
 
 if TYPE_CHECKING:
     from robacc.accuracy.grade import Scale
+    from robacc.api.parameters import PosesSource
 
 
 # Targets that the poses name and the robot lacks.
@@ -200,8 +202,9 @@ def read_with_commands(
     """
     from robacc.poses.csv_file import read_poses
     from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
+    from robacc.programs.reading import is_program
 
-    planned = _program(commands) if _is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
+    planned = _program(commands) if is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
 
     def known_poses(names: NDArray[Any] | None, count: int) -> tuple[Array | None, Array | None]:
         try:
@@ -225,12 +228,6 @@ def read_with_commands(
         data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
     warnings = (*data.warnings, *planned.warnings, type(remark)(f"{measured.source}: {remark}"))
     return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
-
-
-def _is_program(path: str) -> bool:
-    from robacc.programs.reading import is_program
-
-    return is_program(path)
 
 
 def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
@@ -359,9 +356,6 @@ def _with_rows(measured: Measurements, planned: Measurements, rows: NDArray[np.i
     return dataclasses.replace(data, direction=motion[0], speed=motion[1])
 
 
-StrPath = str | os.PathLike[str]
-PosesSource = StrPath | Measurements | SupportsColumns | Mapping[str, Any]
-"""Poses: a file, poses read before, or a data frame (pandas, Polars, Arrow, or arrays by the names of columns)."""
 STDIN = "-"
 
 

@@ -8,11 +8,9 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, ClassVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
 from robacc.api.inputs import (
-    PosesSource,
-    StrPath,
     load_grade_scale,
     load_poses,
     load_robot,
@@ -20,19 +18,31 @@ from robacc.api.inputs import (
     record_of,
     require_poses,
 )
-from robacc.api.result import Provenance, Result, check_choice, check_range, fields_of, options_of, use_model
+from robacc.api.parameters import (
+    BaseLink,
+    Help,
+    Ordered,
+    RobotArgument,
+    Scale,
+    Seed,
+    StrPath,
+    TipLink,
+    call,
+    check_range,
+    count_or_path,
+    numbers,
+)
+from robacc.api.result import Provenance, Result, fields_of, options_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
-    PURPOSES,
     AcceptanceStatistic,
     CampaignPlan,
     CampaignSettings,
     Demand,
-    Purpose,
 )
 from robacc.planning.candidates import (
     Constraints,
@@ -44,11 +54,12 @@ from robacc.planning.candidates import (
     parse_vector,
 )
 from robacc.planning.collisions import at_rest_warning, check_at_rest, link_collisions, read_link_shapes
-from robacc.planning.design import CRITERIA, Criterion
 from robacc.planning.planner import plan_campaign
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
-from robacc.threads import single_threaded
+
+if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource, RobotSource
 
 # Inputs of the call ``robacc.plan``: files, places in text, and the limits of gates and grades.
 
@@ -165,11 +176,6 @@ class Planned(Result, CampaignPlan):
     command: ClassVar[str] = "plan"
     made: Provenance
 
-    @classmethod
-    def of(cls, body: CampaignPlan, made: Provenance) -> Planned:
-        """Return ``body`` with its inputs."""
-        return cls(**fields_of(body), made=made)
-
     def csv(self) -> str:
         """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         from robacc.poses.csv_file import format_poses
@@ -249,93 +255,117 @@ class Planned(Result, CampaignPlan):
         return payload(self, self.csv())
 
 
-@single_threaded
+@call
 def plan(
-    robot: StrPath | Robot,
+    robot: RobotArgument,
     *,
-    purpose: Purpose = "calibrate",
-    poses: int | None = None,
-    criterion: Criterion = "I",
-    fit: str | Sequence[str] = "",
-    candidates: PosesSource | int | None = None,
-    task: PosesSource | None = None,
-    region: str | None = None,
-    inside: str | None = None,
-    outside: Sequence[str] = (),
-    half_space: Sequence[str] = (),
-    min_height: float | str | None = None,
-    margin: float = 0.02,
-    max_condition: float | None = None,
-    collisions: bool = False,
-    instrument: str | Sequence[float] | None = None,
-    reflector: str | Sequence[float] | None = None,
-    cone: float | str = "30deg",
-    distance: str | Sequence[float] | None = None,
-    noise: float | str | None = None,
-    noise_orientation: float | str | None = None,
-    repeatability: float | str | None = None,
-    unexplained: float | str = "0",
-    model: StrPath | Robot | None = None,
-    already: PosesSource | None = None,
-    target_error: float | str | None = None,
-    payload: Sequence[float] = (),
-    check_every: int = 10,
-    repeats: int | None = None,
-    validation: int = 0,
-    gate: StrPath | None = None,
-    grade: str | None = None,
-    scale: StrPath | None = None,
-    expected: float | str | None = None,
-    ordered: bool = False,
-    seed: int = 0,
-    base_link: str | None = None,
-    tip_link: str | None = None,
+    purpose: Annotated[
+        Literal["calibrate", "trace", "acceptance", "health"],
+        Help("Purpose of the measurement.", names=("for",)),
+    ] = "calibrate",
+    poses: Annotated[
+        int | None,
+        Help(
+            "Number of different poses; default: by purpose.",
+            "N",
+            "For ``acceptance`` with a gate or a grade, the number that decides it.",
+            least=1,
+            most=2000,
+        ),
+    ] = None,
+    criterion: Annotated[
+        Literal["I", "G", "D", "A"],
+        Help("Mean (I) or worst (G) predicted error; D, A: of the coefficients."),
+    ] = "I",
+    fit: Annotated[
+        str | Sequence[str],
+        Help("Effects that the fit leaves free.", "EFFECT,…", "By default those usual for the purpose."),
+    ] = "",
+    candidates: Annotated[
+        PosesSource | int | None,
+        Help("CSV of poses to choose from, or number of samples.", "FILE|N", read=count_or_path, holds="planned poses"),
+    ] = None,
+    task: Annotated[
+        PosesSource | None, Help("CSV of poses where the accuracy matters.", "FILE", holds="planned poses")
+    ] = None,
+    region: Annotated[str | None, Help("Box where the accuracy matters, such as x=0.4:0.9,z=0:0.6.", "BOX")] = None,
+    inside: Annotated[str | None, Help("Box that the target stays in.", "BOX")] = None,
+    outside: Annotated[Sequence[str], Help("Box that the arm stays out of; may be repeated.", "BOX")] = (),
+    half_space: Annotated[
+        Sequence[str], Help("Side that the arm stays on, such as y>=-0.4; may be repeated.", "SIDE")
+    ] = (),
+    min_height: Annotated[float | str | None, Help("Least height of the arm above its base.", "SIZE")] = None,
+    margin: Annotated[
+        float, Help("Share of each joint's range to keep from its limits.", "SHARE", least=0.0, most=0.45)
+    ] = 0.02,
+    max_condition: Annotated[
+        float | None, Help("Largest condition number of the joints' Jacobian.", "C", least=1.0)
+    ] = None,
+    collisions: Annotated[
+        bool,
+        Help(
+            "Check the links' shapes of the URDF for collisions.",
+            python="The arm has its thickness in `outside`, `half_space` and `min_height` then. Needs the extra "
+            "``collision``.",
+        ),
+    ] = False,
+    instrument: Annotated[
+        str | Sequence[float] | None, Help("Position of the instrument in the base frame.", "X,Y,Z")
+    ] = None,
+    reflector: Annotated[
+        str | Sequence[float] | None,
+        Help(
+            "Direction in the target's frame that the reflector faces.",
+            "X,Y,Z",
+            "None if it is turned by hand.",
+        ),
+    ] = None,
+    cone: Annotated[float | str, Help("Half angle that the reflector accepts.", "ANGLE")] = "30deg",
+    distance: Annotated[
+        str | Sequence[float] | None,
+        Help("Nearest and farthest distance of the instrument, m.", "NEAR:FAR"),
+    ] = None,
+    noise: Annotated[
+        float | str | None,
+        Help("Measurement noise along each axis (standard deviation); default: typical.", "SIZE"),
+    ] = None,
+    noise_orientation: Annotated[
+        float | str | None, Help("The same about each axis, if it is measured.", "SIZE")
+    ] = None,
+    repeatability: Annotated[
+        float | str | None,
+        Help("Arm's scatter along each axis (standard deviation); default: typical.", "SIZE"),
+    ] = None,
+    unexplained: Annotated[
+        float | str,
+        Help("Error of the model that repeats at a pose (standard deviation).", "SIZE"),
+    ] = "0",
+    model: Annotated[RobotSource | None, Help("Calibrated robot file to start from.", "FILE")] = None,
+    already: Annotated[
+        PosesSource | None, Help("CSV of poses measured already.", "FILE", holds="planned poses")
+    ] = None,
+    target_error: Annotated[float | str | None, Help("Predicted error that is good enough.", "SIZE")] = None,
+    payload: Annotated[
+        Sequence[float],
+        Help("Payloads, each mounted once; the plan chooses the poses of each.", "KG,…", "In kg.", read=numbers),
+    ] = (),
+    check_every: Annotated[int, Help("Visits between drift checks; 0 for none.", "K", least=0, most=10_000)] = 10,
+    repeats: Annotated[
+        int | None, Help("Poses visited a second time; default: a tenth.", "N", least=0, most=2000)
+    ] = None,
+    validation: Annotated[int, Help("Number of validation poses.", "N", least=0, most=2000)] = 0,
+    gate: Annotated[StrPath | None, Help("Gate that an acceptance measurement is to decide.", "FILE")] = None,
+    grade: Annotated[str | None, Help("Grade that an acceptance measurement is to confirm.", "NAME")] = None,
+    scale: Scale = None,
+    expected: Annotated[float | str | None, Help("Expected true value for the gate or grade.", "SIZE")] = None,
+    ordered: Ordered = False,
+    seed: Seed = 0,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
 ) -> Planned:
     """Plan a measurement: the poses worth measuring, their order, and the expected result.
 
     Boxes, half-spaces and places are in the robot's base frame; numbers without a unit are in m.
-
-    Args:
-        robot: Robot file (YAML), URDF, or a robot read before.
-        purpose: ``calibrate``, ``trace``, ``acceptance`` or ``health``.
-        poses: Number of different poses; for ``acceptance`` with a gate or a grade, the number that decides it.
-        criterion: ``I`` for the mean and ``G`` for the worst predicted error over the task, ``D`` or ``A`` for the
-            coefficients.
-        fit: Effects that are free in the fit; by default those usual for the purpose.
-        candidates: CSV of poses to choose from, or the number of samples within the joint limits.
-        task: CSV of poses where the accuracy matters.
-        region: Box where the accuracy matters, such as ``"x=0.4:0.9,z=0:0.6"``.
-        inside: Box that the target stays in.
-        outside: Boxes that every moving point of the arm stays out of.
-        half_space: Sides to stay on, such as ``"y>=-0.4"``.
-        min_height: Least height of every moving point of the arm above the base.
-        margin: Share of each joint's range to keep from its limits.
-        max_condition: Largest condition number of the joints' Jacobian.
-        collisions: Use the collision shapes of the URDF: exclude poses at which links touch each other, and give
-            the arm its thickness in ``outside``, ``half_space`` and ``min_height``. Needs the extra ``collision``.
-        instrument: Position of the instrument.
-        reflector: Direction in the target's frame that the reflector faces; None if it is turned by hand.
-        cone: Half angle that the reflector accepts.
-        distance: Nearest and farthest distance of the instrument, such as ``"0.5:15"``.
-        noise: Standard deviation of the instrument along each axis; by default typical.
-        noise_orientation: Standard deviation about each axis; None where orientation is not measured.
-        repeatability: Standard deviation of the arm's own scatter along each axis; by default typical.
-        unexplained: Standard deviation along each axis of the model's error that stays the same at one pose.
-        model: Calibrated robot file to start from, in place of ``robot``'s numbers.
-        already: CSV of poses measured already; the plan adds to them.
-        target_error: Predicted error that is good enough.
-        payload: Payloads, kg, each mounted once; the plan chooses which poses have which.
-        check_every: Visits from one drift check to the next; 0 for none.
-        repeats: Number of poses visited a second time; by default a tenth.
-        validation: Number of validation poses, apart from the calibration poses.
-        gate: Gate file that an acceptance measurement is to decide.
-        grade: Grade that an acceptance measurement is to confirm.
-        scale: Grade scale in place of the built-in scale.
-        expected: Expected true value of the gate's or grade's statistic.
-        ordered: The rows of ``already`` are in the order measured.
-        seed: Seed of the random numbers.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
 
     Returns:
         The visits in order, with predicted standard errors, accuracy and detection limits.
@@ -353,19 +383,6 @@ def plan(
         True
     """
     arguments = locals()
-    check_choice("purpose", purpose, PURPOSES)
-    check_choice("criterion", criterion, CRITERIA)
-    for name, low, high in (
-        ("poses", 1, 2000),
-        ("margin", 0.0, 0.45),
-        ("check_every", 0, 10_000),
-        ("repeats", 0, 2000),
-        ("validation", 0, 2000),
-        ("seed", 0, math.inf),
-        ("max_condition", 1.0, math.inf),
-    ):
-        if arguments[name] is not None:
-            check_range(name, arguments[name], low, high)
     arm, records = robot_to_plan_for(robot, model, base_link, tip_link)
     # A drift and other facts of the model's own campaign do not come again.
     use = use_model(arm, None, campaign="drop")
@@ -433,4 +450,4 @@ def plan(
         for name, value in options_of(plan, arguments).items()
         if not isinstance(value, Measurements | Robot)
     }
-    return Planned.of(body, Provenance(options, inputs, seed))
+    return Planned(**fields_of(body), made=Provenance(options, inputs, seed))

@@ -5,31 +5,36 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import (
     STDIN,
-    PosesSource,
-    StrPath,
     fitted_pose_warnings,
     load_grade_scale,
     load_poses,
     load_robot,
     path_of,
 )
-from robacc.api.result import (
-    CampaignUse,
-    Provenance,
-    Result,
-    check_range,
-    effect_names,
-    fields_of,
-    options_of,
-    use_model,
+from robacc.api.parameters import (
+    BaseLink,
+    Campaign,
+    Confidence,
+    Help,
+    IgnoreLimits,
+    Ordered,
+    RobotArgument,
+    Samples,
+    Scale,
+    Seed,
+    StrictRange,
+    StrPath,
+    TipLink,
+    call,
 )
+from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.documents.envelope import InputFile
 from robacc.errors import UsageError
 from robacc.geometry import Array
@@ -51,9 +56,9 @@ from robacc.prediction.predicting import allocate as allocate_tolerances
 from robacc.prediction.tolerances import NORMAL, uncertain_parameters
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
-from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource
     from robacc.prediction.tolerances import Tolerances
 
 
@@ -118,56 +123,58 @@ class Predicted(Result, Prediction):
         return warranty_map(self, poses.translation, edge).csv()
 
 
-@single_threaded
+@call
 def predict(
-    robot: StrPath | Robot,
+    robot: RobotArgument,
     *,
-    poses: PosesSource | Array | None = None,
-    samples: int | None = None,
-    target: str | None = None,
-    tolerances: StrPath | None = None,
-    scale: StrPath | None = None,
-    allocate: str | None = None,
-    against: PosesSource | None = None,
-    align: str | Sequence[str] = (),
-    noise: str | Noise | None = None,
-    confidence: float = 0.95,
-    ordered: bool = False,
-    ignore_limits: bool = False,
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    seed: int = 0,
+    poses: Annotated[
+        PosesSource | Array | None,
+        Help(
+            "CSV of poses; the prediction is for their joints.",
+            "FILE",
+            "Or poses read before, or joint variables ``(J, N)``, rad or m.",
+            holds="measured poses",
+        ),
+    ] = None,
+    samples: Samples = None,
+    target: Annotated[
+        str | None, Help("Target of the sampled configurations, for a robot with several.", "NAME")
+    ] = None,
+    tolerances: Annotated[
+        StrPath | None, Help("Tolerance file (YAML); overrides the tolerances of the robot file.", "FILE")
+    ] = None,
+    scale: Scale = None,
+    allocate: Annotated[str | None, Help("Grade to find tolerances for.", "GRADE")] = None,
+    against: Annotated[
+        PosesSource | None,
+        Help("CSV of measured poses to compare the prediction with.", "FILE", holds="measured poses"),
+    ] = None,
+    align: Annotated[
+        str | Sequence[str],
+        Help("Frames to fit to the poses of `against` first: base_frame, tool_frame or both.", "FRAME,…"),
+    ] = (),
+    noise: Annotated[
+        str | Noise | None,
+        Help(
+            "Standard deviation of the measurement noise along and about an axis, such as 0.02mm,0.01deg.",
+            "P[,R]",
+            "Or ``(m, rad)``.",
+        ),
+    ] = None,
+    confidence: Confidence = 0.95,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
 ) -> Predicted:
     """Covariances, error budget and grade predicted from parameter tolerances, or from the fit of a model file.
 
     The prediction is for the joints of ``poses``, else of ``against``, else for configurations over the joint ranges.
     For a model file that ``write_model`` wrote, it is that of the calibrated arm: uncertainty of the coefficients,
     repeatability and unexplained error. With ``tolerances``, it is that of arms made with these tolerances.
-
-    Args:
-        robot: Robot file (YAML), URDF, or a robot read before.
-        poses: CSV of poses with joints, poses read before, or joint variables ``(J, N)``, rad or m.
-        samples: Number of configurations over the joint ranges; None for 1000.
-        target: Target of the sampled configurations, for a robot with several.
-        tolerances: Tolerance file (YAML), which overrides the tolerances of the robot file.
-        scale: Grade scale (YAML); None for the scale of the package.
-        allocate: Grade to find tolerances for.
-        against: Measured poses to compare the prediction with.
-        align: Frames that are fitted to ``against`` first: ``base_frame``, ``tool_frame`` or both.
-        noise: Standard deviations of the measurement noise along and about an axis, as ``"0.02mm,0.01deg"`` or
-            ``(m, rad)``.
-        confidence: Confidence level of every interval.
-        ordered: The rows of the files are in the order measured; directions and speeds are derived from it.
-        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
-            limit by more than 0.05 degree or 0.5 mm.
-        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
-            ``auto`` for its own poses and for measured poses that agree better with them.
-        strict_range: Refuse poses outside the validity range of the model.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
-        seed: Seed of the random numbers.
 
     Returns:
         The predicted covariances (m, rad), the budget and the grade, with the allocation and the comparison.
@@ -183,7 +190,6 @@ def predict(
         0.37 mm rms; largest contribution: j1.d
     """
     arguments = locals()
-    check_range("seed", seed, 0)
     _check(poses, samples, against, align, noise, target)
     noise_std = _noise(noise)
     measured = poses if against is None else against

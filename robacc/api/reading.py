@@ -4,9 +4,24 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any
 
-from robacc.api.inputs import StrPath, checked_poses, load_poses, load_robot, stated
+from robacc.api.inputs import checked_poses, load_poses, load_robot, stated
+from robacc.api.parameters import (
+    Angles,
+    Bag,
+    Columns,
+    Commanded,
+    Coverage,
+    Help,
+    IgnoreLimits,
+    Ordered,
+    Sheet,
+    SkipGaps,
+    StrPath,
+    Units,
+    call,
+)
 from robacc.documents.read_result import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -16,39 +31,32 @@ from robacc.robots.description import Robot
 __all__ = ["PoseFile", "read_poses", "read_result", "read_robot", "write_poses", "write_robot"]
 
 
+@call
 def read_poses(
-    path: StrPath | SupportsColumns | Mapping[str, Any],
+    path: Annotated[
+        StrPath | SupportsColumns | Mapping[str, Any],
+        Help(
+            "File to read, ``-`` for standard input, or a data frame: pandas, Polars, Arrow, or arrays by the names of "
+            "columns."
+        ),
+    ],
     *,
-    robot: StrPath | Robot | None = None,
-    ordered: bool = False,
-    ignore_limits: bool = False,
-    angles: str | None = None,
-    units: str | None = None,
-    columns: StrPath | Mapping[str, str | None] | None = None,
-    skip_gaps: bool = False,
-    coverage: float | None = None,
-    sheet: str | None = None,
-    commanded: StrPath | None = None,
-    bag: str | None = None,
+    robot: Annotated[
+        StrPath | Robot | None,
+        Help("Robot or its file; its joints, limits and targets apply to the columns. None for no robot."),
+    ] = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    angles: Angles = None,
+    units: Units = None,
+    columns: Columns = None,
+    skip_gaps: SkipGaps = False,
+    coverage: Coverage = None,
+    sheet: Sheet = None,
+    commanded: Commanded = None,
+    bag: Bag = None,
 ) -> Measurements:
     """Read and check the measured poses of a file or a data frame.
-
-    Args:
-        path: File to read, ``-`` for standard input, or a data frame: pandas, Polars, Arrow, or arrays by the names of
-            columns.
-        robot: Robot or its file; its joints, limits and targets apply to the columns. None for no robot.
-        ordered: The rows are in the order measured, and the robot moved directly from each pose to the next;
-            directions and speeds are derived from it.
-        ignore_limits: Joint values outside the limits are a warning; by default they are an error where they exceed a
-            limit by more than 0.05 degree or 0.5 mm.
-        angles: Convention of three angles that form an orientation, such as ``fixed-xyz``.
-        units: Units of columns whose names have none, such as ``mm,deg``.
-        columns: Column map (YAML), or documented names by the names in the file.
-        skip_gaps: Leave out rows with a missing value, with a warning.
-        coverage: Coverage factor of uncertainties that the file calls U.
-        sheet: Sheet of a workbook.
-        commanded: Robot program, or table of joints or commanded poses, whose rows were measured.
-        bag: Topics and samples of a recording, such as ``joints=/joint_states,measured=/tracker/pose,at=rest``.
 
     Returns:
         Arrays in SI units, components first and poses last: ``position`` is ``(3, N)``, ``q`` is ``(J, N)``.

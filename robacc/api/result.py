@@ -5,13 +5,13 @@ from __future__ import annotations
 import inspect
 import io
 import json
-import math
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
+from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import InputFile, envelope
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
 
 # Use of a model on poses: the campaign's effects that apply to them, and the poses outside its validity ranges.
-
-CampaignUse = Literal["auto", "keep", "drop"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +71,7 @@ def use_model(
 
     Raises:
         InputError: ``strict_range``, and a pose is outside.
-        UsageError: ``campaign`` is none of the three.
     """
-    if campaign not in ("auto", "keep", "drop"):
-        raise UsageError(f"`campaign`: expected auto, keep or drop, found {campaign!r}")
     if robot is None:
         return ModelUse(None, None, ())
     digests = [record.sha256 for record in records]
@@ -89,7 +84,7 @@ def use_model(
     return ModelUse(robot, outside, notes)
 
 
-_RECORDED_APART = frozenset(
+RECORDED_APART = frozenset(
     (
         *("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"),
         *("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag"),
@@ -297,23 +292,10 @@ def options_of(call: Callable[..., Result], arguments: Mapping[str, object], **r
     if unknown := resolved.keys() - parameters.keys():
         raise TypeError(f"{call.__name__} has no parameter {', '.join(sorted(unknown))}")
     values = {**arguments, **resolved}
-    return {name: values[name] for name in parameters if name in resolved or name not in _RECORDED_APART}
+    return {name: values[name] for name in parameters if name in resolved or name not in RECORDED_APART}
 
 
 def effect_names(effects: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names in a list, or in text separated by commas, in their order and once; none for ``"none"``."""
     names = () if effects == "none" else effects.split(",") if isinstance(effects, str) else effects or ()
     return tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
-
-
-def check_choice(parameter: str, value: object, choices: Sequence[object]) -> None:
-    """Raise UsageError unless ``value`` is one of ``choices``."""
-    if value not in choices:
-        raise UsageError(f"`{parameter}`: expected one of {', '.join(map(repr, choices))}, found {value!r}")
-
-
-def check_range(parameter: str, value: float, low: float, high: float = math.inf) -> None:
-    """Raise UsageError unless ``low <= value <= high``."""
-    if not low <= value <= high:
-        limits = f"of at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-        raise UsageError(f"`{parameter}`: expected a number {limits}, found {value!r}")

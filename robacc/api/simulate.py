@@ -7,10 +7,24 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
-from robacc.api.inputs import PosesSource, StrPath, checked_poses, load_robot, pose_path, record_of, require_poses
-from robacc.api.result import CampaignUse, Provenance, Result, check_choice, check_range, fields_of, use_model
+from robacc.api.inputs import checked_poses, load_robot, pose_path, record_of, require_poses
+from robacc.api.parameters import (
+    BaseLink,
+    Campaign,
+    Help,
+    IgnoreLimits,
+    RobotArgument,
+    Seed,
+    StrictRange,
+    StrPath,
+    TipLink,
+    call,
+    numbers,
+    temperatures,
+)
+from robacc.api.result import Provenance, Result, fields_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import MissingColumnError, UsageError
@@ -20,7 +34,9 @@ from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation
 from robacc.simulation.simulate import simulate as simulate_poses
-from robacc.threads import single_threaded
+
+if TYPE_CHECKING:
+    from robacc.api.parameters import PosesSource
 
 _FIRST_ROW = 4
 """Line of the first row in a file with outliers, below two comments and the header."""
@@ -34,11 +50,6 @@ class Simulated(Result, Simulation):
     robot: Robot
     plan: Plan
     made: Provenance
-
-    @classmethod
-    def of(cls, body: Simulation, robot: Robot, plan: Plan, made: Provenance) -> Simulated:
-        """Return ``body`` with its inputs."""
-        return cls(**fields_of(body), robot=robot, plan=plan, made=made)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -84,59 +95,64 @@ class Simulated(Result, Simulation):
         }
 
 
-@single_threaded
+@call
 def simulate(
-    robot: StrPath | Robot,
+    robot: RobotArgument,
     *,
-    poses: int | None = None,
-    at: PosesSource | None = None,
-    ignore_limits: bool = False,
-    seed: int = 0,
-    cycles: int = 1,
-    sampling: Literal["even", "random"] = "even",
-    noise: float | str = 0.0,
-    noise_orientation: float | str = 0.0,
-    sigma: bool = False,
-    outliers: int = 0,
-    outlier_size: float | str = 0.01,
-    position_only: bool = False,
-    commanded: bool = False,
-    motion: bool = True,
-    time_step: float | None = None,
-    temperature: float | tuple[float, float] | None = None,
-    payload: Sequence[float] = (),
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
-    base_link: str | None = None,
-    tip_link: str | None = None,
+    poses: Annotated[
+        int | None,
+        Help("Number of commanded poses to sample.", "N", "Give either this or `at`.", least=1, most=1_000_000),
+    ] = None,
+    at: Annotated[
+        PosesSource | None,
+        Help("CSV of commanded poses, in the order visited.", "FILE", "Or poses read before.", holds="planned poses"),
+    ] = None,
+    ignore_limits: IgnoreLimits = False,
+    seed: Seed = 0,
+    cycles: Annotated[int, Help("Number of visits to every commanded pose.", "N", least=1, most=100_000)] = 1,
+    sampling: Annotated[
+        Literal["even", "random"],
+        Help("Low-discrepancy sequence, or uniform distribution of the joint variables."),
+    ] = "even",
+    noise: Annotated[
+        float | str,
+        Help(
+            "Standard deviation of the measurement noise along each axis, such as 0.02mm.", "SIZE", "A number is in m."
+        ),
+    ] = "0",
+    noise_orientation: Annotated[
+        float | str,
+        Help("Standard deviation about each axis, such as 0.005deg.", "SIZE", "A number is in rad."),
+    ] = "0",
+    sigma: Annotated[bool, Help("Write the noise as columns sigma_x, sigma_y, sigma_z, sigma_r.")] = False,
+    outliers: Annotated[int, Help("Number of outliers.", "K", least=0)] = 0,
+    outlier_size: Annotated[
+        float | str, Help("Position error of an outlier, such as 5mm.", "SIZE", "A number is in m.")
+    ] = "10mm",
+    position_only: Annotated[
+        bool,
+        Help("Measure position only, or position and orientation.", names=("position-only/orientation",)),
+    ] = False,
+    commanded: Annotated[bool, Help("Write cmd_ columns with the poses of the robot without its effects.")] = False,
+    motion: Annotated[
+        bool,
+        Help("Write direction and speed of approach, from the order of the poses.", names=("motion/no-motion",)),
+    ] = True,
+    time_step: Annotated[float | None, Help("Seconds between poses, written as time_s.", "S", least=0.0)] = None,
+    temperature: Annotated[
+        float | tuple[float, float] | None,
+        Help("Constant temperature, or a warm-up such as 22:28.", "C[:C]", "In degrees Celsius.", read=temperatures),
+    ] = None,
+    payload: Annotated[
+        Sequence[float],
+        Help("Payloads; each pose has one of them, chosen at random.", "KG,…", "In kg.", read=numbers),
+    ] = (),
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
 ) -> Simulated:
     """Simulate measured poses of a robot with the effects that its file lists, by the exact nonlinear model.
-
-    Args:
-        robot: Robot file (YAML), URDF, or a robot read before.
-        poses: Number of commanded poses to sample; give either this or ``at``.
-        at: CSV of commanded poses, or poses read before, in the order visited.
-        ignore_limits: Joint values of ``at`` outside the limits are a warning; by default they are an error where they
-            exceed a limit by more than 0.05 degree or 0.5 mm.
-        seed: Seed of the random numbers.
-        cycles: Number of visits to every commanded pose.
-        sampling: ``even`` for a low-discrepancy sequence of joint variables, ``random`` for a uniform distribution.
-        noise: Standard deviation of the measurement noise along each axis, m, or text such as ``"0.02mm"``.
-        noise_orientation: Standard deviation about each axis, rad, or text such as ``"0.005deg"``.
-        sigma: Add columns with the standard deviations of the noise.
-        outliers: Number of outliers.
-        outlier_size: Position error of an outlier, m or text.
-        position_only: Measure no orientation.
-        commanded: Add columns with the commanded poses, those of the robot without its effects.
-        motion: Add columns with direction and speed of approach, from the order of the poses.
-        time_step: Seconds between poses.
-        temperature: Degrees Celsius: constant, or start and end of a warm-up.
-        payload: Payloads, kg; each pose has one of them, chosen at random.
-        campaign: Use of the facts of the campaign that a model was fitted in, such as a drift: ``keep``, ``drop``, or
-            ``auto`` for its own poses and for measured poses that agree better with them.
-        strict_range: Refuse poses outside the validity range of the model.
-        base_link: First link of the chain in a URDF.
-        tip_link: Last link of the chain in a URDF.
 
     Returns:
         ``data``, which every call accepts as poses, and :meth:`Simulated.csv`, the file that the command writes.
@@ -172,7 +188,7 @@ def simulate(
         temperature=_temperature_range(temperature),
         payloads=tuple(map(float, payload)),
     )
-    _check(plan, poses)
+    _check(plan)
     arm, arm_record = load_robot(robot, base_link, tip_link, at)
     described = arm
     arm = use_model(arm, None, campaign=campaign).robot or arm
@@ -184,16 +200,12 @@ def simulate(
         raise MissingColumnError(message) from error
     use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
     options = {**dataclasses.asdict(plan), "campaign": campaign, "strict_range": strict_range}
-    return Simulated.of(body, arm, plan, Provenance(options, (arm_record, *records), seed, use))
+    return Simulated(
+        **fields_of(body), robot=arm, plan=plan, made=Provenance(options, (arm_record, *records), seed, use)
+    )
 
 
-def _check(plan: Plan, poses: int | None) -> None:
-    check_range("poses", 1 if poses is None else poses, 1, 1_000_000)
-    check_range("seed", plan.seed, 0)
-    check_range("cycles", plan.cycles, 1, 100_000)
-    check_range("outliers", plan.outliers, 0)
-    check_choice("sampling", plan.sampling, ("even", "random"))
-    check_range("time_step", plan.time_step or 0.0, 0.0)
+def _check(plan: Plan) -> None:
     for mass in plan.payloads:
         if not 0 <= mass < math.inf:
             raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")

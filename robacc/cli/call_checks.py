@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
-
-from robacc.cli.options import OUTPUTS, PlainFormat
-
-if TYPE_CHECKING:
-    pass
+from typing import Any
 
 
-def check_call(parameters: Mapping[str, Any]) -> None:
+def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
     """Raise an error for options that cannot work, before anything is computed.
+
+    Args:
+        parameters: Values of the options by the names of their parameters.
+        outputs: Parameters that name files to write.
 
     Raises:
         UsageError: an output has no name or would overwrite an input or another output, standard input is named twice,
@@ -28,7 +27,7 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         from robacc.render.plots.canvas import need
 
         need("matplotlib", "plotly", "jinja2")
-    texts = [text for name, value in parameters.items() if name not in OUTPUTS for text in _texts(value)]
+    texts = [text for name, value in parameters.items() if name not in outputs for text in _texts(value)]
     if texts.count("-") > 1:
         raise UsageError("standard input can be read only once, but - is given more than once; name files")
     inputs = [text for text in texts if _is_file(text)]
@@ -37,28 +36,16 @@ def check_call(parameters: Mapping[str, Any]) -> None:
         from robacc.documents.gate import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
-    _check_outputs(parameters, inputs)
+    _check_outputs(parameters, outputs, inputs)
 
 
-def refuse_json_beside_csv(form: PlainFormat, output: str) -> None:
-    """Refuse a JSON document where the command's CSV would go to standard output too.
-
-    Raises:
-        UsageError: ``form`` is JSON and the CSV has no file.
-    """
-    from robacc.errors import UsageError
-
-    if form is PlainFormat.json and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
-
-
-def _check_outputs(parameters: Mapping[str, Any], inputs: Sequence[str]) -> None:
+def _check_outputs(parameters: Mapping[str, Any], outputs: Sequence[str], inputs: Sequence[str]) -> None:
     from robacc.errors import UsageError
     from robacc.io.files import target_of
 
     is_folder_allowed = len(_texts(parameters.get("poses"))) > 1
     written: dict[str, str] = {}
-    for name in sorted(OUTPUTS & parameters.keys()):
+    for name in sorted(outputs):
         option = f"--{name.replace('_', '-')}"
         for path in _texts(parameters[name]):
             if not path:

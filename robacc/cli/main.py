@@ -10,15 +10,11 @@ import io
 import os
 import sys
 from collections.abc import Callable
-from importlib import import_module
-from keyword import iskeyword
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand, TyperGroup
+from typer.core import TyperGroup
 
-from robacc.cli import clock
-from robacc.cli.reading import POSE_PARAMETERS, with_reading_options
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text.console import say_error, say_interrupted
 from robacc.threads import VARIABLE
@@ -68,7 +64,11 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name, the command with its options, and the remaining arguments."""
         name, command, arguments = super().resolve_command(ctx, args)
-        return name, _load(name) if name in COMMANDS else command, arguments
+        if name in COMMANDS:
+            from robacc.cli.command import load
+
+            command = load(name)
+        return name, command, arguments
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command and report its error; no other function writes errors to the terminal."""
@@ -80,29 +80,6 @@ class Commands(TyperGroup):
         except KeyboardInterrupt as interrupt:
             say_interrupted(*map(str, interrupt.args))
             raise typer.Exit(INTERRUPTED) from interrupt
-
-
-class CheckedCommand(TyperCommand):
-    """Command that checks its options before it runs."""
-
-    def invoke(self, ctx: Any) -> Any:
-        """Run the command, unless it would overwrite an input or its options contradict each other."""
-        from robacc.cli.call_checks import check_call
-
-        clock.start()
-        check_call(ctx.params)
-        return super().invoke(ctx)
-
-
-def _load(name: str) -> Any:
-    """Import the module of a command and return the command."""
-    program, module = typer.Typer(add_completion=False, rich_markup_mode=None), name.replace("-", "_")
-    module = f"{module}_" if iskeyword(module) else module
-    function = getattr(import_module(f"robacc.cli.commands.{module}"), module)
-    if name in POSE_PARAMETERS:
-        function = with_reading_options(function, name)
-    program.command(name, cls=CheckedCommand)(function)
-    return typer.main.get_command(program)
 
 
 def _version(is_requested: bool) -> None:

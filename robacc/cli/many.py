@@ -14,15 +14,12 @@ from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
 
 from robacc.cli import clock
-from robacc.cli.options import Format
-from robacc.cli.output import Outlets
+from robacc.cli.options import Format, Outlets
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.outcomes import EstimateHeadline, FileOutcome, exit_status
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorFrame
     from robacc.api.estimate import Estimate
-    from robacc.api.result import CampaignUse
     from robacc.gates.evaluate import GateOutcome
     from robacc.parallel import Died
 
@@ -30,37 +27,13 @@ if TYPE_CHECKING:
 # Estimate of one of several files, in a process of its own.
 
 
-class EstimateOptions(NamedTuple):
-    """Options for every file, with the names of the parameters of :func:`robacc.api.estimate.estimate`."""
-
-    robot: str | None
-    align: tuple[str, ...] | None
-    frame: ErrorFrame | None
-    scale: str | None
-    confidence: float
-    ordered: bool
-    ignore_limits: bool
-    campaign: CampaignUse
-    strict_range: bool
-    base_link: str | None
-    tip_link: str | None
-    seed: int
-
-    def recorded(self) -> dict[str, Any]:
-        """Return the options of the JSON document; robot and scale stand among its inputs, the seed has its own key."""
-        return {
-            name: list(value) if isinstance(value, tuple) else value
-            for name, value in self._asdict().items()
-            if name not in ("robot", "scale", "seed")
-        }
-
-
 class FileTask(NamedTuple):
     """A file of poses, its options, and the files to write."""
 
     path: str
     name: str
-    options: EstimateOptions
+    options: Mapping[str, Any]
+    """Arguments of :func:`robacc.estimate` besides the poses."""
     form: Format
     gate: str | None
     result: str | None
@@ -82,7 +55,7 @@ def _outcome_of(task: FileTask) -> FileOutcome:
     from robacc.api.estimate import estimate
 
     try:
-        return _write_files(task, estimate(task.path, **task.options._asdict()))
+        return _write_files(task, estimate(task.path, **task.options))
     except InputError as error:
         return FileOutcome(task.name, error.exit_status, problems=error.problems, n_problems=error.total)
     except RobaccError as error:
@@ -99,7 +72,7 @@ def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
     document: Mapping[str, Any] = {}
     if task.gate is not None:
         document, outcome = result.gated(read_gate(task.gate))
-    elif task.document is not None or task.form is Format.json:
+    elif task.document is not None or task.form == "json":
         document = result.document()
     warnings = (*result.warnings, *(() if outcome is None else outcome.warnings))
     if task.per_pose is not None:
@@ -134,11 +107,11 @@ def _write_result(
         from robacc.render.views.estimate import estimate_view, short_estimate_view
 
         view = estimate_view if task.full else short_estimate_view
-        draw(view(payload(result), task.path, task.options.robot), stream)
+        draw(view(payload(result), task.path, task.options["robot"]), stream)
 
     gate = document.get("gate")
     write_result(
-        Outlets(task.form, path),
+        Outlets(format=task.form, output=path),
         "estimate",
         document=lambda: document,
         table=with_gate(table, gate, task.form) if gate else table,
@@ -160,7 +133,7 @@ def _headline(result: Estimate) -> EstimateHeadline:
     )
 
 
-_SUFFIXES = {Format.table: ".txt", Format.json: ".json", Format.markdown: ".md", Format.github: ".txt"}
+_SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
 _FILE_COST = 3 * 2**20
 """Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
@@ -170,7 +143,7 @@ _PROCESS_COST = 24 * 2**20
 
 def estimate_each(
     paths: Sequence[str],
-    options: EstimateOptions,
+    options: Mapping[str, Any],
     outlets: Outlets,
     per_pose: str | None,
     jobs: int | None,
@@ -200,7 +173,7 @@ def estimate_each(
     folder = _folder(outlets.output)
     with ExitStack() as stack:
         documents = None
-        if outlets.report is not None or (outlets.form is Format.json and folder is None):
+        if outlets.report is not None or (outlets.form == "json" and folder is None):
             documents = stack.enter_context(tempfile.TemporaryDirectory(prefix="robacc-"))
         names = distinct_names(paths)
         tasks = [
@@ -227,7 +200,7 @@ def estimate_each(
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | None) -> None:
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> None:
     """Raise an error that concerns every file once, before the first file is read."""
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import load_grade_scale, load_optional_robot
@@ -240,11 +213,11 @@ def _check_call(paths: Sequence[str], options: EstimateOptions, per_pose: str | 
         raise UsageError(f"{repeated} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
-    load_optional_robot(options.robot, options.base_link, options.tip_link)
-    if options.align:
-        check_frames(options.align)
-    check_confidence(options.confidence)
-    load_grade_scale(options.scale)
+    load_optional_robot(options["robot"], options["base_link"], options["tip_link"])
+    if options["align"]:
+        check_frames(options["align"])
+    check_confidence(options["confidence"])
+    load_grade_scale(options["scale"])
 
 
 def _real_paths(paths: Sequence[str]) -> set[str]:
@@ -361,7 +334,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     options = tasks[0].options
 
     def table(stream: TextIO) -> None:
-        draw(many_view(outcomes, options.robot, options.align), stream)
+        draw(many_view(outcomes, options["robot"], options["align"]), stream)
 
     if outlets.junit is not None:
         from robacc.render.text.gate import junit_of_files
@@ -370,11 +343,11 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
         write_text(outlets.report, _page(outcomes, tasks))
     output = outlets.output if folder is None else "-"
-    if outlets.form is Format.json:
+    if outlets.form == "json":
         write(output, _document(outcomes, tasks, folder))
-    elif outlets.form is Format.markdown:
+    elif outlets.form == "markdown":
         write(output, (markdown("estimate", page_text(table), None, tuple(map(as_options, _warnings(outcomes)))),))
-    elif outlets.form is Format.github:
+    elif outlets.form == "github":
         write(output, (many_annotations(outcomes),))
     elif output == "-":
         table(sys.stdout)
@@ -399,20 +372,21 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 
 def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
     """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
+    from robacc.api.result import RECORDED_APART
     from robacc.documents.envelope import InputFile, envelope
     from robacc.documents.estimate import entry, many_pieces, totals
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
 
     options = tasks[0].options
-    robot = None if options.robot is None else robot_path(options.robot)
-    shared = ((robot, "robot"), (options.scale, "scale"), (tasks[0].gate, "gate"))
+    robot = None if options["robot"] is None else robot_path(options["robot"])
+    shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].gate, "gate"))
     head = envelope(
         "estimate-many",
         totals(outcomes),
-        options=options.recorded(),
+        options={name: value for name, value in options.items() if name not in RECORDED_APART},
         inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
-        seed=options.seed,
+        seed=options["seed"],
     )
     documents = (
         None if outcome.failed or folder is not None else task.document

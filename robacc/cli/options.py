@@ -1,189 +1,74 @@
-"""Options that several commands share, declared once so that every command spells and explains them the same."""
+"""Options that commands add to those of their calls: forms and files of results."""
 
 from __future__ import annotations
 
-import math
 import os
-from enum import StrEnum
-from typing import Annotated
+from functools import partial
+from typing import Annotated, Any, Literal, NamedTuple
 
-import typer
+from robacc.api.parameters import Help
+from robacc.errors import UsageError
 
-_FORMS = {".json": "json", ".md": "markdown"}
-"""Form of a result by the ending of its file, where ``--format`` is not given."""
-_DEFAULT = "json or markdown if --output ends in .json or .md, else table"
-_FORM_HELP = "Form of the output: github writes annotations of a run, markdown a job summary."
+Call = partial[Any]
+"""Call of a command with the arguments of its options."""
+Format = Literal["table", "json", "markdown", "github"]
+PlainFormat = Literal["table", "json"]
+_FORM = "Form of the output: github writes annotations of a run, markdown a job summary."
+_OUTPUT = Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
 
-
-class Format(StrEnum):
-    """Form of a result."""
-
-    table = "table"
-    json = "json"
-    markdown = "markdown"
-    github = "github"
-
-
-class PlainFormat(StrEnum):
-    """Form of output that no gate applies to."""
-
-    table = "table"
-    json = "json"
+Output = Annotated[str, _OUTPUT]
+RobotFile = Annotated[str | None, Help("Robot file (YAML), URDF, or name of an arm that robacc robots lists.", "FILE")]
+SummaryFormat = Annotated[Format, Help(_FORM)]
+"""Form of the summary of a command whose ``--output`` is a file of targets."""
+WriteModel = Annotated[str | None, Help("Robot file to write, with the fitted model.", "FILE", holds="output")]
+Report = Annotated[str | None, Help("HTML page to write, with charts and tables.", "FILE", holds="output")]
 
 
-def form_of_output(context: typer.Context, form: Format | PlainFormat) -> Format | PlainFormat:
-    """Return the form of a result: that of ``--format``, else JSON or Markdown if the output's name ends so."""
-    source = context.get_parameter_source("form")
-    if source is None or source.name != "DEFAULT":
-        return form
-    ending = os.path.splitext(str(context.params.get("output")))[1].lower()
-    return next((member for member in type(form) if _FORMS.get(ending) == member.value), form)
+class Outlets(NamedTuple):
+    """Forms and files of a result."""
+
+    gate: Annotated[str | None, Help("Gate file (YAML) with criteria; exit 4: fail, 5: inconclusive.", "FILE")] = None
+    junit: Annotated[str | None, Help("JUnit XML to write, with the outcome of the gate.", "FILE", holds="output")] = (
+        None
+    )
+    report: Report = None
+    format: Annotated[Format | None, Help(f"{_FORM} Default: by the ending of `output`, .json or .md, else table.")] = (
+        None
+    )
+    output: Output = "-"
+
+    @property
+    def form(self) -> Format:
+        """Form of the result: that of ``--format``, else JSON or Markdown if the output's name ends so."""
+        ending = os.path.splitext(self.output)[1].lower()
+        return self.format or ("json" if ending == ".json" else "markdown" if ending == ".md" else "table")
 
 
-class CampaignUseName(StrEnum):
-    """Use of the facts of the campaign that a model was fitted in."""
+class PlainOutlets(NamedTuple):
+    """Form and file of output that no gate applies to."""
 
-    auto = "auto"
-    keep = "keep"
-    drop = "drop"
+    format: Annotated[
+        PlainFormat | None, Help("Form of the output; default: json if `output` ends in .json, else table.")
+    ] = None
+    output: Output = "-"
 
-
-PosesArgument = Annotated[
-    str,
-    typer.Argument(
-        metavar="POSES", help="Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input."
-    ),
-]
-RobotOption = Annotated[
-    str | None,
-    typer.Option(
-        "--robot", metavar="FILE", help="Robot file (YAML), URDF, or name of an arm that robacc robots lists."
-    ),
-]
-BaseLinkOption = Annotated[
-    str | None, typer.Option("--base-link", metavar="NAME", help="First link of the chain in a URDF.")
-]
-TipLinkOption = Annotated[
-    str | None,
-    typer.Option("--tip-link", metavar="NAME", help="Last link of the chain in a URDF; default: by the joint columns."),
-]
-AlignOption = Annotated[
-    str | None,
-    typer.Option(
-        "--align",
-        metavar="FRAME,…",
-        help="Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
-    ),
-]
-OrderedOption = Annotated[
-    bool,
-    typer.Option(
-        "--ordered",
-        help="Rows are in the order of measurement; directions and speeds of the joints are derived from it.",
-    ),
-]
-IgnoreLimitsOption = Annotated[
-    bool,
-    typer.Option(
-        "--ignore-limits",
-        help="Only warn of joint values outside the limits; by default, more than 0.05 deg or 0.5 mm is an error.",
-    ),
-]
-CampaignOption = Annotated[
-    CampaignUseName,
-    typer.Option(
-        "--campaign",
-        help="Apply drift and other effects of the campaign in which a model was measured; auto: if they fit.",
-    ),
-]
-StrictRangeOption = Annotated[
-    bool, typer.Option("--strict-range", help="Refuse poses outside the validity range of the model (exit 3).")
-]
-FormatOption = Annotated[
-    Format, typer.Option("--format", help=_FORM_HELP, callback=form_of_output, show_default=_DEFAULT)
-]
-PlainFormatOption = Annotated[
-    PlainFormat,
-    typer.Option(
-        "--format",
-        help="Form of the output.",
-        callback=form_of_output,
-        show_default="json if --output ends in .json, else table",
-    ),
-]
-SummaryFormatOption = Annotated[Format, typer.Option("--format", help=_FORM_HELP)]
-"""For commands whose ``--output`` is a file of targets: the form of the summary on standard output."""
-PlainSummaryFormatOption = Annotated[PlainFormat, typer.Option("--format", help="Form of the output.")]
-"""For commands whose ``--output`` is a CSV: the form of the summary on standard output."""
-OutputOption = Annotated[
-    str, typer.Option("--output", "-o", metavar="FILE", help="File to write; - is standard output.")
-]
-GateOption = Annotated[
-    str | None,
-    typer.Option("--gate", metavar="FILE", help="Gate file (YAML) with criteria; exit 4: fail, 5: inconclusive."),
-]
-JunitOption = Annotated[
-    str | None, typer.Option("--junit", metavar="FILE", help="JUnit XML to write, with the outcome of the gate.")
-]
-ReportOption = Annotated[
-    str | None, typer.Option("--report", metavar="FILE", help="HTML page to write, with charts and tables.")
-]
-ScaleOption = Annotated[
-    str | None, typer.Option("--scale", metavar="FILE", help="Grade scale (YAML) in place of the built-in scale.")
-]
-SeedOption = Annotated[
-    int, typer.Option("--seed", metavar="N", min=0, help="Seed of the random numbers, bootstrap included.")
-]
-ConfidenceOption = Annotated[
-    float, typer.Option("--confidence", metavar="P", help="Confidence level of every interval, between 0.5 and 1.")
-]
-NeededRobotOption = Annotated[
-    str,
-    typer.Option(
-        "--robot", metavar="FILE", help="Robot file (YAML), URDF, or name of an arm that robacc robots lists."
-    ),
-]
-WriteModelOption = Annotated[
-    str | None, typer.Option("--write-model", metavar="FILE", help="Robot file to write, with the fitted model.")
-]
-HoldoutOption = Annotated[
-    str | None,
-    typer.Option("--holdout", metavar="FILE", help="CSV of validation poses, in place of held-out poses of POSES."),
-]
-FoldsOption = Annotated[
-    int | None,
-    typer.Option(
-        "--folds",
-        metavar="K",
-        min=2,
-        max=50,
-        help="Parts of the poses that are held out in turn; default: each pose in turn, with those close to it.",
-    ),
-]
-OUTPUTS = frozenset(
-    {
-        *("output", "per_pose", "per_target", "write_model", "junit", "report", "urdf", "document"),
-        *("validation_output", "program", "warranty_map"),
-    }
-)
-"""Parameters of commands that name files to write."""
+    @property
+    def form(self) -> PlainFormat:
+        """Form of the output: that of ``--format``, else JSON if the output's name ends so."""
+        return self.format or ("json" if self.output.lower().endswith(".json") else "table")
 
 
-# Lists of numbers as the text of an option.
+class CsvOutlets(NamedTuple):
+    """File of a command that writes a CSV, and form of the summary on standard output."""
 
+    format: Annotated[PlainFormat, Help("Form of the output.")] = "table"
+    output: Output = "-"
 
-def numbers_of(text: str, separator: str, option: str) -> tuple[float, ...]:
-    """Return the finite numbers of a list.
+    def check(self) -> None:
+        """Refuse a JSON document where the CSV would go to standard output too.
 
-    Raises:
-        UsageError: a part of the list is not a finite number.
-    """
-    from robacc.errors import UsageError
-
-    try:
-        values = tuple(float(part) for part in text.split(separator))
-    except ValueError:
-        values = (math.nan,)
-    if not all(map(math.isfinite, values)):
-        raise UsageError(f"{option}: expected numbers separated by {separator!r}, found {text!r}")
-    return values
+        Raises:
+            UsageError: The format is JSON and the CSV has no file.
+        """
+        if self.format == "json" and self.output == "-":
+            raise UsageError("--format json needs --output, the CSV that it describes")

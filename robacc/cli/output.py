@@ -8,10 +8,10 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, TextIO
 
 from robacc.cli import clock
-from robacc.cli.options import Format, PlainFormat
+from robacc.cli.options import Format, Outlets, PlainFormat
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
@@ -79,16 +79,6 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
             bar.update(task, description=label, completed=done, total=total)
 
         yield show
-
-
-class Outlets(NamedTuple):
-    """Forms and files of a result, from the options that commands share."""
-
-    form: Format
-    output: str
-    gate: str | None = None
-    junit: str | None = None
-    report: str | None = None
 
 
 def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -> None:
@@ -187,7 +177,7 @@ def conclude(
             gate=document["gate"],
             warnings=warnings,
         )
-        if outcome.exit_status and (outlets.form is Format.json or outlets.output != "-"):
+        if outcome.exit_status and (outlets.form == "json" or outlets.output != "-"):
             from robacc.render.text.gate import say_gate
 
             say_gate(document["gate"])
@@ -204,7 +194,7 @@ def with_gate(
     def draw(stream: TextIO) -> None:
         if table is not None:
             table(stream)
-        if form is Format.table:
+        if form == "table":
             stream.write("\n" if table is not None else "")
             draw_gate(gate, stream)
 
@@ -240,16 +230,16 @@ def write_result(
     from robacc.render.text.parameter_names import as_options
 
     texts = tuple(map(as_options, warnings))
-    if outlets.form is Format.markdown:
+    if outlets.form == "markdown":
         from robacc.render.text.gate import markdown
 
         write(outlets.output, (markdown(command, page_text(table), gate, texts),))
-    elif outlets.form is Format.github:
+    elif outlets.form == "github":
         from robacc.render.text.gate import github_annotations
 
         write(outlets.output, (github_annotations(command, page_text(table), gate, texts),))
     else:
-        emit(PlainFormat(outlets.form.value), outlets.output, table=table, document=document)
+        emit(outlets.form, outlets.output, table=table, document=document)
 
 
 def emit(
@@ -262,7 +252,7 @@ def emit(
     Raises:
         InputError: the file cannot be written.
     """
-    if form is PlainFormat.json:
+    if form == "json":
         from robacc.io.json_text import json_pieces
 
         write(output, json_pieces(document()))

@@ -23,14 +23,17 @@ from typer.testing import CliRunner
 
 import robacc
 import robacc.api
+from robacc.api.parameters import choices_of, meaning_of
+from robacc.cli.command import declared_options
 from robacc.cli.main import app
-from robacc.cli.reading import with_reading_options
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
 PLAN = "sample_data/iso9283/plan.csv"
 MODULES = [f"robacc.api.{one.name}" for one in pkgutil.iter_modules(robacc.api.__path__)]
 FRAMES = ("base_frame", "tool_frame")
+COMMANDS = ["calibrate", "check", "compare", "correct", "estimate", "export", "import_", "iso9283", "plan", "predict"]
+COMMANDS += ["simulate", "trace"]
 
 
 @pytest.fixture(autouse=True)
@@ -213,50 +216,27 @@ def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
     assert robacc.simulate(puma, poses=4, outliers=1).csv() == run("simulate", puma, "--poses", "4", "--outliers", "1")
 
 
-OWN = {
-    "form",
-    "full",
-    "output",
-    "gate",
-    "junit",
-    "report",
-    "per_pose",
-    "per_target",
-    "warranty_map",
-    "voxel",
-    "write_model",
-    "jobs",
-    "quiet",
-}
-"""Options of the command line that say what becomes of the result, or how it is computed."""
-IN_WORDS = {"noise": "0", "noise_orientation": "0", "outlier_size": "10mm", "sampling": "even"}
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_options_of_a_command_are_the_parameters_of_its_call(name: str) -> None:
+    call = importlib.import_module(f"robacc.api.{name}")
+    command = getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)
+    options = declared_options(command, name)
+    for key, parameter in inspect.signature(inspect.unwrap(getattr(call, name))).parameters.items():
+        # The declaration is read from the source, without the names that the call's module imports.
+        kind, meaning = meaning_of(parameter.annotation, vars(call))
+        if key == "progress":
+            assert key not in options
+        elif options[key].owner == "call":
+            assert options[key][1:3] == (meaning, parameter.default)
+            assert choices_of(options[key].kind) == choices_of(kind)
 
 
-OWN_OF = {
-    "compare": OWN | {"paired", "model", "nominal", "noise"},  # those of compare_paired
-    "correct": OWN | {"frames"},  # of programs, which only the command reads
-    "plan": (OWN - {"gate"}) | {"validation_output", "program"},  # the gate sets the number of poses
-}
-"""The same of commands that have more of them, or fewer."""
-
-
-@pytest.mark.parametrize(
-    "name", ["estimate", "predict", "calibrate", "trace", "iso9283", "compare", "simulate", "correct", "plan"]
-)
-def test_call_has_the_commands_options_and_defaults(name: str) -> None:
-    function = getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)
-    # The other calls take how a file is read with its path, as a PoseFile.
-    command = inspect.signature(with_reading_options(function, name) if name == "estimate" else function).parameters
-    call = inspect.signature(getattr(robacc, name)).parameters
-    assert set(command) - OWN_OF.get(name, OWN) == set(call) - {"progress"}
-    for key, parameter in call.items():
-        if key == "progress" or parameter.default is inspect.Parameter.empty:
-            continue
-        default = command[key].default
-        if key in IN_WORDS and name == "simulate":
-            assert str(default) == IN_WORDS[key]
-        else:
-            assert (parameter.default or None) == (default or None), key
+def test_help_explains_every_parameter_with_its_type() -> None:
+    for name in [*COMMANDS, "compare_paired", "read_poses"]:
+        call = getattr(robacc, name)
+        for key, parameter in inspect.signature(call).parameters.items():
+            assert f"        {key}: " in call.__doc__
+            assert "Help(" not in str(parameter.annotation)
 
 
 def test_what_was_read_before_is_as_good_as_its_path(tmp_path: Path) -> None:

@@ -2,71 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, TextIO
+from collections.abc import Mapping, Sequence
+from typing import Annotated
 
-import typer
-
-from robacc.cli.options import (
-    ConfidenceOption,
-    Format,
-    FormatOption,
-    GateOption,
-    JunitOption,
-    OutputOption,
-    ReportOption,
-    SeedOption,
-)
+from robacc.api.parameters import Help
+from robacc.cli.options import Call, Outlets
 
 
 def compare(
-    results: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="RESULT RESULT …", help="Results stored as JSON, or two CSVs with --paired; - reads standard input."
-        ),
-    ],
-    paired: Annotated[
-        bool,
-        typer.Option("--paired", help="Compare two CSVs of the same targets, before and after a correction."),
-    ] = False,
-    model: Annotated[
-        str | None, typer.Option("--model", metavar="FILE", help="With --paired: model of the correction.")
-    ] = None,
-    nominal: Annotated[
-        str | None,
-        typer.Option("--nominal", metavar="FILE", help="With --paired: nominal robot, for CSVs without cmd_ columns."),
-    ] = None,
-    noise: Annotated[
-        str | None,
-        typer.Option("--noise", metavar="SIZE", help="With --paired: measurement noise along each axis."),
-    ] = None,
-    baseline: Annotated[
-        str | None,
-        typer.Option(
-            "--baseline", metavar="NAME", help="Result that the others are compared with; default: the first."
-        ),
-    ] = None,
-    by: Annotated[
-        str | None,
-        typer.Option(
-            "--by", metavar="KEY", help="Figure for the ranking, such as position.p95; default: position.rms."
-        ),
-    ] = None,
-    grade: Annotated[
-        str | None, typer.Option("--grade", metavar="GRADE", help="Grade to check each result for.")
-    ] = None,
-    scale: Annotated[
-        str | None,
-        typer.Option("--scale", metavar="FILE", help="Grade scale (YAML) in place of the scale of the results."),
-    ] = None,
-    confidence: ConfidenceOption = 0.95,
-    seed: SeedOption = 0,
-    gate: GateOption = None,
-    junit: JunitOption = None,
-    report: ReportOption = None,
-    form: FormatOption = Format.table,
-    output: OutputOption = "-",
+    call: Call,
+    *,
+    paired: Annotated[bool, Help("Compare two CSVs of the same targets, before and after a correction.")] = False,
+    model: Annotated[str | None, Help("With `paired`: model of the correction.", "FILE")] = None,
+    nominal: Annotated[str | None, Help("With `paired`: nominal robot, for CSVs without cmd_ columns.", "FILE")] = None,
+    noise: Annotated[str | None, Help("With `paired`: measurement noise along each axis.", "SIZE")] = None,
+    outlets: Outlets,
 ) -> None:
     """Compare stored results: significant differences, ranking and confirmed grades.
 
@@ -75,26 +25,32 @@ def compare(
 
     Example: robacc compare arm1.json arm2.json --grade D
     """
-    options = {"baseline": baseline, "by": by, "grade": grade, "scale": scale, "gate": gate, "report": report}
-    if _is_paired(paired, results, {"model": model, "nominal": nominal, "noise": noise}, options):
-        _compare_paired(results, model, nominal, noise, form, output)
+    from robacc.api.compare import compare_paired
+    from robacc.cli.output import deliver
+    from robacc.render.views.compare import comparison_view, paired_view
+    from robacc.render.views.elements import draw
+
+    given = call.keywords
+    stored = {name: given.get(name) for name in ("baseline", "by", "grade", "scale")}
+    if _is_paired(
+        paired,
+        call.args,
+        {"model": model, "nominal": nominal, "noise": noise},
+        {**stored, "gate": outlets.gate, "report": outlets.report},
+    ):
+        names = call.args[0], call.args[1]
+        changes = compare_paired(*names, model=model, nominal=nominal, noise=noise)
+        deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), names), stream))
         return
-    from robacc.api.compare import compare as run_compare
-    from robacc.cli.output import Outlets, deliver
-
-    result = run_compare(*results, baseline=baseline, by=by, grade=grade, scale=scale, confidence=confidence, seed=seed)
-
-    def table(stream: TextIO) -> None:
-        from robacc.render.views.compare import comparison_view
-        from robacc.render.views.elements import draw
-
-        draw(comparison_view(result.payload()), stream)
-
-    deliver(Outlets(form, output, gate, junit, report), result, table)
+    result = call()
+    deliver(outlets, result, lambda stream: draw(comparison_view(result.payload()), stream))
 
 
 def _is_paired(
-    paired: bool, results: list[str], paired_options: Mapping[str, str | None], stored_options: Mapping[str, str | None]
+    paired: bool,
+    results: Sequence[str],
+    paired_options: Mapping[str, str | None],
+    stored_options: Mapping[str, str | None],
 ) -> bool:
     """Return whether the call compares targets before and after a correction.
 
@@ -114,17 +70,3 @@ def _is_paired(
         if value is not None:
             raise UsageError(f"--{name} compares stored results; leave it out with --paired")
     return True
-
-
-def _compare_paired(
-    results: list[str], model: str | None, nominal: str | None, noise: str | None, form: Format, output: str
-) -> None:
-    """Compare two CSVs of the same targets."""
-    from robacc.api.compare import compare_paired
-    from robacc.cli.output import Outlets, deliver
-    from robacc.render.views.compare import paired_view
-    from robacc.render.views.elements import draw
-
-    before, after = results
-    result = compare_paired(before, after, model=model, nominal=nominal, noise=noise)
-    deliver(Outlets(form, output), result, lambda stream: draw(paired_view(result.payload(), (before, after)), stream))

@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
-from robacc.cli.options import (
-    BaseLinkOption,
-    IgnoreLimitsOption,
-    OrderedOption,
-    OutputOption,
-    PlainFormat,
-    PlainFormatOption,
-    RobotOption,
-    TipLinkOption,
-)
+from robacc.api.parameters import BaseLink, Help, IgnoreLimits, Ordered, TipLink
+from robacc.cli.options import PlainOutlets, RobotFile
 
 if TYPE_CHECKING:
     from robacc.measurements import Measurements
@@ -23,22 +13,22 @@ if TYPE_CHECKING:
 
 
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="[EFFECT]", help="Effect to describe in detail.")] = None,
-    robot: RobotOption = None,
+    effect: Annotated[str | None, Help("Effect to describe in detail.", "[EFFECT]")] = None,
+    *,
+    robot: RobotFile = None,
     poses: Annotated[
         str | None,
-        typer.Option(
-            "--poses",
-            metavar="FILE",
-            help="CSV of poses; the list says which effects they can identify. Needs --robot.",
+        Help(
+            "CSV of poses; the list says which effects they can identify. Needs `robot`.",
+            "FILE",
+            holds="measured poses",
         ),
     ] = None,
-    ordered: OrderedOption = False,
-    ignore_limits: IgnoreLimitsOption = False,
-    base_link: BaseLinkOption = None,
-    tip_link: TipLinkOption = None,
-    form: PlainFormatOption = PlainFormat.table,
-    output: OutputOption = "-",
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    outlets: PlainOutlets,
 ) -> None:
     """List the effects; with a name, show its equation, unit, usual size, required data and similar effects.
 
@@ -55,21 +45,21 @@ def effects(
 
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
-    if name is not None:
-        registry.effect_class(name)
+    if effect is not None:
+        registry.effect_class(effect)
     arm, data = _load(robot, poses, base_link, tip_link, ordered, ignore_limits)
-    entries = catalogue(name, arm, data)
+    entries = catalogue(effect, arm, data)
     inputs = []
     if robot is not None:
         inputs.append(results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"))
     if data is not None:
         inputs.append(results.InputFile.at(poses or "-", data.sha256 or "", "poses"))
-    options = {"effect": name, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
+    options = {"effect": effect, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
     options |= {"base_link": base_link, "tip_link": tip_link}
     emit(
-        form,
-        output,
-        table=lambda stream: draw_effects(entries, name is not None, stream),
+        outlets.form,
+        outlets.output,
+        table=lambda stream: draw_effects(entries, effect is not None, stream),
         document=lambda: results.envelope("effects", document(entries), options=options, inputs=inputs, seed=None),
     )
 

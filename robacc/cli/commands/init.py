@@ -6,9 +6,7 @@ import os
 from pathlib import PurePath
 from typing import Annotated
 
-import typer
-
-from robacc.cli.options import BaseLinkOption, TipLinkOption
+from robacc.api.parameters import BaseLink, Help, TipLink
 
 _TABLES = frozenset(
     {".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".json", ".jsonl", ".xlsx", ".xls", ".ods", ".parquet"}
@@ -19,22 +17,17 @@ _TABLES = frozenset(
 def init(
     source: Annotated[
         str | None,
-        typer.Argument(metavar="[FILE]", help="URDF, name of an arm, or export of poses; without it, give --joints."),
+        Help("URDF, name of an arm, or export of poses; without it, give --joints.", "[FILE]"),
     ] = None,
-    joints: Annotated[
-        int | None, typer.Option("--joints", metavar="N", help="Number of joints of the example arm, without a URDF.")
-    ] = None,
-    robot: Annotated[str, typer.Option("--robot", metavar="FILE", help="Robot file to write.")] = "robot.yaml",
-    poses: Annotated[str, typer.Option("--poses", metavar="FILE", help="CSV to write.")] = "poses.csv",
-    columns: Annotated[
-        str, typer.Option("--columns", metavar="FILE", help="Column map to write for an export of poses.")
-    ] = "columns.yaml",
-    folder: Annotated[
-        str, typer.Option("--folder", metavar="DIR", help="Folder of the files; created if it does not exist.")
-    ] = ".",
-    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
-    base_link: BaseLinkOption = None,
-    tip_link: TipLinkOption = None,
+    *,
+    joints: Annotated[int | None, Help("Number of joints of the example arm, without a URDF.", "N")] = None,
+    robot: Annotated[str, Help("Robot file to write.", "FILE")] = "robot.yaml",
+    poses: Annotated[str, Help("CSV to write.", "FILE")] = "poses.csv",
+    columns: Annotated[str, Help("Column map to write for an export of poses.", "FILE")] = "columns.yaml",
+    folder: Annotated[str, Help("Folder of the files; created if it does not exist.", "DIR")] = ".",
+    force: Annotated[bool, Help("Overwrite existing files.")] = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
 ) -> None:
     """Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.
 

@@ -5,26 +5,20 @@ from __future__ import annotations
 from pathlib import PurePath
 from typing import Annotated
 
-import typer
+from robacc.api.parameters import Help
 
 FORMS = ("svg", "png", "pdf")
 
 
 def plot(
-    result: Annotated[
-        str, typer.Argument(metavar="RESULT", help="Result of any command as JSON; - reads standard input.")
-    ],
+    result: Annotated[str, Help("Result of any command as JSON; - reads standard input.", "RESULT")],
+    *,
     output: Annotated[
-        str, typer.Option("--output", "-o", metavar="FILE", help="File to write; its suffix is .svg, .png or .pdf.")
-    ],
-    kind: Annotated[
         str,
-        typer.Option("--kind", metavar="KIND", help="Kind of chart; without it, the main chart, and a note of others."),
-    ] = "",
-    number: Annotated[
-        int,
-        typer.Option("--number", metavar="N", min=1, help="Number of the chart among several of its kind."),
-    ] = 1,
+        Help("File to write; its suffix is .svg, .png or .pdf.", "FILE", names=("output", "o"), holds="output"),
+    ],
+    kind: Annotated[str, Help("Kind of chart; without it, the main chart, and a note of others.", "KIND")] = "",
+    number: Annotated[int, Help("Number of the chart among several of its kind.", "N", least=1)] = 1,
 ) -> None:
     """Write a chart of a stored result as SVG, PNG or PDF.
 

@@ -4,25 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
+from robacc.api.parameters import Help
 
 
 def report(
-    results: Annotated[
-        list[str],
-        typer.Argument(metavar="RESULT [RESULT …]", help="Results of any command as JSON; - reads standard input."),
-    ],
+    results: Annotated[list[str], Help("Results of any command as JSON; - reads standard input.", "RESULT [RESULT …]")],
+    *,
     identity: Annotated[
         list[str] | None,
-        typer.Option(
-            "--identity",
-            metavar="FILE|KEY=TEXT",
-            help="What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated. "
-            "It replaces what the robot file states under identity.",
+        Help(
+            "What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated. It replaces what "
+            "the robot file states under identity.",
+            "FILE|KEY=TEXT",
         ),
     ] = None,
-    *,
-    output: Annotated[str, typer.Option("--output", "-o", metavar="FILE", help="Page to write; - is standard output.")],
+    output: Annotated[str, Help("Page to write; - is standard output.", "FILE", names=("output", "o"), holds="output")],
 ) -> None:
     """Write stored results as an HTML page with charts and tables, to read, print and sign.
 

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from robacc.cli.options import OutputOption, PlainFormat, PlainFormatOption
+from robacc.api.parameters import Help
+from robacc.cli.options import PlainOutlets
 
 
 def robots(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[TEXT]", help="Part of a maker's or an arm's name; default: every arm.")
-    ] = None,
-    form: PlainFormatOption = PlainFormat.table,
-    output: OutputOption = "-",
+    name: Annotated[str | None, Help("Part of a maker's or an arm's name; default: every arm.", "[TEXT]")] = None,
+    *,
+    outlets: PlainOutlets,
 ) -> None:
     """List the arms that come with the package; every command takes one as --robot NAME.
 
@@ -36,8 +33,8 @@ def robots(
         fix = f"did you mean {near}?" if near else "robacc robots lists all of them"
         raise InputError(Problem(f"no arm of the package has {name!r} in its name", fix=fix))
     emit(
-        form,
-        output,
+        outlets.form,
+        outlets.output,
         table=lambda stream: draw_robots(arms, stream),
         document=lambda: results.envelope(
             "robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from robacc.cli.options import OutputOption
+from robacc.api.parameters import Help
+from robacc.cli.options import Output
 
 
 def schema(
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="Name of a command; without it, the names are listed.")
-    ] = None,
-    output: OutputOption = "-",
+    name: Annotated[str | None, Help("Name of a command; without it, the names are listed.", "[NAME]")] = None,
+    *,
+    output: Output = "-",
 ) -> None:
     """Print the JSON Schema of a command's result: keys, units and required keys.
 

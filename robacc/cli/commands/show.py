@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from typing import Annotated
 
-import typer
-
-from robacc.cli.options import BaseLinkOption, OutputOption, PlainFormat, PlainFormatOption, TipLinkOption
+from robacc.api.parameters import BaseLink, Help, TipLink
+from robacc.cli.options import PlainOutlets
 
 
 def show(
-    robot: Annotated[str, typer.Argument(metavar="ROBOT", help="Robot file (YAML), URDF, or name of an arm.")],
-    base_link: BaseLinkOption = None,
-    tip_link: TipLinkOption = None,
-    form: PlainFormatOption = PlainFormat.table,
-    output: OutputOption = "-",
+    robot: Annotated[str, Help("Robot file (YAML), URDF, or name of an arm.", "ROBOT")],
+    *,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    outlets: PlainOutlets,
 ) -> None:
     """Show the chain, joints, limits, reach and masses of a robot file or URDF.
 
@@ -33,8 +32,8 @@ def show(
     summary = summarise(arm, coefficients(arm))
     options = {"base_link": base_link, "tip_link": tip_link}
     emit(
-        form,
-        output,
+        outlets.form,
+        outlets.output,
         table=lambda stream: console_for(stream).print(render_robot(summary)),
         document=lambda: results.envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
     )

@@ -1,0 +1,266 @@
+"""Parameters of the calls: what each means and how the command line takes it; those of several calls are declared once.
+
+The signature of a call is the only declaration of its parameters. :func:`call` makes the ``Args:`` of its docstring and
+the checks of its arguments from it, and :mod:`robacc.cli.command` its options. Nothing heavy is imported here.
+"""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import math
+import os
+import re
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, get_args, get_origin
+
+from robacc.errors import UsageError
+from robacc.prediction import DEFAULT_SAMPLES
+from robacc.threads import single_threaded
+
+if TYPE_CHECKING:
+    from robacc.measurements import Measurements
+    from robacc.poses.reading import SupportsColumns
+    from robacc.robots.description import Robot
+
+    PosesSource = str | os.PathLike[str] | Measurements | SupportsColumns | Mapping[str, Any]
+    """Poses: a file, poses read before, or a data frame (pandas, Polars, Arrow, or arrays by the names of columns)."""
+    RobotSource = str | os.PathLike[str] | Robot
+
+P = ParamSpec("P")
+Returned = TypeVar("Returned")
+StrPath = str | os.PathLike[str]
+
+
+class Help(NamedTuple):
+    """Help of a parameter, in its annotation ``Annotated[type, Help(…)]``."""
+
+    text: str
+    """Sentence of ``--help`` and of the docstring; other parameters are named in backquotes."""
+    metavar: str | None = None
+    """What stands for the value in ``--help``."""
+    python: str = ""
+    """What the call takes besides; only the docstring says it."""
+    least: float | None = None
+    most: float | None = None
+    names: tuple[str, ...] = ()
+    """Names of the option, where it has another than the parameter: ``on/off`` is a pair, a letter a short option."""
+    read: Callable[[str, str], object] | None = None
+    """Makes the argument from the option's name and text; None for text, and for a number as it is annotated."""
+    holds: Literal["", "measured poses", "planned poses", "output"] = ""
+    """What a file holds, where the command line must know."""
+
+
+class _KnownNames(dict[str, Any]):
+    """Names in annotations; one that is not known, such as a class of a module not imported, is any type."""
+
+    def __missing__(self, name: str) -> Any:
+        if name in ("str", "int", "float", "bool", "tuple", "list"):
+            raise KeyError(name)
+        return Any
+
+
+def meaning_of(annotation: Any, names: Mapping[str, Any]) -> tuple[Any, Help]:
+    """Return the type and the meaning of a parameter.
+
+    Args:
+        annotation: The annotation, as text where its module postpones the evaluation.
+        names: Names that the annotation may use besides those of this module.
+    """
+    known = _KnownNames({**globals(), "Sequence": Sequence, **names})
+    kind, meaning = annotation, Help("")
+    for _ in range(2):  # the annotation, then the type in it
+        kind = getattr(kind, "__forward_arg__", kind)
+        kind = eval(kind, {}, known) if isinstance(kind, str) else kind
+        if hasattr(kind, "__metadata__"):
+            meaning, kind = kind.__metadata__[0], kind.__origin__
+    return kind, meaning
+
+
+def choices_of(kind: Any) -> tuple[Any, ...]:
+    """Return the values of the literal in a type; none without one."""
+    if get_origin(kind) is Literal:
+        return get_args(kind)
+    return next((found for part in get_args(kind) if (found := choices_of(part))), ())
+
+
+def call(function: Callable[P, Returned]) -> Callable[P, Returned]:
+    """Return a call whose docstring explains its parameters, and which checks its arguments and runs in one thread."""
+    signature = inspect.signature(function)
+    meanings = {name: meaning_of(item.annotation, function.__globals__) for name, item in signature.parameters.items()}
+    limited = single_threaded(function)
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> Returned:
+        for name in kwargs.keys() & meanings.keys():
+            _check(name, kwargs[name], *meanings[name])
+        return limited(*args, **kwargs)
+
+    lines = [
+        textwrap.fill(
+            f"{name}: " + re.sub("(?<!`)`(?!`)", "``", f"{meaning.text} {meaning.python}".strip()),
+            width=116,
+            initial_indent=" " * 8,
+            subsequent_indent=" " * 12,
+        )
+        for name, (_, meaning) in meanings.items()
+    ]
+    summary, returns, rest = (function.__doc__ or "").partition("    Returns:\n")
+    checked.__doc__ = "\n".join((f"{summary}    Args:", *lines, "", f"{returns}{rest}"))
+    shown = [item.replace(annotation=_type_text(item.annotation)) for item in signature.parameters.values()]
+    checked.__signature__ = signature.replace(parameters=shown)  # type: ignore[attr-defined]
+    return checked
+
+
+def _type_text(annotation: str) -> str:
+    """Return the type in an annotation as text, without the meaning."""
+    known = globals().get(annotation)
+    if known is not None and hasattr(known, "__metadata__"):
+        kind = known.__origin__
+        return str(getattr(kind, "__forward_arg__", None) or inspect.formatannotation(kind))
+    return annotation.removeprefix("Annotated[").partition(", Help(")[0]
+
+
+def _check(parameter: str, value: Any, kind: Any, meaning: Help) -> None:
+    """Raise UsageError for an argument outside the choices or the range of its annotation."""
+    if (choices := choices_of(kind)) and value is not None and value not in choices:
+        listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
+        raise UsageError(f"`{parameter}`: expected one of {listed}, found {value!r}")
+    if meaning.least is not None and value is not None:
+        check_range(parameter, value, meaning.least, math.inf if meaning.most is None else meaning.most)
+
+
+def check_range(parameter: str, value: float, low: float, high: float = math.inf) -> None:
+    """Raise UsageError unless ``low <= value <= high``."""
+    if not low <= value <= high:
+        limits = f"of at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+        raise UsageError(f"`{parameter}`: expected a number {limits}, found {value!r}")
+
+
+# Texts of options as arguments.
+
+
+def numbers(name: str, text: str, separator: str = ",") -> tuple[float, ...]:
+    """Return the finite numbers of a list.
+
+    Raises:
+        UsageError: A part of the list is not a finite number.
+    """
+    try:
+        values = tuple(float(part) for part in text.split(separator))
+    except ValueError:
+        values = (math.nan,)
+    if not all(map(math.isfinite, values)):
+        raise UsageError(f"`{name}`: expected numbers separated by {separator!r}, found {text!r}")
+    return values
+
+
+def temperatures(name: str, text: str) -> tuple[float, float]:
+    """Return the first and the last temperature of ``22:28``, or of ``22``.
+
+    Raises:
+        UsageError: The text is not one or two numbers.
+    """
+    ends = numbers(name, text, ":")
+    if len(ends) > 2:
+        raise UsageError(f"`{name}`: expected a number, or two such as 22:28, found {text!r}")
+    return ends[0], ends[-1]
+
+
+def count_or_path(_: str, text: str) -> int | str:
+    """Return the number if the text is one of digits, else the text."""
+    return int(text) if text.isdecimal() else text
+
+
+# Parameters of several calls.
+
+CampaignUse = Literal["auto", "keep", "drop"]
+_ROBOT = Help("Robot file (YAML), URDF, or name of an arm that robacc robots lists.", "FILE", "Or a robot read before.")
+Poses = Annotated[
+    "PosesSource",
+    Help(
+        "Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
+        "POSES",
+        "Or poses read before, made of arrays, or a data frame.",
+        holds="measured poses",
+    ),
+]
+RobotArgument = Annotated[
+    "RobotSource", Help("Robot file (YAML), URDF, or name of an arm.", "ROBOT", "Or a robot read before.")
+]
+NeededRobot = Annotated["RobotSource", _ROBOT]
+OptionalRobot = Annotated["RobotSource | None", _ROBOT]
+BaseLink = Annotated[str | None, Help("First link of the chain in a URDF.", "NAME")]
+TipLink = Annotated[str | None, Help("Last link of the chain in a URDF; default: by the joint columns.", "NAME")]
+Ordered = Annotated[
+    bool, Help("Rows are in the order of measurement; directions and speeds of the joints are derived from it.")
+]
+IgnoreLimits = Annotated[
+    bool,
+    Help("Only warn of joint values outside the limits; by default, more than 0.05 deg or 0.5 mm is an error."),
+]
+Campaign = Annotated[
+    CampaignUse,
+    Help(
+        "Apply drift and other effects of the campaign in which a model was measured; auto: if they fit.",
+        python="``auto`` keeps them for the model's own poses and for measured poses that agree better with them.",
+    ),
+]
+StrictRange = Annotated[bool, Help("Refuse poses outside the validity range of the model (exit 3).")]
+Scale = Annotated[StrPath | None, Help("Grade scale (YAML) in place of the built-in scale.", "FILE")]
+Seed = Annotated[int, Help("Seed of the random numbers, bootstrap included.", "N", least=0)]
+Confidence = Annotated[float, Help("Confidence level of every interval, between 0.5 and 1.", "P")]
+Holdout = Annotated[
+    "PosesSource | None",
+    Help("CSV of validation poses, in place of held-out poses of POSES.", "FILE", holds="measured poses"),
+]
+Folds = Annotated[
+    int | None,
+    Help(
+        "Parts of the poses that are held out in turn; default: each pose in turn, with those close to it.",
+        "K",
+        least=2,
+        most=50,
+    ),
+]
+Samples = Annotated[
+    int | None, Help(f"Number of configurations over the joint ranges; default: {DEFAULT_SAMPLES}.", "N")
+]
+Progress = Annotated[
+    Callable[[str, int, int], None] | None,
+    Help("", python="Called with a label of the work, the number of steps done, and the number of all steps."),
+]
+"""Not an option: it has no text of ``--help``."""
+
+# How a file of poses is read.
+
+Angles = Annotated[
+    str | None,
+    Help(
+        "Convention of angles: rotvec, fixed-xyz, moving-xyz, zyx, kuka-abc, zyz; of a quaternion: wxyz, xyzw.", "NAME"
+    ),
+]
+Units = Annotated[str | None, Help("Units of columns whose names have none, such as mm,deg.", "U,U")]
+Columns = Annotated[
+    StrPath | Mapping[str, str | None] | None,
+    Help(
+        "Column map (YAML) of an export; robacc init EXPORT writes it.",
+        "FILE",
+        "Or documented names by the names in the file.",
+    ),
+]
+SkipGaps = Annotated[bool, Help("Leave out rows with a missing value, with a warning.")]
+Coverage = Annotated[float | None, Help("Coverage factor of columns such as Ux: 1 if standard, 2 if expanded.", "K")]
+Sheet = Annotated[str | None, Help("Sheet of a workbook.", "NAME")]
+Commanded = Annotated[
+    StrPath | None,
+    Help("Commands of the measured poses in another file: robot program, or table of joints or poses.", "FILE"),
+]
+Bag = Annotated[
+    str | None,
+    Help(
+        "Topics and samples of a ROS bag: joints=, measured=, commanded=, at=rest|any, clock=stamp|recorder.",
+        "KEY=VALUE,…",
+    ),
+]

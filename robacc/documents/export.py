@@ -19,7 +19,7 @@ EXPORT = part(
         ),
         "urdf_sha256": Key(
             digest | None,
-            "SHA-256 of the URDF that --urdf wrote; null for a file written with --format.",
+            "SHA-256 of the URDF if one was written; null for a file of another format.",
             lambda _: None,
         ),
         "not_carried": Key(array(text), "Parts of the model that the format cannot represent."),

@@ -363,10 +363,10 @@ class SmoothProcess(CovarianceTerm):
         return slice(0, 1)
 
     def _kernel(self, parameters: Array, rows: Rows) -> Array:
-        distance: Array | float = 0.0
+        distance = np.zeros((rows.time.size,) * 2)
         for j, chord in rows.chords.items():
             distance = distance + chord * math.exp(-2.0 * parameters[1 + j])
-        kernel: Array = math.exp(2.0 * parameters[0]) * np.exp(-0.5 * np.asarray(distance))
+        kernel: Array = math.exp(2.0 * parameters[0]) * np.exp(-0.5 * distance)
         return kernel
 
     def _carriers(self, rows: Rows) -> range:

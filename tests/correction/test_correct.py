@@ -15,6 +15,7 @@ from slow_parameters import some_fast
 import robacc
 from robacc.correction.correction import length_bound
 from robacc.effects.base import REGISTRY
+from robacc.effects.constants import absorbed
 from robacc.effects.specification import entry_of
 from robacc.geometry import Array, log_between
 from robacc.measurements import Measurements, motion_between_rows
@@ -168,7 +169,7 @@ def with_effect(robot: Robot, name: str, data: Measurements) -> Robot | None:
     terms = [term for term in effect.terms(own, data) if not term.name.endswith(".beta")]
     values = {term.name: 0.3 * term.typical * rng.uniform(0.5, 1.0) for term in terms}
     if effect.traits.is_constant:
-        return effect.apply(own, values)
+        return absorbed(robot, [effect], values)
     return dataclasses.replace(robot, effects=(entry_of(effect, values),), effect_units=(1.0, 1.0))
 
 

@@ -372,12 +372,12 @@ def estimated(noise: CovarianceParameters, linear: Linearised) -> CovariancePara
             damping *= 10.0
         _, gradient, information = best
         free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
-        system = information[np.ix_(free, free)] + damping * np.eye(free.size)
-        step = np.zeros_like(at)
-        step[free] = np.clip(np.linalg.solve(system, gradient[free]), -_LONGEST, _LONGEST)
-        step = np.clip(at + step, low, high) - at
-        if gradient @ step - 0.5 * step @ information @ step < _GAINS:
+        ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
+        if 0.5 * gradient[free] @ ahead < _GAINS:
             break
+        step = np.zeros_like(at)
+        step[free] = ahead * min(1.0, _LONGEST / float(np.abs(ahead).max()))
+        step = np.clip(at + step, low, high) - at
     return dataclasses.replace(start.unpacked(at), factor=noise.factor)
 
 

@@ -140,14 +140,17 @@ def held_out_poses(
         latest = linearised(rows)
         flat = latest[1].reshape(-1, size)
         normal = normal + flat.T @ flat
+    scale = 1.0 / np.sqrt(np.diag(normal))
+    root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * normal * scale)) * scale
     models = [
-        None if start is None or not mask.any() else _Reduced.of(fit, data, start, theta, mask, normal)
+        None if start is None or not mask.any() else _Reduced.of(fit, data, start, theta, mask, root)
         for start, theta, mask in zip(poses, thetas, kept, strict=True)
     ]
     for rows in blocks:
         jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
+        ahead, scaled = np.moveaxis(jacobian, -1, 0) @ root.T, whitened @ root.T
         for model in filter(None, models):
-            for inside in model.move(fit, rows, jacobian, whitened, groups[rows]):
+            for inside in model.move(fit, rows, ahead, scaled, groups[rows]):
                 undetermined(rows[inside])
     return [
         start if model is None else Poses(model.rotation, model.position)
@@ -157,14 +160,15 @@ def held_out_poses(
 
 @dataclass(frozen=True)
 class _Reduced:
-    """A fit that may lack some effects."""
+    """A fit that may lack some effects, in scaled coefficients, for which the normal matrix of the whole fit is I.
 
-    kept: NDArray[np.bool_]
-    """``(K,)`` mask of its coefficients among the fit's."""
-    root: Array
-    """Inverse factor of its normal matrix: coefficients times its inverse have the normal matrix I."""
+    Without effects, the scaled coefficients are orthogonal to a few directions.
+    """
+
+    absent: Array
+    """``(K, A)`` orthonormal directions of the absent effects."""
     whole: Array
-    """Its coefficients, scaled so."""
+    """``(K,)`` its scaled coefficients."""
     residual: Array
     """``(M, N)``"""
     position: Array
@@ -173,28 +177,29 @@ class _Reduced:
 
     @classmethod
     def of(
-        cls, fit: Fit, data: Measurements, poses: Poses, theta: Array, kept: NDArray[np.bool_], normal: Array
+        cls, fit: Fit, data: Measurements, poses: Poses, theta: Array, kept: NDArray[np.bool_], root: Array
     ) -> _Reduced:
-        """Reduce a fit of normal matrix ``normal`` ``(K, K)`` to the coefficients ``kept`` of ``theta`` ``(P,)``."""
-        own = normal[np.ix_(kept, kept)]
-        scale = 1.0 / np.sqrt(np.diag(own))
-        root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * own * scale)) * scale
-        whole = np.asarray(np.linalg.solve(root.T, theta[fit.identifiability.columns[kept]]), dtype=np.float64)
+        """Reduce a fit to the coefficients ``kept`` ``(K,)`` of ``theta`` ``(P,)``; ``root`` ``(K, K)`` scales them."""
+        absent = np.linalg.qr(root[:, ~kept])[0]
+        whole = np.linalg.solve(root.T, np.where(kept, theta[fit.identifiability.columns], 0.0))
         error = fit.residual if kept.all() else residuals(data, poses)
-        return cls(kept, root, whole, error, poses.translation.copy(), poses.rotation.copy())
+        return cls(absent, whole, error, poses.translation.copy(), poses.rotation.copy())
 
     def move(
-        self, fit: Fit, rows: NDArray[np.int64], jacobian: Array, whitened: Array, groups: NDArray[np.int64]
+        self, fit: Fit, rows: NDArray[np.int64], ahead: Array, scaled: Array, groups: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
-        """Hold out ``rows``; return the places among them of groups that alone determine a coefficient."""
-        scaled = (whitened if self.kept.all() else whitened[:, :, self.kept]) @ self.root.T
+        """Hold out ``rows``; return the places among them of groups that alone determine a coefficient.
+
+        ``ahead`` ``(n, 6, K)`` is the Jacobian of their poses, ``scaled`` ``(n, M, K)`` the whitened one.
+        """
+        if self.absent.size:
+            scaled = scaled - (scaled @ self.absent) @ self.absent.T
         white = (fit.whitening.subset(rows).apply(self.residual[:, rows]) * fit.inliers[rows]).T
         change, alone = np.empty((rows.size, len(self.whole))), []
         for inside in blocks_of(groups):
             change[inside], high = _changes(scaled, white, inside, self.whole)
             alone += [inside[group] for group in high]
-        own = jacobian if self.kept.all() else jacobian[:, self.kept]
-        moved = np.einsum("ikn,nk->in", own, change @ self.root)
+        moved = np.einsum("nik,nk->in", ahead, change)
         self.position[:, rows] += moved[:3]
         self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
         return alone

@@ -28,6 +28,7 @@ from robacc.error_model.covariance import (
     likelihood_derivatives,
     log_evidence,
     on_subset,
+    usual_std,
     whitened,
     with_terms_that_gain,
 )
@@ -170,7 +171,7 @@ def with_error_structure(
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
     return ErrorStructure(
-        _with_covariance(fitted, noise, linear, rows, is_weighted),
+        _with_covariance(fitted, _with_places(noise, linear), linear, rows, is_weighted),
         options,
         noise,
         parts,
@@ -192,6 +193,16 @@ def beside(fitted: Fit, data: Measurements) -> tuple[Linearised, NDArray[np.int6
     whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
+
+
+def _with_places(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
+    """Return the noise with an error that the visits of a place share, whether or not it is significant.
+
+    Poses that are visited again are a part of the design: standard errors that leave out what they may share are too
+    small where it is there (random effects of a design stay in the model; Barr et al. 2013).
+    """
+    starts = [] if "place" in noise.terms else TERMS["place"].starts(linear, usual_std(noise, linear))
+    return estimated(noise.with_term("place", starts[0]), linear) if starts else noise
 
 
 def _source(data: Measurements) -> Source:

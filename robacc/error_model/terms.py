@@ -277,21 +277,38 @@ class JointScatter(CovarianceTerm):
         return int(np.sum(np.exp(parameters) * linear.reach > NEGLIGIBLE * noise[0]))
 
 
-class PlaceError(JointScatter):
-    """Errors of the joints that the visits of a place share, without regard to other places."""
+class PlaceError(CovarianceTerm):
+    """Error of the target that the visits of a place share, without regard to other places."""
 
     name = "place"
-    meaning = "errors of the joints that visits of a pose, or of poses close together, share"
-    part = "pose"
-    is_correlated = True
+    meaning = "error that visits of a pose, or of poses close together, share"
+    of_joints = False
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
-        """Return errors of a third of the noise at the target; none if no place is visited twice."""
+        """Return a third of the noise; none if no place is visited twice."""
         visits = np.unique(np.stack((linear.rows.visit, linear.rows.place)), axis=1)[1]
-        return super().starts(linear, noise) if np.unique(visits).size < visits.size else []
+        return [np.asarray(np.log(0.3 * noise))] if np.unique(visits).size < visits.size else []
 
-    def _same(self, rows: Rows) -> Array:
-        return rows.same_place
+    def bounds(self, count: int) -> list[tuple[float, float]]:
+        """Return the bounds of the standard deviations."""
+        return [_STD] * count
+
+    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
+        """Return the variance of each component where two rows are of one place."""
+        return [variance * rows.same_place for variance in np.repeat(np.exp(2.0 * parameters), 3)]
+
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+        """Yield the derivatives by the log standard deviations."""
+        for kind, variance in enumerate(np.exp(2.0 * parameters)):
+            yield kind, range(3 * kind, 3 * kind + 3), 2.0 * variance * rows.same_place
+
+    def size(self, parameters: Array, linear: Linearised) -> float:
+        """Return the length of three components."""
+        return float(math.sqrt(3.0) * np.exp(parameters[0]))
+
+    def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
+        """Return all parameters."""
+        return len(parameters)
 
 
 class JointProfile(CovarianceTerm):

@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import refused
 from pose_files import Reader
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.io.dialect import find_dialect
 from robacc.io.files import write_text
@@ -19,6 +18,11 @@ from robacc.measurements import Measurements
 from robacc.poses.columns import is_documented
 from robacc.poses.csv_file import format_poses
 
+URDF = (
+    '<robot name="a"><link name="b"><collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
+    '<link name="t"/><joint name="j" type="revolute"><parent link="b"/><child link="t"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+)
 ROBOT, POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
 
 
@@ -29,9 +33,7 @@ def test_a_number_of_400_digits_in_a_result(tmp_path: Path) -> None:
     path.write_text(json.dumps(result))
     gate.write_text("robacc_gate: 1\nname: g\ncriteria:\n  - {key: position.rms, limit: 1 mm, reason: r}\n")
     for call in (["check", str(path), "--gate", str(gate)], ["compare", str(path), str(path)]):
-        ended = CliRunner().invoke(app, call)
-        assert ended.exit_code == 3
-        assert "is not a result: the number 9999" in ended.output.replace("\n", " ")
+        assert "is not a result: the number 9999" in refused(*call, status=3)
 
 
 def test_a_loop_of_links_is_no_output(tmp_path: Path) -> None:
@@ -72,11 +74,7 @@ def test_a_mesh_stays_inside_the_package_and_any_failure_is_one_message(
     for name in ("arm/secret.stl", "arm/meshes.stl", "secret.stl", "arm/urdf/poses.json"):
         (tmp_path / name).write_text("{}")
     urdf = folder / "arm.urdf"
-    urdf.write_text(
-        f'<robot name="a"><link name="b"><collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
-        '<link name="t"/><joint name="j" type="revolute"><parent link="b"/><child link="t"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
+    urdf.write_text(URDF.format(mesh=mesh))
     with pytest.raises(InputError, match=message):
         robacc.plan(urdf, poses=5, purpose="calibrate", collisions=True)
 
@@ -96,11 +94,7 @@ def test_a_mesh_of_the_package_or_of_one_beside_it_is_read(tmp_path: Path, mesh:
     for name in ("arm", "tool"):
         trimesh.creation.box((1, 1, 1)).export(tmp_path / name / "meshes" / "a.stl")
     urdf = tmp_path / "arm" / "urdf" / "arm.urdf"
-    urdf.write_text(
-        f'<robot name="a"><link name="b"><collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
-        '<link name="t"/><joint name="j" type="revolute"><parent link="b"/><child link="t"/><axis xyz="0 0 1"/>'
-        '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
-    )
+    urdf.write_text(URDF.format(mesh=mesh))
     (shape,) = read_link_shapes(str(urdf), read_robot(str(urdf)))
     assert shape.faces.shape == (12, 3)
 
@@ -122,8 +116,7 @@ def test_ids_that_a_spreadsheet_would_run_are_marked_and_read_back(read: Reader,
 def test_a_last_line_that_ends_inside_a_number_is_warned_of(read: Reader) -> None:
     rows = [f"{0.1 * i:.3f},1.000,2.000,{3 + 0.0125 * i:.4f}" for i in range(8)]
     text = "\n".join(["q1,x,y,z", *rows])
-    assert read(text).warnings == ()
-    assert read(text + "\n").warnings == ()
+    assert read(text).warnings == read(text + "\n").warnings == ()
     (warning,) = read(text[:-2]).warnings
     assert "poses.csv: 3.08, the last number, has fewer decimals than those above" in warning
     assert read(text[:-2] + "\n").warnings == ()

@@ -8,13 +8,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pytest
 from arms import arm
-from typer.testing import CliRunner, Result
+from commands import in_order, missing, one_line, output, refused, run
 
 from robacc.calibration.calibrating import calibrate
-from robacc.cli.main import app
 from robacc.effects.request import parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -50,12 +50,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for name, seed in (("poses", "1"), ("apart", "2")):
         noise = ["--noise", "0.02mm", "--noise-orientation", "0.02mrad"]
         arguments = ["--poses", "50", "--seed", seed, *noise, "-o", str(folder / f"{name}.csv")]
-        assert run("simulate", str(folder / "true.yaml"), *arguments).exit_code == 0
+        output("simulate", folder / "true.yaml", *arguments)
     return folder
-
-
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
 
 
 def command(files: Path, fit: str, *more: str) -> tuple[str, ...]:
@@ -64,10 +60,7 @@ def command(files: Path, fit: str, *more: str) -> tuple[str, ...]:
 
 @cache
 def document(files: Path, fit: str, *more: str) -> dict[str, Any]:
-    done = run(*command(files, fit, *more, "--format", "json"))
-    assert done.exit_code == 0
-    found: dict[str, Any] = json.loads(done.stdout, parse_constant=pytest.fail)
-    return found
+    return commands.document(*command(files, fit, *more))
 
 
 def values(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -125,12 +118,11 @@ def test_joints_in_brackets_and_without(files: Path) -> None:
 
 def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
-    done = run(*command(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model), "--format", "json"))
-    fitted = json.loads(done.stdout)["after"]["fitted"]
+    fitted = document(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model))["after"]["fitted"]
     data = read_poses(str(files / "poses.csv"))
     residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
     assert fitted["position"]["rms_m"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0, abs=1e-12)
-    fresh = json.loads(run("estimate", str(files / "apart.csv"), "--robot", str(model), "--format", "json").stdout)
+    fresh = commands.document("estimate", files / "apart.csv", "--robot", model)
     assert fresh["position"]["rms_m"] < 1.6 * np.sqrt(3) * NOISE
     # Near nominal: no length of a kilometre that another takes back.
     for before, after in zip(read_robot(files / "arm.yaml").joints, read_robot(model).joints, strict=True):
@@ -173,15 +165,6 @@ def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None
     assert document(files, GEOMETRY, "--prior")["shrinkage"] == []
 
 
-def test_the_table_reports_the_shrinkage(files: Path) -> None:
-    text = " ".join(run(*command(files, GEOMETRY)).stdout.split())
-    assert "1 of 8 lengths differs from nominal: link_geometry.j2.a; the others are shrunk to nominal" in text
-    assert "standard errors come from the poses alone, without the prior; --no-shrink fits without it" in text
-    assert "shrunk to nominal" not in run(*command(files, GEOMETRY, "--no-shrink")).stdout
-    offsets = " ".join(run(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry")).stdout.split())
-    assert "shrunk to nominal" in offsets
-
-
 @pytest.mark.slow
 def test_tolerances_as_priors(files: Path) -> None:
     free = document(files, "joint_offset,link_geometry")
@@ -190,9 +173,8 @@ def test_tolerances_as_priors(files: Path) -> None:
     assert abs(values(free)["joint_offset.j2"]["value"]) > 5e-4
     assert abs(values(held)["joint_offset.j2"]["value"]) < 2e-5
     assert values(held)["joint_offset.j2"]["std"] <= 1.01e-6
-    bare = run("calibrate", str(files / "poses.csv"), "--robot", str(files / "bare.yaml"), "--fit", GEOMETRY, "--prior")
-    assert bare.exit_code == 2
-    assert "has none on any joint" in bare.stderr
+    bare = ("calibrate", files / "poses.csv", "--robot", files / "bare.yaml", "--fit", GEOMETRY, "--prior")
+    assert "has none on any joint" in refused(*bare)
 
 
 def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
@@ -215,23 +197,23 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
 
 
 def test_the_table(files: Path) -> None:
-    done = run(*command(files, GEOMETRY))
-    assert done.exit_code == 0
-    at = -1
-    for part in (
-        "Calibration from 50 measured poses",
-        "Before and after",
-        "nominal, base and tool registered",
-        "baseline",
-        "calibrated",
-    ):
-        at = done.stdout.index(part, at + 1)
-    for part in ("Coefficients", "standard error", "joint_offset.j2", "condition number"):
-        assert part in done.stdout
+    table = output(*command(files, GEOMETRY))
+    parts = ("Calibration from 50 measured poses", "Before and after", "nominal, base and tool registered", "baseline")
+    assert in_order(table, (*parts, "calibrated"))
+    assert missing(table, "Coefficients", "standard error", "joint_offset.j2", "condition number") == []
     # Without sigma columns the residual gives the row weights, so that chi-square tests nothing.
-    assert "mm along each axis (standard deviation), estimated" in " ".join(done.stdout.split())
-    assert "chi-square" not in done.stdout
-    assert "not distinguishable from fitted coefficients on these poses: joint_offset" in " ".join(done.stdout.split())
+    assert "chi-square" not in table
+    told = (
+        "mm along each axis (standard deviation), estimated",
+        "not distinguishable from fitted coefficients on these poses: joint_offset",
+        "1 of 8 lengths differs from nominal: link_geometry.j2.a; the others are shrunk to nominal",
+        "standard errors come from the poses alone, without the prior; --no-shrink fits without it",
+    )
+    assert missing(one_line(table), *told) == []
+    assert "shrunk to nominal" not in output(*command(files, GEOMETRY, "--no-shrink"))
+    assert "shrunk to nominal" in one_line(
+        output(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry"))
+    )
 
 
 def test_a_file_of_its_own_judges(files: Path) -> None:
@@ -250,19 +232,15 @@ def test_a_file_of_its_own_judges(files: Path) -> None:
     ],
 )
 def test_wrong_usage_is_status_2(files: Path, fit: str, message: str) -> None:
-    done = run(*command(files, fit))
-    assert (done.exit_code, done.stdout) == (2, "")
-    assert message in done.stderr
+    assert message in refused(*command(files, fit))
 
 
 def test_too_few_poses_are_status_3(files: Path, tmp_path: Path) -> None:
     few = tmp_path / "few.csv"
     lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
     few.write_text("\n".join(lines[:5]) + "\n", encoding="utf-8")
-    done = run("calibrate", str(few), "--robot", str(files / "arm.yaml"), "--fit", GEOMETRY)
-    assert (done.exit_code, done.stdout) == (3, "")
-    assert "too few for" in done.stderr
-    assert "measure more poses or fit fewer effects" in done.stderr
+    told = refused("calibrate", few, "--robot", files / "arm.yaml", "--fit", GEOMETRY, status=3)
+    assert missing(told, "too few for", "measure more poses or fit fewer effects") == []
 
 
 def few_poses(n: int) -> Measurements:

@@ -7,27 +7,18 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
-
-from robacc.cli.main import app
+from commands import output, refused, run
 
 ROOT = Path(__file__).resolve().parents[2]
 UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
 CONF = ROOT / "tests" / "controllers" / "samples" / "calibration.conf"
 
 
-def run(*words: object, status: int = 0) -> str:
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    assert result.exit_code == status, result.output
-    return result.stdout if status == 0 else result.stderr
-
-
 def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
     arm, conf, document = tmp_path / "arm.yaml", tmp_path / "new.conf", tmp_path / "export.json"
-    run("import", CONF, "--arm", "ur10e", "--output", arm)
-    shown = run(
-        "export", arm, "--format", "ur-calibration", "--template", CONF, "--output", conf, "--document", document
-    )
+    output("import", CONF, "--arm", "ur10e", "--output", arm)
+    options = ("--format", "ur-calibration", "--template", CONF, "--output", conf, "--document", document)
+    shown = output("export", arm, *options)
     assert shown.startswith("Export as ur-calibration of ur10e\n")
     assert "position < 0.0001 mm rms" in shown
     result = json.loads(document.read_text(encoding="utf-8"))
@@ -38,12 +29,12 @@ def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
 
 
 def test_standard_output_is_the_file_and_nothing_else(tmp_path: Path) -> None:
-    result = CliRunner().invoke(app, ["export", str(UR10), "--format", "xarm", "--output", "-"])
+    result = run("export", UR10, "--format", "xarm", "--output", "-")
     assert result.stdout.startswith("# written by robacc")
     assert result.stderr.startswith("Export as xarm")
     again = tmp_path / "links.yaml"
     again.write_text(result.stdout, encoding="utf-8")
-    assert run("import", again, "--output", "-").startswith("# Written by robacc")
+    assert output("import", again, "--output", "-").startswith("# Written by robacc")
 
 
 @pytest.mark.parametrize(
@@ -60,4 +51,4 @@ def test_standard_output_is_the_file_and_nothing_else(tmp_path: Path) -> None:
     ],
 )
 def test_wrong_usage_is_explained(words: tuple[object, ...], message: str) -> None:
-    assert message in " ".join(run(*words, status=2).split())
+    assert message in refused(*words)

@@ -11,9 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner, Result
+from commands import document, missing, one_line, output, refused, run
 
-from robacc.cli.main import app
 from robacc.effects import REGISTRY
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
@@ -30,20 +29,9 @@ PUMA = ROOT / "configs" / "robots" / "puma560.yaml"
 SCARA = ROOT / "configs" / "robots" / "scara.yaml"
 
 
-def run(*arguments: object) -> Result:
-    return CliRunner().invoke(app, [str(argument) for argument in arguments], catch_exceptions=False)
-
-
-def refused(*arguments: object, status: int = 2) -> str:
-    result = run(*arguments)
-    assert result.exit_code == status
-    assert result.stdout == ""
-    return " ".join(result.stderr.split())
-
-
 def test_what_simulate_writes_reads_back_to_the_last_digit(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
-    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4, "-o", path).exit_code == 0
+    output("simulate", TRUTH, "--poses", 30, "--seed", 4, "-o", path)
     robot = read_robot(TRUTH)
     data = read_poses(path, robot=KnownRobot(joint_names=robot.variable_names))
     assert data.n == 30
@@ -54,7 +42,7 @@ def test_what_simulate_writes_reads_back_to_the_last_digit(tmp_path: Path) -> No
 def test_ordered_rows_say_how_the_joints_moved(tmp_path: Path) -> None:
     # The columns left out, the order of rows gives the same prediction: backlash of the third joint included.
     path = tmp_path / "poses.csv"
-    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4, "--no-motion", "-o", path).exit_code == 0
+    output("simulate", TRUTH, "--poses", 30, "--seed", 4, "--no-motion", "-o", path)
     data = read_poses(path, ordered=True)
     np.testing.assert_array_equal(data.position, predict(read_robot(TRUTH), data).translation)
 
@@ -63,8 +51,8 @@ def test_options_become_columns() -> None:
     arguments = ("--poses", 4, "--cycles", 2, "--noise", "20um", "--noise-orientation", "0.001deg", "--sigma")
     more = ("--commanded", "--time-step", 30, "--temperature", "22:28", "--payload", "0,2", "--sampling", "random")
     header = run("simulate", PUMA, *arguments, *more).stdout.splitlines()[1].split(",")
-    assert {"cmd_x", "cmd_qw", "sigma_x", "sigma_r", "time_s", "temperature_c", "payload_kg", "dir_q1"} <= set(header)
-    assert {"speed_q6", "pose", "cycle", "qw"} <= set(header)
+    columns = "cmd_x cmd_qw sigma_x sigma_r time_s temperature_c payload_kg dir_q1 speed_q6 pose cycle qw"
+    assert missing(header, *columns.split()) == []
     header = run("simulate", PUMA, "--poses", 4, "--position-only", "--no-motion").stdout.splitlines()[1]
     assert header == "q1,q2,q3,q4,q5,q6,x,y,z,pose"
 
@@ -93,21 +81,15 @@ def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_pa
     file, plan, poses = tmp_path / "robot.yaml", tmp_path / "plan.csv", tmp_path / "poses.csv"
     file.write_text(robot_to_yaml(robot), encoding="utf-8")
     plan.write_text("q1,q2,q3,q4,q5,q6\n0.1,0.2,0.3,0.4,0.5,0.6\n0.2,0.2,0.3,0.4,0.5,0.6\n", encoding="utf-8")
-    assert run("simulate", file, "--at", plan, "-o", poses).exit_code == 0
+    output("simulate", file, "--at", plan, "-o", poses)
     data = read_poses(poses)
-    assert data.q is not None
-    assert data.target is not None
-    assert data.target.tolist() == ["a", "b", "a", "b"]
-    assert data.q[0].tolist() == [0.1, 0.1, 0.2, 0.2]
+    assert (data.target.tolist(), data.q[0].tolist()) == (["a", "b", "a", "b"], [0.1, 0.1, 0.2, 0.2])
 
 
 def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
     urdf = tmp_path / "puma.urdf"
-    assert run("export", PUMA, "--urdf", urdf).exit_code == 0
-    same = (
-        run("simulate", PUMA, "--poses", 5, "--noise", "1um").stdout,
-        run("simulate", urdf, "--poses", 5, "--noise", "1um").stdout,
-    )
+    output("export", PUMA, "--urdf", urdf)
+    same = [output("simulate", robot, "--poses", 5, "--noise", "1um") for robot in (PUMA, urdf)]
     one, other = (np.array([row.split(",")[6:9] for row in text.splitlines()[2:]], dtype=float) for text in same)
     np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
@@ -115,11 +97,8 @@ def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
 def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     arguments = ("simulate", PUMA, "--poses", 20, "--outliers", 2, "--outlier-size", "3mm")
-    result = run(*arguments, "-o", path, "--format", "json")
-    found = json.loads(result.stdout)
-    assert found["schema"] == "robacc.simulate/1"
-    assert found["n_poses"] == 20
-    assert found["seed"] == 0
+    found = document(*arguments, "-o", path)
+    assert (found["schema"], found["n_poses"], found["seed"]) == ("robacc.simulate/1", 20, 0)
     assert found["file_sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
     head = path.read_text(encoding="utf-8").splitlines()[1]
     assert head == f"# Outliers on lines {', '.join(map(str, found['outlier_lines']))}"
@@ -162,8 +141,8 @@ def test_an_effect_that_lacks_its_circumstance_names_the_options(tmp_path: Path)
     entry = "effects: [{effect: frame_drift, values: {x: 1e-4}}]\n"
     path.write_text(PUMA.read_text(encoding="utf-8") + entry, encoding="utf-8")
     message = refused("simulate", path, "--poses", 3)
-    assert "frame_drift needs the column time_s" in message
-    assert "--time-step, --temperature and --payload add such columns" in message
+    told = ("frame_drift needs the column time_s", "--time-step, --temperature and --payload add such columns")
+    assert missing(message, *told) == []
 
 
 def commands() -> list[str]:
@@ -174,7 +153,7 @@ def commands() -> list[str]:
 def test_sample_data_are_what_their_readme_says(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     *arguments, target = shlex.split(command)[1:]
     monkeypatch.chdir(ROOT)
-    assert run(*arguments, tmp_path / "poses.csv").exit_code == 0
+    output(*arguments, tmp_path / "poses.csv")
     robot = read_robot(ROOT / arguments[1])
     again = read_poses(tmp_path / "poses.csv", robot=KnownRobot(joint_names=robot.variable_names))
     stored = read_poses(ROOT / target, robot=KnownRobot(joint_names=robot.variable_names))
@@ -194,7 +173,7 @@ def test_every_file_of_the_sample_data_has_a_line_in_their_readme() -> None:
 
 def test_the_catalogue_lists_every_effect() -> None:
     table = run("effects").stdout
-    found = json.loads(run("effects", "--format", "json").stdout)
+    found = document("effects")
     assert found["schema"] == "robacc.effects/1"
     assert [effect["name"] for effect in found["effects"]] == list(REGISTRY)
     for effect in found["effects"]:
@@ -211,17 +190,15 @@ def test_the_catalogue_lists_every_effect() -> None:
 
 def test_one_effect_in_detail_and_one_that_is_none() -> None:
     text = run("effects", "backlash", "--robot", PUMA).stdout
-    assert "{effect: backlash, joints: [j2], values: {j2: -1e-4}}" in text
-    assert "applicable to j1, j2, j3, j4, j5, j6" in text
-    assert "backlash.j2 (rad)" in text
-    assert "Ruderman" in text
+    told = ("{effect: backlash, joints: [j2], values: {j2: -1e-4}}", "applicable to j1, j2, j3, j4, j5, j6")
+    assert missing(text, *told, "backlash.j2 (rad)", "Ruderman") == []
     assert "36 more" in run("effects", "joint_correction", "--robot", PUMA).stdout
     assert "no effect 'backlsh', did you mean 'backlash'?" in refused("effects", "backlsh")
 
 
 def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     def offers(*options: object) -> dict[str, str | None]:
-        found = json.loads(run("effects", *options, "--format", "json").stdout)
+        found = document("effects", *options)
         assert all(effect["offered"] == (effect["why"] is None) for effect in found["effects"])
         return {effect["name"]: effect["why"] for effect in found["effects"]}
 
@@ -229,14 +206,13 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     without = {"joint_hardening", "friction_windup", "compliance_variation"}  # the file has no masses
     assert {name: why for name, why in robot.items() if why} == dict.fromkeys(without, "no masses in the robot file")
     both = offers("--robot", SAMPLES / "trace" / "robot.yaml", "--poses", SAMPLES / "trace" / "poses.csv")
-    assert both["payload_compliance"] == "no payload_kg column"
-    assert both["frame_drift"] == "no time_s column that varies"
-    assert both["backlash"] is None
+    expected = {"payload_compliance": "no payload_kg column", "frame_drift": "no time_s column that varies"}
+    assert both | expected | {"backlash": None} == both
     no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
     assert offers(*no_motion)["approach_lag"] == "no speed_q columns, and `ordered` is not set"
     assert offers(*no_motion, "--ordered")["approach_lag"] is None
     text = run("effects", "--robot", SCARA).stdout
-    assert "not applicable: no masses in the robot file" in " ".join(text.split())
+    assert "not applicable: no masses in the robot file" in one_line(text)
 
 
 def test_poses_without_a_robot_cannot_be_judged() -> None:
@@ -247,14 +223,12 @@ def test_poses_without_a_robot_cannot_be_judged() -> None:
 def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
     urdf = tmp_path / "arm.urdf"
     result = run("export", TRUTH, "--urdf", urdf, "--format", "json")
-    assert result.exit_code == 0
     found = json.loads(result.stdout)
-    assert found["schema"] == "robacc.export/1"
+    assert (result.exit_code, found["schema"]) == (0, "robacc.export/1")
     assert found["urdf_sha256"] == hashlib.sha256(urdf.read_bytes()).hexdigest()
     carried_not = [loss for loss in found["not_carried"] if loss.startswith("effect")]
     assert carried_not == ["effect joint_compliance", "effect backlash"]
-    for loss in found["not_carried"]:
-        assert f"a URDF cannot represent {loss}" in result.stderr
+    assert missing(result.stderr, *(f"a URDF cannot represent {loss}" for loss in found["not_carried"])) == []
     # Frames, zeros and lengths among the effects are geometry, which a URDF carries: what is left out is the rest.
     truth = read_robot(TRUTH)
     data = simulate(dataclasses.replace(truth, effects=truth.effects[:4]), Plan(9)).data

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
 
+import commands
 import numpy as np
 import pytest
 from arms import arm
-from typer.testing import CliRunner, Result
+from commands import in_order, missing, one_line, output, refused, run
 
-from robacc.cli.main import app
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
@@ -35,13 +34,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (folder / f"{name}.yaml").write_text(text, encoding="utf-8")
     for name, of, seed in (("poses", "true", "1"), ("apart", "true", "2"), ("clean", "clean", "3")):
         arguments = ["--poses", "50", "--seed", seed, "--noise", "0.02mm", "--position-only"]
-        done = run("simulate", str(folder / f"{of}.yaml"), *arguments, "-o", str(folder / f"{name}.csv"))
-        assert done.exit_code == 0
+        output("simulate", folder / f"{of}.yaml", *arguments, "-o", folder / f"{name}.csv")
     return folder
-
-
-def run(*arguments: str) -> Result:
-    return CliRunner().invoke(app, list(arguments), catch_exceptions=False)
 
 
 def command(files: Path, *more: str, poses: str = "poses", declared: str = DECLARED) -> tuple[str, ...]:
@@ -50,11 +44,7 @@ def command(files: Path, *more: str, poses: str = "poses", declared: str = DECLA
 
 @cache
 def document(files: Path, *more: str, poses: str = "poses") -> dict[str, Any]:
-    done = run(*command(files, *more, "--format", "json", poses=poses))
-    assert done.exit_code == 0
-    # One document and nothing else; NaN and Infinity are no JSON.
-    found: dict[str, Any] = json.loads(done.stdout, parse_constant=pytest.fail)
-    return found
+    return commands.document(*command(files, *more, poses=poses))
 
 
 FIGURES = {"rms_m", "mean_error_m", "p95_m", "max_m"}
@@ -107,17 +97,10 @@ def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
     rms = {stage: found[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "before", "after")}
     assert rms["nominal"] > 3 * rms["before"] > 9 * rms["after"]
     # Delivered figures are what `robacc estimate` says of the same poses.
-    estimate = json.loads(
-        run("estimate", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), "--format", "json").stdout
-    )
+    estimate = ("estimate", files / "poses.csv", "--robot", files / "arm.yaml")
     unregistered = found["nominal_unregistered"]["fitted"]["position"]["rms_m"]
-    assert unregistered == pytest.approx(estimate["position"]["rms_m"], rel=1e-11)
-    registered = json.loads(
-        run(
-            *("estimate", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), "--format", "json"),
-            *("--align", "base_frame,tool_frame"),
-        ).stdout
-    )
+    assert unregistered == pytest.approx(commands.document(*estimate)["position"]["rms_m"], rel=1e-11)
+    registered = commands.document(*estimate, "--align", "base_frame,tool_frame")
     # An estimate holds out each pose of the registration, a trace a fold at a time.
     assert found["nominal"]["fitted"]["position"]["rms_m"] < registered["position"]["rms_m"]
     assert found["nominal"]["held_out"]["position"]["rms_m"] == pytest.approx(registered["position"]["rms_m"], rel=0.05)
@@ -126,23 +109,17 @@ def test_before_is_the_declared_and_after_the_finding(files: Path) -> None:
 
 def test_the_table_has_its_sections_in_order(files: Path) -> None:
     done = run(*command(files), "--full")
-    assert done.exit_code == 0
-    at = -1
-    for part in (
+    parts = (
         "Trace of 50 measured poses: explained",
         "1. Residual",
         "2. Candidates",
         "3. Findings",
         "1) backlash on j2",
-        "4. Before and after",
-        "nominal, base and tool registered",
-        "baseline (declared effects)",
-        "extended model (findings)",
-        "5. Remaining error",
-    ):
-        at = done.stdout.index(part, at + 1)
+    )
+    stages = ("nominal, base and tool registered", "baseline (declared effects)", "extended model (findings)")
+    assert in_order(done.stdout, (*parts, "4. Before and after", *stages, "5. Remaining error"))
     assert "held-out poses" in done.stdout
-    assert done.stderr == ""
+    assert (done.exit_code, done.stderr) == (0, "")
 
 
 @pytest.mark.parametrize("poses", ["poses", "clean"])
@@ -163,16 +140,15 @@ def test_a_clean_arm(files: Path) -> None:
     found = document(files, poses="clean")
     assert (found["verdict"], found["findings"]) == ("clean", [])
     assert found["after"] == found["before"]
-    done = run(*command(files, poses="clean"), "--full")
-    assert "clean: no effect beyond the declared effects" in done.stdout
-    assert "none, at a false-alarm rate" in done.stdout
-    assert "extended model" not in done.stdout
+    table = output(*command(files, poses="clean"), "--full")
+    told = ("clean: no effect beyond the declared effects", "none, at a false-alarm rate")
+    assert missing(table, *told, "extended model") == ["extended model"]
 
 
 @pytest.mark.slow
 def test_the_written_model_is_a_robot_file_that_finds_nothing_more(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
-    found = json.loads(run(*command(files, "--format", "json", "--write-model", str(model))).stdout)
+    found = document(files, "--write-model", str(model))
     data = read_poses(str(files / "poses.csv"))
     residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
     fitted = found["after"]["fitted"]["position"]
@@ -182,10 +158,10 @@ def test_the_written_model_is_a_robot_file_that_finds_nothing_more(files: Path, 
     assert text.startswith("# written by robacc")
     assert "poses.csv" in text.splitlines()[0]
     assert "backlash" in text
-    again = run("trace", str(files / "poses.csv"), "--robot", str(model), "--declared", DECLARED, "--format", "json")
-    assert json.loads(again.stdout)["findings"] == []
+    again = commands.document("trace", files / "poses.csv", "--robot", model, "--declared", DECLARED)
+    assert again["findings"] == []
     # Poses that had no part in it: what is left is noise, root three times 0.02 mm, and the coefficients' own error.
-    fresh = json.loads(run("estimate", str(files / "apart.csv"), "--robot", str(model), "--format", "json").stdout)
+    fresh = commands.document("estimate", files / "apart.csv", "--robot", model)
     assert fresh["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
 
 
@@ -204,16 +180,9 @@ def test_poses_that_were_fitted_are_not_held_out(files: Path, tmp_path: Path, na
     mixed.write_text("\n".join(lines) + "\n", encoding="utf-8")
     option = {"trace": "--declared", "calibrate": "--fit"}[name]
     arguments = [str(files / "poses.csv"), "--robot", str(files / "arm.yaml"), option, DECLARED]
-    done = run(name, *arguments, "--holdout", str(mixed))
-    assert done.exit_code == 3
+    told = refused(name, *arguments, "--holdout", mixed, status=3)
     message = "1 of 51 validation poses is also among the calibration poses; the first is line"
-    assert f"{mixed}:{len(lines)}: {message}" in done.stderr
-    assert "remove these poses from one of the two files" in done.stderr
-
-
-def test_the_same_call_gives_the_same_bytes(files: Path) -> None:
-    first = run(*command(files, "--format", "json")).stdout
-    assert run(*command(files, "--format", "json")).stdout == first
+    assert missing(told, f"{mixed}:{len(lines)}: {message}", "remove these poses from one of the two files") == []
 
 
 @pytest.mark.parametrize(
@@ -228,59 +197,46 @@ def test_the_same_call_gives_the_same_bytes(files: Path) -> None:
     ],
 )
 def test_wrong_declarations_are_status_2(files: Path, declared: str, message: str) -> None:
-    done = run(*command(files, declared=declared))
-    assert done.exit_code == 2
-    assert done.stdout == ""
-    assert message in done.stderr
+    assert message in refused(*command(files, declared=declared))
 
 
 def test_poses_without_joints_and_a_robot_that_is_none(files: Path, tmp_path: Path) -> None:
-    bare = tmp_path / "bare.csv"
-    bare.write_text("x,y,z\n1,2,3\n", encoding="utf-8")
-    done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
-    assert done.exit_code == 3
-    assert "or add columns q1 … q6 (joint variables)" in done.stderr
-    bare.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", encoding="utf-8")
-    done = run("trace", str(bare), "--robot", str(files / "arm.yaml"))
-    assert done.exit_code == 2
-    assert "has no joint columns q1 … q6, which a fit needs" in done.stderr
-    lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
+    poses, robot, other = files / "poses.csv", ("--robot", files / "arm.yaml"), tmp_path / "other.csv"
+    lines = poses.read_text(encoding="utf-8").splitlines()
     header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
-    missing = tmp_path / "missing.csv"
-    missing.write_text("\n".join(",".join(line.split(",")[:8]) for line in lines[header:]) + "\n", encoding="utf-8")
-    done = run("trace", str(missing), "--robot", str(files / "arm.yaml"))
-    assert done.exit_code == 3
-    assert "z" in done.stderr
-    assert run("trace", str(files / "poses.csv"), "--robot", str(files / "poses.csv")).exit_code == 3
-    assert run("trace", str(files / "poses.csv")).exit_code == 2
+    without_z = "\n".join(",".join(line.split(",")[:8]) for line in lines[header:]) + "\n"
+    for text, status, message in (
+        ("x,y,z\n1,2,3\n", 3, "or add columns q1 … q6 (joint variables)"),
+        ("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n", 2, "has no joint columns q1 … q6, which a fit needs"),
+        (without_z, 3, "z"),
+    ):
+        other.write_text(text, encoding="utf-8")
+        assert message in refused("trace", other, *robot, status=status)
+    refused("trace", poses, "--robot", poses, status=3)
+    refused("trace", poses)
 
 
 def test_nothing_is_written_where_the_data_are_refused(files: Path, tmp_path: Path) -> None:
-    model, output = tmp_path / "model.yaml", tmp_path / "result.json"
     few = tmp_path / "few.csv"
     lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
     few.write_text("\n".join(lines[:4]) + "\n", encoding="utf-8")
-    arguments = ("--write-model", str(model), "--output", str(output), "--format", "json")
-    done = run("trace", str(few), "--robot", str(files / "arm.yaml"), "--declared", DECLARED, *arguments)
-    assert done.exit_code == 3
-    assert not model.exists()
-    assert not output.exists()
+    arguments = ("--write-model", tmp_path / "model.yaml", "--output", tmp_path / "result.json", "--format", "json")
+    refused("trace", few, "--robot", files / "arm.yaml", "--declared", DECLARED, *arguments, status=3)
+    assert list(tmp_path.iterdir()) == [few]
 
 
 def test_what_is_declared_by_default_is_said_and_recorded(files: Path) -> None:
     bare = ("trace", str(files / "poses.csv"), "--robot", str(files / "arm.yaml"))
-    done = run(*bare, "--full")
-    assert done.exit_code == 0
-    text = " ".join(done.stdout.split())
+    text = one_line(output(*bare, "--full"))
     assert "declared effects: base_frame, tool_frame, joint_offset, link_geometry (default; --declared changes" in text
     # What the effect does at the tool comes before its coefficients.
     finding = text.index("1) backlash on j2 moves the tool by up to ")
     assert finding < text.index("backlash.j2 = ")
-    found = json.loads(run(*bare, "--format", "json").stdout)
+    found = commands.document(*bare)
     names = ["base_frame", "tool_frame", "joint_offset", "link_geometry"]
     assert found["declared"] == {"effects": names, "by_default": True, "left_out": []}
     assert found["options"]["declared"] == ",".join(names)
-    named = json.loads(run(*command(files, "--format", "json", declared=",".join(names))).stdout)
+    named = commands.document(*command(files, declared=",".join(names)))
     assert named["declared"]["by_default"] is False
     assert named["findings"] == found["findings"]
 

@@ -1,4 +1,4 @@
-"""Every exit status of the command line, from a shell."""
+"""Every exit status of the command line."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from commands import output, run
+from results import PROJECT as ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
-ROBACC = f'"{sys.executable}" -m robacc'
-ESTIMATE = f"{ROBACC} estimate sample_data/poses.csv --robot sample_data/robot.yaml"
+SAMPLE = ("sample_data/poses.csv", "--robot", "sample_data/robot.yaml")
 HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"
 GATES = {
     "pass": "  - {key: position.rms, limit: 9 mm, reason: r}\n",
@@ -26,7 +26,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("gates")
     for name, text in GATES.items():
         (made / f"{name}.yaml").write_text(HEAD + text)
-    subprocess.run(f"{ESTIMATE} --format json -o {made}/result.json", shell=True, cwd=ROOT, check=True)
+    output("estimate", *SAMPLE, "--format", "json", "-o", made / "result.json")
     (made / "broken.json").write_text('{"schema": "robacc.estimate/1", ')
     return made
 
@@ -36,29 +36,28 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     [
         ("{estimate}", 0),
         ("{estimate} --gate {folder}/pass.yaml", 0),
-        ("{robacc} check {folder}/result.json --gate {folder}/pass.yaml", 0),
-        ("{robacc} check - --gate {folder}/pass.yaml < {folder}/result.json", 0),
-        ("{robacc} estimate", 2),
-        ("{robacc} estimates x.csv", 2),
-        ("{robacc} check {folder}/result.json", 2),
+        ("check {folder}/result.json --gate {folder}/pass.yaml", 0),
+        ("check - --gate {folder}/pass.yaml", 0),
+        ("estimate", 2),
+        ("estimates x.csv", 2),
+        ("check {folder}/result.json", 2),
         ("{estimate} --junit {folder}/j.xml", 2),
-        ("{robacc} estimate nowhere.csv", 3),
+        ("estimate nowhere.csv", 3),
         ("{estimate} --gate {folder}/bad.yaml", 3),
         ("{estimate} --gate {folder}/nowhere.yaml", 3),
-        ("{robacc} check {folder}/broken.json --gate {folder}/pass.yaml", 3),
-        ("{robacc} check sample_data/poses.csv --gate {folder}/pass.yaml", 3),
+        ("check {folder}/broken.json --gate {folder}/pass.yaml", 3),
+        ("check sample_data/poses.csv --gate {folder}/pass.yaml", 3),
         ("{estimate} --gate {folder}/pass.yaml --junit {folder}/none/j.xml", 3),
         ("{estimate} --gate {folder}/fail.yaml", 4),
-        ("{robacc} check {folder}/result.json --gate {folder}/fail.yaml --format github", 4),
+        ("check {folder}/result.json --gate {folder}/fail.yaml --format github", 4),
         ("{estimate} --gate {folder}/inconclusive.yaml", 5),
-        ("{robacc} check {folder}/result.json --gate {folder}/missing.yaml --format markdown", 5),
+        ("check {folder}/result.json --gate {folder}/missing.yaml --format markdown", 5),
     ],
 )
 def test_status(command: str, status: int, folder: Path) -> None:
-    line = command.format(robacc=ROBACC, estimate=ESTIMATE, folder=folder)
-    done = subprocess.run(line, shell=True, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == status, done.stderr
-    assert "Traceback" not in done.stderr
+    words = command.format(estimate=" ".join(("estimate", *SAMPLE)), folder=folder).split()
+    done = run(*words, text=(folder / "result.json").read_text(encoding="utf-8"))
+    assert done.exit_code == status, done.stderr
     # What cannot be used leaves nothing on standard output for the next program to take as a result.
     assert bool(done.stdout) == (status in (0, 4, 5))
 
@@ -77,8 +76,8 @@ def test_a_defect_is_status_1(folder: Path) -> None:
 
 def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
     script = (
-        f"{ESTIMATE} --gate {folder}/inconclusive.yaml > /dev/null; status=$?\n"
-        'case $status in 0) echo pass;; 4) echo fail;; 5) echo "measure more";; *) echo broken;; esac\n'
+        f'"{sys.executable}" -m robacc estimate {" ".join(SAMPLE)} --gate {folder}/inconclusive.yaml > /dev/null\n'
+        'case $? in 0) echo pass;; 4) echo fail;; 5) echo "measure more";; *) echo broken;; esac\n'
     )
     done = subprocess.run(script, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "measure more\n"

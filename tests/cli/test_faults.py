@@ -12,11 +12,14 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
+from commands import refused
 
 from robacc.errors import InputError
 from robacc.io.files import read_text, sha256_of, write_text
+from robacc.poses.csv_file import read_poses
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLES = PROJECT / "sample_data"
@@ -49,7 +52,7 @@ def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("faults") / "poses.csv"
     truth = str(SAMPLES / "trace" / "truth.yaml")
     options = ("--poses", "2500", "--seed", "3", "--noise", "0.02mm", "--position-only", "-o", str(path))
-    assert run("simulate", truth, *options).returncode == 0
+    commands.output("simulate", truth, *options)
     return path
 
 
@@ -169,18 +172,15 @@ def test_pipes_that_have_a_name_are_written_to(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("option", ["-o", "--write-model", "--report"])
 def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_path: Path) -> None:
-    path = tmp_path / "none" / "x"
-    # The poses are not looked at: what is wrong with them would be said first.
-    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(path))
-    assert (done.returncode, done.stdout) == (3, "")
-    assert (
-        done.stderr == f"error: {path}: cannot be written: its folder does not exist\n  tip: create the folder first\n"
-    )
-    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, str(tmp_path))
-    assert done.stderr == f"error: {tmp_path}: is a folder, not a file\n  tip: name a file in it\n"
-    done = run("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, "")
-    long = {"-o": "--output"}.get(option, option)
-    assert (done.returncode, done.stderr) == (2, f"error: {long}: expected the name of a file, found nothing\n")
+    path, long = tmp_path / "none" / "x", option.replace("-o", "--output")
+    for given, status, message in (
+        (path, 3, f"{path}: cannot be written: its folder does not exist tip: create the folder first"),
+        (tmp_path, 3, f"{tmp_path}: is a folder, not a file tip: name a file in it"),
+        ("", 2, f"{long}: expected the name of a file, found nothing"),
+    ):
+        # The poses are not looked at: what is wrong with them would be said first.
+        told = refused("trace", "nowhere.csv", "--robot", "nowhere.yaml", option, given, status=status)
+        assert told == f"error: {message}"
 
 
 def test_links_that_lead_nowhere(tmp_path: Path) -> None:
@@ -242,8 +242,6 @@ def test_dash_is_standard_input_and_output_everywhere(line: str, status: int, wa
 
 
 def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
-    from robacc.poses.csv_file import read_poses
-
     rng = np.random.default_rng(0)
     rows = [",".join(map(repr, row)) for row in rng.normal(size=(40, 6)).tolist()]
     path = tmp_path / "poses.csv"
@@ -257,8 +255,6 @@ def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
 
 def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> None:
     """Three of sixty rows have the values of another visit; of rounded values many repeat by chance."""
-    from robacc.poses.csv_file import read_poses
-
     values = np.random.default_rng(0).normal(size=(60, 6))
     path = tmp_path / "poses.csv"
 
@@ -277,8 +273,6 @@ def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> Non
 
 def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> None:
     """Every row twice, with another time; visits of one pose that agree to 1 um now and then are no copies."""
-    from robacc.poses.csv_file import read_poses
-
     rng = np.random.default_rng(0)
     path = tmp_path / "poses.csv"
 

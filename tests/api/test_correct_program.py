@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.api.correct import correct_program
+from robacc.api.correct import correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
+from robacc.measurements import Measurements
 from robacc.programs.configuration import joint_window, leaves_configuration
 from robacc.programs.frames import flange_targets
 from robacc.programs.program import Dialect
@@ -97,9 +98,6 @@ ENDMODULE
     path.write_bytes(result.data)
     commanded = flange_targets(read_program(path)).flange
     # The joints at which the controller has the commanded poses, by the corrected joint of the same pose.
-    from robacc.api.correct import correct
-    from robacc.measurements import Measurements
-
     direct = correct(
         Measurements(np.zeros((3, 2)), q=Q[:, 1:]),
         model=real,
@@ -123,7 +121,6 @@ def test_the_configuration_of_the_program_decides() -> None:
     }
     for (dialect, text), expected in cases.items():
         window = joint_window(dialect, text, 6)
-        assert window is not None
         assert window.allows(q).tolist() == expected
     assert joint_window(Dialect.val3, "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
@@ -137,11 +134,9 @@ def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
     # The first two numbers are unequal: sources differ on the axes that they count.
     for text, fourth in (("N U T, 0, 1, -1", 0.1), ("N U T, 1, 1, -1", 0.1 + 2 * np.pi)):
         window = joint_window(Dialect.fanuc, text, 6)
-        assert window is not None
         turned = window.turned(q, wide, revolute)[:, 0]
         np.testing.assert_allclose(turned, [0.1, 0.2, 0.3, fourth, 0.2, 0.4 - 2 * np.pi])
     window = joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6)
-    assert window is not None
     beyond = np.array([[0, 0, 0, 0, 0, 3.2], [0, 0, 0, 3.2, 0, 0], [3.2, 0, 0, 0, 3.2, 0]]).T
     assert window.allows(beyond).tolist() == [False, False, True]
 
@@ -163,12 +158,10 @@ def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     limits, revolute = (np.full(6, -6.1), np.full(6, 6.1)), np.ones(6, dtype=bool)
     window = joint_window(Dialect.krl, "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
-    assert window is not None
     np.testing.assert_allclose(window.turned(q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi])
     assert not window.allows(window.turned(q, limits, revolute))[0]
     wide = (np.full(6, -np.inf), np.full(6, np.inf))
     window = joint_window(Dialect.rapid, "[0,-4,4,0]", 6)
-    assert window is not None
     turned = window.turned(q, wide, revolute)
     np.testing.assert_allclose(turned[[3, 5], 0], [0.1 - 2 * np.pi, 0.4 + 2 * np.pi])
     assert window.allows(turned)[0]
@@ -206,10 +199,9 @@ def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
 
 def test_targets_without_frames_stay(tmp_path: Path) -> None:
     nominal, real = arms()
-    with pytest.raises(InputError, match="the tool 3 is in none of the files read"):
-        correct_program(ROOT / "tests" / "programs" / "samples" / "pick.ls", model=real, nominal=nominal)
-    with pytest.raises(InputError, match="has no targets"):
-        correct_program(ROOT / "tests" / "programs" / "samples" / "nopos.ls", model=real, nominal=nominal)
+    for name, message in (("pick", "the tool 3 is in none of the files read"), ("nopos", "has no targets")):
+        with pytest.raises(InputError, match=message):
+            correct_program(ROOT / "tests" / "programs" / "samples" / f"{name}.ls", model=real, nominal=nominal)
 
 
 def tp_program(poses: np.ndarray, configurations: list[str], home: np.ndarray) -> str:
@@ -227,11 +219,18 @@ def tp_program(poses: np.ndarray, configurations: list[str], home: np.ndarray) -
     return text + "/POS\n" + positions + "/END\n"
 
 
-def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path) -> None:
+@pytest.fixture
+def frames(tmp_path: Path) -> Path:
+    """A file with a tool that is the flange."""
+    path = tmp_path / "frames.yaml"
+    path.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    return path
+
+
+def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path, frames: Path) -> None:
     nominal, real = arms()
     nominal, real = (dataclasses.replace(arm, tool=Frame()) for arm in (nominal, real))
-    path, frames = tmp_path / "two.ls", tmp_path / "frames.yaml"
-    frames.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    path = tmp_path / "two.ls"
     poses = flange(nominal, Q[:, [0, 0]])
     path.write_text(tp_program(poses, ["N U T, 0, 0, 0", "N U T, 0, 0, 1"], Q[:, 0]))
     # Three decimals of a degree in the program's joint target.
@@ -247,7 +246,7 @@ def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path
     assert b"'N U T, 0, 0, 1'" in result.data
 
 
-def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path) -> None:
+def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path, frames: Path) -> None:
     nominal, real = arms()
     # The fifth joint's zero is off by 3 mrad, and the program wants it 1 mrad from zero.
     joints = [
@@ -257,8 +256,7 @@ def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path) -> None
     real = dataclasses.replace(nominal, joints=tuple(joints), tool=Frame())
     nominal = dataclasses.replace(nominal, tool=Frame())
     near = np.where(np.arange(6) == 4, 1e-3, Q[:, 0])
-    path, frames = tmp_path / "flip.ls", tmp_path / "frames.yaml"
-    frames.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    path = tmp_path / "flip.ls"
     path.write_text(tp_program(flange(nominal, np.stack((Q[:, 1], near), axis=1)), ["N U T, 0, 0, 0"] * 2, Q[:, 0]))
     result = correct_program(path, model=real, nominal=nominal, frames=[frames], most="50mm,5deg")
     assert [name for _, name, _ in result.unchanged] == ["P[3]"]

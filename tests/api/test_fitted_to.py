@@ -5,13 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from commands import document, output
 
 import robacc
-from robacc.cli.main import app
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError
 from robacc.robots.yaml_robot import parse_robot
@@ -23,22 +21,11 @@ WARNING = "poses.csv: the robot file was fitted to these same poses, so the erro
 NOTE = "the robot file was fitted to these same poses"
 
 
-def run(*arguments: str) -> str:
-    done = CliRunner().invoke(app, list(arguments), catch_exceptions=False)
-    assert done.exit_code == 0, done.stderr
-    return done.stdout
-
-
-def document(*arguments: str) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(run(*arguments, "--format", "json"))
-    return found
-
-
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "better.yaml"
     fit = "base_frame,tool_frame,gear_ratio[j2]"
-    run("calibrate", POSES, "--robot", ROBOT, "--fit", fit, "--write-model", str(path))
+    output("calibrate", POSES, "--robot", ROBOT, "--fit", fit, "--write-model", str(path))
     return path
 
 
@@ -57,7 +44,7 @@ def test_the_model_names_its_poses(model: Path, others: Path) -> None:
     robot = with_effect_units(robot)
     assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
     assert document("show", str(model))["robot"]["fitted_to"] == [digest]
-    assert f"fitted   to the poses of SHA-256 {digest[:16]}…" in run("show", str(model))
+    assert f"fitted   to the poses of SHA-256 {digest[:16]}…" in output("show", str(model))
     # A fit on top of a fit is of both files' poses.
     twice = robacc.calibrate(others, robot=model, fit="base_frame")
     assert twice.robot.fitted_to == (digest, hashlib.sha256(others.read_bytes()).hexdigest())
@@ -96,7 +83,7 @@ def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
     pages = []
     for name, robot in (("model", str(model)), ("arm", ROBOT)):
         page = tmp_path / f"{name}.html"
-        run("estimate", POSES, "--robot", robot, "--report", str(page))
+        output("estimate", POSES, "--robot", robot, "--report", str(page))
         pages.append(page.read_text(encoding="utf-8"))
     assert "The measured positions differ from the model&#39;s predictions by" in pages[0]
     assert WARNING in pages[0]

@@ -60,16 +60,20 @@ def test_places_are_found_from_the_tool(
     assert set(robacc.read_robot(model).targets) == set(result.robot.targets)
 
 
-def test_without_a_fit_of_the_tool_the_places_are_unknown(table: list[list[str]], tmp_path: Path) -> None:
-    path = in_rows(table, tmp_path / "poses.csv")
-    with pytest.raises(InputError, match="fit tool_frame, which finds their places"):
-        robacc.calibrate(path, robot=robot(), fit="base_frame", folds=2)
-    with pytest.raises(InputError, match="found several targets"):
-        robacc.trace(path, robot=robot(), declared="base_frame", folds=2)
-    with pytest.raises(InputError, match="found several targets"):
-        robacc.estimate(path, robot=robot())
-    with pytest.raises(InputError, match="found several targets"):
-        robacc.estimate(path, robot=robot(), align="base_frame")
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda path: robacc.calibrate(path, robot=robot(), fit="base_frame", folds=2), "fit tool_frame, which finds"),
+        (lambda path: robacc.trace(path, robot=robot(), declared="base_frame", folds=2), "found several targets"),
+        (lambda path: robacc.estimate(path, robot=robot()), "found several targets"),
+        (lambda path: robacc.estimate(path, robot=robot(), align="base_frame"), "found several targets"),
+    ],
+)
+def test_without_a_fit_of_the_tool_the_places_are_unknown(
+    call: Callable[[Path], object], message: str, table: list[list[str]], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        call(in_rows(table, tmp_path / "poses.csv"))
 
 
 def test_an_estimate_that_fits_the_tool_finds_the_places(table: list[list[str]], tmp_path: Path) -> None:

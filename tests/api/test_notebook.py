@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import run
 
 import robacc
-from robacc.cli.main import app
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 
@@ -29,8 +28,8 @@ def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate)
 
 
 def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.Estimate) -> None:
-    command = ["estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml")]
-    screen = CliRunner().invoke(app, [*command, "--align", "base_frame,tool_frame"]).stdout
+    command = ("estimate", SAMPLES / "poses.csv", "--robot", SAMPLES / "robot.yaml")
+    screen = run(*command, "--align", "base_frame,tool_frame").stdout
     assert str(result).splitlines()[2:] == screen.splitlines()[2:]
     assert str(result).splitlines()[1] == "poses.csv against the model robot.yaml"
     stepped = robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="none", frame="base")
@@ -40,10 +39,13 @@ def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.
     assert "next:" in str(traced)
 
 
-def test_the_text_of_other_results_is_their_headline(result: robacc.Estimate) -> None:
-    lines = str(robacc.compare(result, result)).splitlines()
+def test_other_results_have_their_headline_and_no_table(result: robacc.Estimate) -> None:
+    compared = robacc.compare(result, result)
+    lines = str(compared).splitlines()
     assert "mm" in "".join(lines)
     assert max(map(len, lines)) < 200
+    assert compared.to_numpy() == {}
+    assert json.loads(compared.to_json())["command"] == "compare"
 
 
 def test_the_text_of_poses_has_ten_lines_at_most() -> None:
@@ -89,9 +91,3 @@ def test_chart_and_report_of_a_result(result: robacc.Estimate, tmp_path: Path) -
     assert text.index("Customer") < text.index("Serial number")
     with pytest.raises(robacc.UsageError, match="unknown key 'serial'"):
         result.report(page, identity={"serial": "1"})
-
-
-def test_a_result_without_poses_has_no_table(result: robacc.Estimate) -> None:
-    compared = robacc.compare(result, robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml"))
-    assert compared.to_numpy() == {}
-    assert json.loads(compared.to_json())["command"] == "compare"

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import refused
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
 from robacc.modelling.robot_file import read_robot
 from robacc.planning.collisions import LinkCollisions, link_collisions, read_link_shapes
@@ -117,9 +116,7 @@ def test_the_plan_counts_self_collisions(urdf: Path) -> None:
 
 def test_a_side_that_no_pose_can_keep_is_named(urdf: Path) -> None:
     options = ("--tip-link", "tip", "--collisions", "--candidates", "50", "--min-height", "310mm")
-    result = CliRunner().invoke(app, ["plan", str(urdf), *options])
-    assert result.exit_code == 2
-    assert "2000 are excluded by: below the minimum height of 0.31 m" in " ".join(result.stderr.split())
+    assert "2000 are excluded by: below the minimum height of 0.31 m" in refused("plan", urdf, *options)
 
 
 def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path) -> None:
@@ -135,19 +132,24 @@ def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path)
     assert not logger.disabled
 
 
-def test_messages(urdf: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("".join(part.split("</collision>")[-1] for part in URDF.split("<collision>")), "no collision geometry"),
+        (
+            URDF.replace('<sphere radius="0.08"/>', '<mesh filename="package://parts/none.stl"/>'),
+            r"mesh package://parts/none\.stl is not there",
+        ),
+        (URDF.replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'), "has no triangles"),
+    ],
+)
+def test_shapes_that_cannot_be_read(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "hand.stl").write_text("solid nothing")
+    (tmp_path / "arm.urdf").write_text(text)
+    with pytest.raises(InputError if "mesh" in text else UsageError, match=message):
+        robacc.plan(tmp_path / "arm.urdf", collisions=True, tip_link="tip")
+
+
+def test_a_robot_file_has_no_shapes() -> None:
     with pytest.raises(UsageError, match="give the URDF of the robot"):
         robacc.plan(ROOT / "sample_data" / "robot.yaml", collisions=True)
-    bare = tmp_path / "bare.urdf"
-    bare.write_text("".join(part.split("</collision>")[-1] for part in URDF.split("<collision>")))
-    with pytest.raises(UsageError, match="no collision geometry"):
-        robacc.plan(bare, collisions=True, tip_link="tip")
-    mesh = tmp_path / "mesh.urdf"
-    mesh.write_text(URDF.replace('<sphere radius="0.08"/>', '<mesh filename="package://parts/hand.stl"/>'))
-    with pytest.raises(InputError, match=r"mesh package://parts/hand\.stl is not there"):
-        robacc.plan(mesh, collisions=True, tip_link="tip")
-    (tmp_path / "hand.stl").write_text("solid nothing")
-    broken = tmp_path / "broken.urdf"
-    broken.write_text(URDF.replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'))
-    with pytest.raises(InputError, match="has no triangles"):
-        robacc.plan(broken, collisions=True, tip_link="tip")

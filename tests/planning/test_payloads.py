@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
+from commands import refused
 
 import robacc
 from robacc.api.plan import Planned
-from robacc.cli.main import app
 from robacc.errors import UsageError
 
 ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
@@ -161,6 +160,4 @@ def test_each_payload_has_its_program(plan: Planned, tmp_path: Path) -> None:
     ],
 )
 def test_messages(options: tuple[str, ...], message: str) -> None:
-    result = CliRunner().invoke(app, ["plan", str(ROBOT), "--candidates", "50", *options])
-    assert result.exit_code == 2
-    assert message in " ".join(result.stderr.split())
+    assert message in refused("plan", ROBOT, "--candidates", "50", *options)

@@ -170,8 +170,7 @@ def test_call_gives_what_the_command_gives_byte_for_byte(what: str) -> None:
     call, command = CALLS[what]
     found, text = call(), command()
     assert isinstance(found, robacc.Result)
-    assert found.to_json() == text
-    assert list(found.document()) == list(json.loads(text))
+    assert (found.to_json(), list(found.document())) == (text, list(json.loads(text)))
     assert isinstance(found.warnings, tuple)
     assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(file.name for file in found.made.inputs)}>"
     if what == "trace":
@@ -292,8 +291,7 @@ def test_robots_and_poses_are_written_and_read_back(tmp_path: Path) -> None:
     assert robot.effect_units[1] == np.deg2rad(1)
     robacc.write_robot(tmp_path / "si.yaml", robot)
     again = robacc.read_robot(tmp_path / "si.yaml")
-    assert again.effects[0]["values"]["j2"] == 0.01 * np.deg2rad(1)
-    assert again.joints == robot.joints
+    assert (again.effects[0]["values"]["j2"], again.joints) == (0.01 * np.deg2rad(1), robot.joints)
     data = sample()
     robacc.write_poses(tmp_path / "poses.csv", data)
     back = robacc.read_poses(tmp_path / "poses.csv", robot=robacc.read_robot(ROBOT))
@@ -308,8 +306,7 @@ def test_results_are_compared_and_checked_without_files() -> None:
     assert [one.name for one in found.results] == ["estimate", "b", "a", "estimate (2)"]
     assert found.made.inputs[0].sha256 == robacc.read_result(f"{FOLDER}/a.json").sha256
     same = next(row for row in found.rows if row.key == "position.rms")
-    assert same.figures[0] == same.figures[2]
-    assert same.figures[1] == same.figures[3]
+    assert (same.figures[0], same.figures[1]) == (same.figures[2], same.figures[3])
 
 
 FLAT = np.zeros((3, 4))
@@ -424,8 +421,7 @@ def test_every_name_is_there_and_seen_by_type_checkers() -> None:
         for alias in node.names
         if alias.name == alias.asname
     }
-    assert seen.pop("__version__") == "version"
-    assert seen == robacc._HOMES
+    assert (seen.pop("__version__"), seen) == ("version", robacc._HOMES)
     assert set(robacc.__all__) <= set(dir(robacc))
     for name in robacc.__all__:
         assert getattr(robacc, name).__doc__ if name != "__version__" else robacc.__version__

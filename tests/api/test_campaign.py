@@ -71,8 +71,7 @@ def test_drift_and_frames_stand_in_the_campaign_of_the_model(campaign: Path) -> 
     document = yaml.safe_load((campaign / "model.yaml").read_text())
     assert "effects" not in document
     part = document["campaign"]
-    assert part["poses"] == document["fitted_to"]
-    assert [effect["effect"] for effect in part["effects"]] == ["frame_drift"]
+    assert (part["poses"], [effect["effect"] for effect in part["effects"]]) == (document["fitted_to"], ["frame_drift"])
     assert part["effects"][0]["validity"]["time_s"] == pytest.approx([0, 1190], abs=1)
     assert part["before"]["base"]["xyz"] == [0.0, 0.0, 0.0]
     robot = read_robot(campaign / "model.yaml")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.api.correct import correct, correct_program
+from robacc.api.correct import CorrectedProgram, correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
@@ -26,11 +27,14 @@ from robacc.robots.yaml_robot import parse_robot
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def arms() -> tuple[Robot, Robot]:
+TOOL = Frame((0.0, 0.0, 0.05))
+
+
+def arms(tool: Frame = TOOL) -> tuple[Robot, Robot]:
     """The nominal arm, and the real one with other links and zeros."""
     path = ROOT / "configs" / "robots" / "puma560.yaml"
     nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
-    nominal = dataclasses.replace(nominal, effects=(), tool=Frame((0.0, 0.0, 0.05)))
+    nominal = dataclasses.replace(nominal, effects=(), tool=tool)
     random = np.random.default_rng(4)
     joints = [
         dataclasses.replace(
@@ -39,6 +43,12 @@ def arms() -> tuple[Robot, Robot]:
         for joint in nominal.joints
     ]
     return nominal, dataclasses.replace(nominal, joints=tuple(joints))
+
+
+def corrected(path: Path, text: str, **options: Any) -> CorrectedProgram:
+    """Write a program and correct it."""
+    path.write_text(text)
+    return correct_program(path, **options)
 
 
 def flange(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -52,8 +62,12 @@ Q = np.array([[0.2, -0.3, 0.4, 0.3, 0.8, -0.2], [-0.4, -0.2, 0.3, -0.2, 0.7, 0.5
 def test_joint_targets_bring_the_real_arm_to_the_nominal_pose(tmp_path: Path) -> None:
     nominal, real = arms()
     path = tmp_path / "joints.script"
-    path.write_text(write_program(Dialect.urscript, [joint_target(f"t{i}", q) for i, q in enumerate(Q.T)]))
-    result = correct_program(path, model=real, nominal=nominal)
+    result = corrected(
+        path,
+        write_program(Dialect.urscript, [joint_target(f"t{i}", q) for i, q in enumerate(Q.T)]),
+        model=real,
+        nominal=nominal,
+    )
     assert result.n_corrected == 3
     path.write_bytes(result.data)
     q = np.array([target.values for target in read_program(path).targets]).T
@@ -91,8 +105,7 @@ ENDMODULE
         quarters = ",".join(str(int(np.floor(2 * Q[axis, i] / np.pi))) for axis in (0, 3, 5))
         text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},0],{unused}]")
     path = tmp_path / "cell.mod"
-    path.write_text(text)
-    result = correct_program(path, model=real, nominal=nominal)
+    result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 3
     assert any("Offs(p2" in warning for warning in result.warnings)
     path.write_bytes(result.data)
@@ -124,8 +137,7 @@ def test_the_configuration_of_the_program_decides() -> None:
         assert window.allows(q).tolist() == expected
     assert joint_window(Dialect.val3, "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
-    assert joint_window(Dialect.krl, "T 5", 7) is None
-    assert joint_window(Dialect.krl, "", 6) is None
+    assert (joint_window(Dialect.krl, "T 5", 7), joint_window(Dialect.krl, "", 6)) == (None, None)
 
 
 def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
@@ -169,8 +181,7 @@ def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
 
 def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
     """Two targets of one flange pose differ by S and T alone: each is corrected for its own joints."""
-    nominal, real = arms()
-    nominal, real = (dataclasses.replace(arm, tool=Frame()) for arm in (nominal, real))
+    nominal, real = arms(Frame())
     q = Q[:, 0]
     pose = flange(nominal, q[:, None])[0]
     solutions = inverse_kinematics(
@@ -187,12 +198,10 @@ def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
     ]
     text = "DEF two()\n$TOOL=$NULLFRAME\n$BASE=$NULLFRAME\n" + "\n".join(lines) + "\nEND\n"
     path = tmp_path / "two.src"
-    path.write_text(text)
-    result = correct_program(path, model=real, nominal=nominal)
+    result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 2
     np.testing.assert_allclose(result.corrections[0].targets.wanted.q.T, [q, other], atol=1e-6)
-    path.write_text(text.replace("T " + lines[0].split("T ")[-1], "T 63}"))
-    result = correct_program(path, model=real, nominal=nominal)
+    result = corrected(path, text.replace("T " + lines[0].split("T ")[-1], "T 63}"), model=real, nominal=nominal)
     assert result.n_corrected == 1
     assert "no solution in its configuration" in result.unchanged[0][2]
 
@@ -228,13 +237,17 @@ def frames(tmp_path: Path) -> Path:
 
 
 def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path, frames: Path) -> None:
-    nominal, real = arms()
-    nominal, real = (dataclasses.replace(arm, tool=Frame()) for arm in (nominal, real))
+    nominal, real = arms(Frame())
     path = tmp_path / "two.ls"
     poses = flange(nominal, Q[:, [0, 0]])
-    path.write_text(tp_program(poses, ["N U T, 0, 0, 0", "N U T, 0, 0, 1"], Q[:, 0]))
     # Three decimals of a degree in the program's joint target.
-    result = correct_program(path, model=real, nominal=nominal, frames=[frames])
+    result = corrected(
+        path,
+        tp_program(poses, ["N U T, 0, 0, 0", "N U T, 0, 0, 1"], Q[:, 0]),
+        model=real,
+        nominal=nominal,
+        frames=[frames],
+    )
     wanted = result.corrections[1].targets.wanted.q
     turned = Q[:, 0] + 2 * np.pi * np.eye(6)[5]
     if not all(j.limits is None or j.limits[1] >= turned[5] for j in nominal.variables[5:]):
@@ -257,8 +270,14 @@ def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path, frames:
     nominal = dataclasses.replace(nominal, tool=Frame())
     near = np.where(np.arange(6) == 4, 1e-3, Q[:, 0])
     path = tmp_path / "flip.ls"
-    path.write_text(tp_program(flange(nominal, np.stack((Q[:, 1], near), axis=1)), ["N U T, 0, 0, 0"] * 2, Q[:, 0]))
-    result = correct_program(path, model=real, nominal=nominal, frames=[frames], most="50mm,5deg")
+    result = corrected(
+        path,
+        tp_program(flange(nominal, np.stack((Q[:, 1], near), axis=1)), ["N U T, 0, 0, 0"] * 2, Q[:, 0]),
+        model=real,
+        nominal=nominal,
+        frames=[frames],
+        most="50mm,5deg",
+    )
     assert [name for _, name, _ in result.unchanged] == ["P[3]"]
 
 
@@ -267,7 +286,6 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
     path = tmp_path / "home.script"
     # The zero of the last joint is off, so its correction at the limit leads beyond the limit.
     last = nominal.variables[5]
-    assert last.limits is not None
     real = dataclasses.replace(
         nominal,
         joints=(
@@ -281,13 +299,16 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
     matrix = flange(nominal, np.append(Q[:5, 0], last.limits[0] + 0.3)[:, None])[0]
     rotation = Rotation.from_matrix(matrix[:3, :3]).as_rotvec()
     pose = ", ".join(f"{value:.9f}" for value in (*matrix[:3, 3], *rotation))
-    path.write_text(f"def p():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movej([{home}])\n  movel(p[{pose}])\nend\n")
-    result = correct_program(path, model=real, nominal=nominal, most="5mm")
-    assert result.n_corrected == 1
-    assert [line for line, _, _ in result.unchanged] == [3]
-    path.write_text(f"def p():\n  movej([{home}])\nend\n")
+    result = corrected(
+        path,
+        f"def p():\n  set_tcp(p[0, 0, 0, 0, 0, 0])\n  movej([{home}])\n  movel(p[{pose}])\nend\n",
+        model=real,
+        nominal=nominal,
+        most="5mm",
+    )
+    assert (result.n_corrected, [line for line, _, _ in result.unchanged]) == (1, [3])
     with pytest.raises(InputError) as caught:
-        correct_program(path, model=real, nominal=nominal)
+        corrected(path, f"def p():\n  movej([{home}])\nend\n", model=real, nominal=nominal)
     problem = caught.value.problems[0]
     assert (problem.file, problem.line) == (str(path), 2)
     assert "no target can be corrected" in (problem.fix or "")
@@ -296,13 +317,12 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
 def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
     nominal, _ = arms()
     path = tmp_path / "joints.script"
-    path.write_text(write_program(Dialect.urscript, [joint_target("t", Q[:, 0])]))
-    assert any("every correction is zero" in warning for warning in correct_program(path, model=nominal).warnings)
+    result = corrected(path, write_program(Dialect.urscript, [joint_target("t", Q[:, 0])]), model=nominal)
+    assert any("every correction is zero" in warning for warning in result.warnings)
 
 
 def test_joint_targets_of_another_number_of_joints_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "six.script"
-    path.write_text("def p():\n  movej([0, 0, 0, 0, 0, 0])\nend\n")
     with pytest.raises(InputError, match="has 6 joints, the model's arm has 7") as caught:
-        correct_program(path, model="lbr_iiwa_7_r800")
+        corrected(path, "def p():\n  movej([0, 0, 0, 0, 0, 0])\nend\n", model="lbr_iiwa_7_r800")
     assert caught.value.problems[0].line == 2

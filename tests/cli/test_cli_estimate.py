@@ -172,8 +172,7 @@ def test_per_pose_csv(tmp_path: Path) -> None:
     with target.open(encoding="utf-8", newline="") as stream:
         rows = list(csv.DictReader(stream))
     d, delta = independent_errors()
-    assert [row["line"] for row in rows] == ["2", "3", "4", "5", "6"]
-    assert rows[0]["pose"] == "a, first"
+    assert ([row["line"] for row in rows], rows[0]["pose"]) == (["2", "3", "4", "5", "6"], "a, first")
     np.testing.assert_allclose([[float(row[f"d{a}_m"]) for a in "xyz"] for row in rows], d, atol=1e-15)
     np.testing.assert_allclose([[float(row[f"r{a}_rad"]) for a in "xyz"] for row in rows], delta, atol=1e-15)
     np.testing.assert_allclose([float(row["error_m"]) for row in rows], np.linalg.norm(d, axis=1), atol=1e-15)

@@ -39,8 +39,7 @@ def test_both_files_are_valid_at_once(count: int) -> None:
     assert (done.exit_code, done.stderr) == (0, "")
     assert f"wrote robot.yaml ({count} joint{'s' * (count > 1)}) and poses.csv (8 simulated rows)" in done.stdout
     robot, data = read_robot("robot.yaml"), read_poses("poses.csv")
-    assert len(robot.variables) == count
-    assert data.warnings == ()
+    assert (len(robot.variables), data.warnings) == (count, ())
     # The made-up error is of 0.1 mm along each axis.
     errors = data.position - build_chain(robot).forward(data.q).translation
     assert 2e-5 < np.sqrt(np.mean(errors**2)) < 3e-4
@@ -62,10 +61,8 @@ def test_commented_out_fields_are_valid_too() -> None:
     Path("full.yaml").write_text(text, encoding="utf-8")
     robot = read_robot("full.yaml")
     joint = robot.variables[0]
-    assert (joint.sign, joint.gear_ratio, joint.mass) == (-1, 100.0, 40.0)
-    assert joint.com == pytest.approx((-0.1, 0.0, 0.05))
-    assert set(joint.tolerance) == {"theta", "d", "a", "alpha"}
-    assert list(robot.targets) == ["t1", "t2", "t3"]
+    assert (joint.sign, joint.gear_ratio, joint.mass, joint.com) == (-1, 100.0, 40.0, pytest.approx((-0.1, 0.0, 0.05)))
+    assert (set(joint.tolerance), list(robot.targets)) == ({"theta", "d", "a", "alpha"}, ["t1", "t2", "t3"])
     assert robot.effects[0]["effect"] == "joint_compliance"
 
 
@@ -86,12 +83,10 @@ def test_from_a_urdf(folder: Path) -> None:
     q = np.array([[0.3, -1.0], [0.1, 0.05]])
     np.testing.assert_array_equal(build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices())
     text = Path("new/place/p.csv").read_text(encoding="utf-8")
-    assert "q1 is turn; q2 is slide" in text
-    assert "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm" in text
+    assert missing(text, "q1 is turn; q2 is slide", "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm") == []
     data = read_poses(
         "new/place/p.csv", robot=KnownRobot(joint_types=["revolute", "prismatic"], joint_names=["turn", "slide"])
     )
-    assert data.q is not None
     assert 0.0 <= data.q[1].min() <= data.q[1].max() <= 0.2
     head = Path("new/place/r.yaml").read_text(encoding="utf-8").partition("robacc: 1")[0]
     assert "converted from two.urdf" in head
@@ -104,8 +99,7 @@ def test_a_slide_without_limits_has_no_example_rows() -> None:
     robot = read_robot("two.urdf")
     joints = tuple(dataclasses.replace(joint, limits=None) for joint in robot.joints)
     table, rows = poses_template(dataclasses.replace(robot, joints=joints), "r.yaml", "p.csv")
-    assert rows == 0
-    assert table.splitlines()[-1] == "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm"
+    assert (rows, table.splitlines()[-1]) == (0, "pose,q1_deg,q2_mm,x_mm,y_mm,z_mm")
     assert "made up" not in table
 
 

@@ -58,8 +58,7 @@ def test_json_has_its_keys_and_the_right_numbers(sample: dict[str, Any]) -> None
     for absent in (found["vAP"], found["exchangeability"]):
         assert absent["max_m"] is None
         assert absent["why"]
-    assert len(found["AD"]["poses"]) == 10
-    assert found["AD"]["poses"][0]["poses"] == ["P1", "P2"]
+    assert (len(found["AD"]["poses"]), found["AD"]["poses"][0]["poses"]) == (10, ["P1", "P2"])
 
 
 def test_json_says_which_conditions_are_met(sample: dict[str, Any]) -> None:

@@ -25,8 +25,7 @@ def test_the_plan_is_a_file_that_simulate_and_calibrate_take(tmp_path: Path) -> 
     poses = read_poses(path, attained=False)
     assert np.unique(poses.groups()).size == 14
     assert poses.direction is not None
-    assert read_poses(check, attained=False).n == 5
-    assert program.read_text().count("PTP {") == poses.n
+    assert (read_poses(check, attained=False).n, program.read_text().count("PTP {")) == (5, poses.n)
     measured = tmp_path / "measured.csv"
     output("simulate", ROBOT, "--at", path, "--noise", "0.02mm", "--position-only", "-o", measured)
     read = read_poses(measured)
@@ -51,8 +50,7 @@ def test_enough_or_the_next_ten(tmp_path: Path) -> None:
     assert "Enough" in plan(*measured, *fit)
     strict = plan(*measured, *fit, "--target-error", "1um")
     told = ("Not enough: measure the next 10", "rows measured already: fit them together with the new rows")
-    assert missing(one_line(strict), *told) == []
-    assert strict.count("more poses  ") == 1
+    assert (missing(one_line(strict), *told), strict.count("more poses  ")) == ([], 1)
     assert read_poses(tmp_path / "next.csv", attained=False).n == 10
 
 

@@ -1,4 +1,4 @@
-"""What ends a run from outside: an interrupt, an end, a full disk, a closed or broken pipe, a second run."""
+"""Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run."""
 
 from __future__ import annotations
 
@@ -9,31 +9,25 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Iterable
 from pathlib import Path
 
 import commands
 import numpy as np
 import pytest
-from commands import refused
+from commands import output, refused, run
 
-from robacc.errors import InputError
-from robacc.io.files import read_text, sha256_of, write_text
+from robacc.io.files import sha256_of
 from robacc.poses.csv_file import read_poses
 
 PROJECT = Path(__file__).resolve().parents[2]
+COMMANDED = "x,y,z,cmd_x,cmd_y,cmd_z"
 SAMPLES = PROJECT / "sample_data"
 ESTIMATE = ("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"))
 
 
 def robacc(*arguments: str) -> tuple[str, ...]:
     return (sys.executable, "-m", "robacc", *arguments)
-
-
-def run(*arguments: str, before: Callable[[], None] | None = None) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        robacc(*arguments), capture_output=True, text=True, timeout=60, check=False, preexec_fn=before
-    )
 
 
 def shell(line: str) -> subprocess.CompletedProcess[str]:
@@ -88,8 +82,7 @@ def test_a_trace_that_is_ended_at_work(
     out, err = process.communicate(timeout=20)
     # After an interrupt within exec() Python ends itself by the signal, which a shell shows as the same 130.
     assert process.returncode in (status, -number)
-    assert (out, err) == ("", told)
-    assert list(tmp_path.iterdir()) == []
+    assert (out, err, list(tmp_path.iterdir())) == ("", told, [])
 
 
 @pytest.mark.parametrize("delay", [0.15, 0.3])
@@ -122,9 +115,9 @@ def limited() -> None:
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     path.write_text("old")
-    done = run(*ESTIMATE, "--format", "json", "-o", str(path), before=limited)
-    assert (done.returncode, done.stdout) == (3, "")
-    assert done.stderr == f"error: {path}: cannot be written: file too large\n"
+    words = robacc(*ESTIMATE, "--format", "json", "-o", str(path))
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, preexec_fn=limited)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "", f"error: {path}: cannot be written: file too large\n")
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("result.json", "old")]
 
 
@@ -183,14 +176,6 @@ def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_
         assert told == f"error: {message}"
 
 
-def test_links_that_lead_nowhere(tmp_path: Path) -> None:
-    dangling = tmp_path / "link.json"
-    dangling.symlink_to(tmp_path / "missing" / "r.json")
-    with pytest.raises(InputError, match="its folder does not exist; create the folder first"):
-        write_text(dangling, "x")
-    assert list(tmp_path.iterdir()) == [dangling]
-
-
 def test_two_runs_on_one_file_and_one_that_is_killed(tmp_path: Path) -> None:
     """Whoever comes last has written the whole file; one that is killed at any moment has written nothing of it."""
     path = tmp_path / "result.json"
@@ -206,16 +191,6 @@ def test_two_runs_on_one_file_and_one_that_is_killed(tmp_path: Path) -> None:
     )
     assert subprocess.run((sys.executable, "-c", code), check=False).returncode == -signal.SIGKILL
     assert path.read_text() == whole
-
-
-def test_a_digest_is_of_the_bytes_that_were_read(tmp_path: Path) -> None:
-    path = tmp_path / "robot.yaml"
-    path.write_text("abc")
-    read_text(path)
-    path.write_text("changed meanwhile")
-    # FIPS 180-2, appendix B.1.
-    assert sha256_of(path) == "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    assert sha256_of(path) != "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 
 
 @pytest.mark.parametrize(
@@ -241,53 +216,109 @@ def test_dash_is_standard_input_and_output_everywhere(line: str, status: int, wa
     assert wanted.replace("{digest}", digest) in done.stdout + done.stderr
 
 
+def repeats(folder: Path, head: str, rows: Iterable[Iterable[object]]) -> str:
+    """What is said of repeated rows of a pose file, without its name."""
+    path = folder / "poses.csv"
+    path.write_text("\n".join([head, *(",".join(map(str, row)) for row in rows)]))
+    return "; ".join(text for text in read_poses(path).warnings if "repeat" in text).removeprefix(f"{path}: ")
+
+
 def test_rows_that_repeat_one_another_are_told_of(tmp_path: Path) -> None:
-    rng = np.random.default_rng(0)
-    rows = [",".join(map(repr, row)) for row in rng.normal(size=(40, 6)).tolist()]
-    path = tmp_path / "poses.csv"
-    head = "x,y,z,cmd_x,cmd_y,cmd_z"
-    path.write_text("\n".join([head, *rows]))
-    assert not [text for text in read_poses(path).warnings if "repeat" in text]
-    path.write_text("\n".join([head, *rows, rows[7], rows[3]]))
-    (told,) = [text for text in read_poses(path).warnings if "repeat" in text]
-    assert told.startswith(f"{path}: 2 rows repeat an earlier row in every column (line 4")
+    rows = np.random.default_rng(0).normal(size=(40, 6)).tolist()
+    assert repeats(tmp_path, COMMANDED, rows) == ""
+    told = repeats(tmp_path, COMMANDED, [*rows, rows[7], rows[3]])
+    assert told.startswith("2 rows repeat an earlier row in every column (line 4")
 
 
-def test_a_measurement_copied_to_another_visit_is_told_of(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("copies", "digits", "told"),
+    [
+        (0, 17, None),
+        (3, 17, "3 rows repeat an earlier row of another visit to the last digit (line 59 repeats"),
+        (20, 4, None),
+    ],
+)
+def test_a_measurement_copied_to_another_visit_is_told_of(
+    copies: int, digits: int, told: str | None, tmp_path: Path
+) -> None:
     """Three of sixty rows have the values of another visit; of rounded values many repeat by chance."""
-    values = np.random.default_rng(0).normal(size=(60, 6))
-    path = tmp_path / "poses.csv"
-
-    def warnings(copies: int, digits: int = 17) -> list[str]:
-        copied = np.round(values, digits)
-        copied[60 - copies :] = copied[:copies]
-        lines = [",".join([f"v{i}", *map(repr, row)]) for i, row in enumerate(copied.tolist())]
-        path.write_text("\n".join(["visit,x,y,z,cmd_x,cmd_y,cmd_z", *lines]))
-        return [text for text in read_poses(path).warnings if "repeat" in text]
-
-    assert warnings(0) == []
-    (text,) = warnings(3)
-    assert text.startswith(f"{path}: 3 rows repeat an earlier row of another visit to the last digit (line 59 repeats")
-    assert warnings(20, digits=4) == []
+    copied = np.round(np.random.default_rng(0).normal(size=(60, 6)), digits)
+    copied[60 - copies :] = copied[:copies]
+    found = repeats(tmp_path, f"visit,{COMMANDED}", ([f"v{i}", *row] for i, row in enumerate(copied.tolist())))
+    assert found.startswith(told) if told else found == ""
 
 
 def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> None:
     """Every row twice, with another time; visits of one pose that agree to 1 um now and then are no copies."""
     rng = np.random.default_rng(0)
-    path = tmp_path / "poses.csv"
-
-    def warnings(position: np.ndarray) -> list[str]:
-        lines = [f"{30 * i}," + ",".join(map(repr, row)) for i, row in enumerate(position.tolist())]
-        path.write_text("\n".join(["time_s,x,y,z,cmd_x,cmd_y,cmd_z", *lines]))
-        return [text for text in read_poses(path).warnings if "repeat" in text]
-
     commanded = rng.normal(size=(40, 3))
     once = np.hstack([np.round(commanded + rng.normal(0, 1e-5, commanded.shape), 6), commanded])
-    assert warnings(once) == []
-    (text,) = warnings(np.repeat(once, 2, axis=0))
-    assert text.startswith(f"{path}: 40 rows repeat the measured values of an earlier row to the last digit (line 3 ")
     often = np.repeat(commanded, 30, axis=0)
     noisy = np.hstack([np.round(often + rng.normal(0, 4e-6, often.shape), 6), often])
     assert np.unique(noisy[:, :3], axis=0).shape[0] < 1200
-    assert warnings(noisy) == []
-    assert warnings(np.hstack([np.round(often, 4), often])) == []
+    tables = (once, np.repeat(once, 2, axis=0), noisy, np.hstack([np.round(often, 4), often]))
+    head = f"time_s,{COMMANDED}"
+    found = [repeats(tmp_path, head, ([30 * i, *row] for i, row in enumerate(table.tolist()))) for table in tables]
+    assert found.pop(1).startswith("40 rows repeat the measured values of an earlier row to the last digit (line 3 ")
+    assert found == ["", "", ""]
+
+
+SAMPLE = ("sample_data/poses.csv", "--robot", "sample_data/robot.yaml")
+HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"
+GATES = {
+    "pass": "  - {key: position.rms, limit: 9 mm, reason: r}\n",
+    "fail": "  - {key: position.rms, limit: 1 mm, reason: r}\n  - {key: verdict, limit: clean, reason: r}\n",
+    "inconclusive": "  - {key: position.rms, limit: 1.85 mm, reason: r}\n",
+    "missing": "  - {key: position.rms, limit: 9 mm, reason: r}\n  - {key: verdict, limit: clean, reason: r}\n",
+    "bad": "  - {key: position.rms, limit: 9, reason: r}\n",
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("gates")
+    for name, text in GATES.items():
+        (made / f"{name}.yaml").write_text(HEAD + text)
+    output("estimate", *SAMPLE, "--format", "json", "-o", made / "result.json")
+    (made / "broken.json").write_text('{"schema": "robacc.estimate/1", ')
+    return made
+
+
+@pytest.mark.parametrize(
+    ("command", "status"),
+    [
+        ("{estimate}", 0),
+        ("{estimate} --gate {folder}/pass.yaml", 0),
+        ("check {folder}/result.json --gate {folder}/pass.yaml", 0),
+        ("check - --gate {folder}/pass.yaml", 0),
+        ("estimate", 2),
+        ("estimates x.csv", 2),
+        ("check {folder}/result.json", 2),
+        ("{estimate} --junit {folder}/j.xml", 2),
+        ("estimate nowhere.csv", 3),
+        ("{estimate} --gate {folder}/bad.yaml", 3),
+        ("{estimate} --gate {folder}/nowhere.yaml", 3),
+        ("check {folder}/broken.json --gate {folder}/pass.yaml", 3),
+        ("check sample_data/poses.csv --gate {folder}/pass.yaml", 3),
+        ("{estimate} --gate {folder}/pass.yaml --junit {folder}/none/j.xml", 3),
+        ("{estimate} --gate {folder}/fail.yaml", 4),
+        ("check {folder}/result.json --gate {folder}/fail.yaml --format github", 4),
+        ("{estimate} --gate {folder}/inconclusive.yaml", 5),
+        ("check {folder}/result.json --gate {folder}/missing.yaml --format markdown", 5),
+    ],
+)
+def test_status(command: str, status: int, folder: Path) -> None:
+    words = command.format(estimate=" ".join(("estimate", *SAMPLE)), folder=folder).split()
+    done = run(*words, text=(folder / "result.json").read_text(encoding="utf-8"))
+    assert done.exit_code == status, done.stderr
+    # What cannot be used leaves nothing on standard output for the next program to take as a result.
+    assert bool(done.stdout) == (status in (0, 4, 5))
+
+
+def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
+    script = (
+        f'"{sys.executable}" -m robacc estimate {" ".join(SAMPLE)} --gate {folder}/inconclusive.yaml > /dev/null\n'
+        'case $? in 0) echo pass;; 4) echo fail;; 5) echo "measure more";; *) echo broken;; esac\n'
+    )
+    done = subprocess.run(script, shell=True, cwd=PROJECT, capture_output=True, text=True, check=True)
+    assert done.stdout == "measure more\n"

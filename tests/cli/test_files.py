@@ -39,13 +39,14 @@ def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    for path, message in [(tmp_path, "is a folder, not a file"), (tmp_path / "no.yaml", "the file does not exist")]:
+    for path, message in (
+        (tmp_path, "is a folder, not a file"),
+        (tmp_path / "no.yaml", "the file does not exist"),
+        (write(tmp_path / "file", "x") / "a.yaml", "cannot be read: not a directory"),
+        ("a\0b", "cannot be read"),
+    ):
         with pytest.raises(InputError, match=message):
             read_text(path)
-    with pytest.raises(InputError, match="cannot be read: not a directory"):
-        read_text(write(tmp_path / "file", "x") / "a.yaml")
-    with pytest.raises(InputError, match="cannot be read"):
-        read_text("a\0b")
     with pytest.raises(InputError, match="cannot be read: no such file"):
         sha256_of(tmp_path / "no.yaml")
 
@@ -55,10 +56,15 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def test_sha256(tmp_path: Path) -> None:
+def test_a_digest_is_of_the_bytes_that_were_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "abc", "abc")
     # FIPS 180-2, appendix B.1.
     digest = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
-    assert sha256_of(write(tmp_path / "abc", "abc")) == digest
+    assert sha256_of(path) == digest
+    read_text(path)
+    write(path, "changed meanwhile")
+    assert sha256_of(path) == digest
+    assert sha256_of(path) != digest
 
 
 def test_text_is_written_whole_and_keeps_permissions_and_links(tmp_path: Path) -> None:
@@ -86,15 +92,20 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path, monkeyp
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(InputError, match="cannot be written: no space left on device"):
         write_text(path, "new")
-    assert path.read_text() == "old"
-    assert list(tmp_path.iterdir()) == [path]
+    assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
 
 
 def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="its folder does not exist; create the folder first"):
-        write_text(tmp_path / "no" / "out.txt", "x")
-    with pytest.raises(InputError, match="is a folder, not a file; name a file in it"):
-        write_text(tmp_path, "x")
+    dangling = tmp_path / "link.json"
+    dangling.symlink_to(tmp_path / "missing" / "r.json")
+    for path, message in (
+        (tmp_path / "no" / "out.txt", "its folder does not exist; create the folder first"),
+        (dangling, "its folder does not exist; create the folder first"),
+        (tmp_path, "is a folder, not a file; name a file in it"),
+    ):
+        with pytest.raises(InputError, match=message):
+            write_text(path, "x")
+    assert list(tmp_path.iterdir()) == [dangling]
     path = write(tmp_path / "out.txt", "old")
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anything, so the mode alone shows nothing
     with pytest.raises(InputError, match="cannot be written: the file is write-protected"):

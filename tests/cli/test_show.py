@@ -70,8 +70,7 @@ def test_json_is_the_contracts_and_nothing_else() -> None:
 
 def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
     words = ("configs/robots/ur10.yaml", "--format", "json")
-    assert show(*words, "--output", tmp_path / "out.json") == ""
-    assert (tmp_path / "out.json").read_text() == show(*words)
+    assert (show(*words, "--output", tmp_path / "out.json"), (tmp_path / "out.json").read_text()) == ("", show(*words))
 
 
 def test_exit_statuses() -> None:

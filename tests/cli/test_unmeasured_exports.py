@@ -19,7 +19,6 @@ ROBOT, MODEL = str(SAMPLES / "trace" / "robot.yaml"), str(SAMPLES / "trace" / "t
 def export(tmp_path: Path) -> tuple[str, np.ndarray]:
     """Return a German UTF-16 table of joint targets without units, and its joints in rad."""
     q = robacc.simulate(ROBOT, poses=8, seed=4).data.q
-    assert q is not None
     rows = [";".join([f"P{i}", *(f"{math.degrees(a):.4f}" for a in row)]) for i, row in enumerate(q.T)]
     names = ";".join(f"A{i}" for i in range(1, 7))
     text = "\n".join(["Ziele;Zelle 4", f"Punkt;{names}", *rows, ""]).replace(".", ",")

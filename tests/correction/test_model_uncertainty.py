@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 
 import robacc
+from robacc.comparison.paired_targets import Promise, PromisedNoise, paired_targets, rows_of_targets
 from robacc.effects.specification import with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.modelling.model import Model, predict
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import coverage, model_uncertainty
+from robacc.render.plots.canvas import as_part
+from robacc.render.plots.catalogue import chart_of
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -37,8 +40,6 @@ def test_model_file_keeps_the_record() -> None:
     text = result.model_yaml()
     robot = parse_robot(text, "model.yaml")
     own, read = model_fit(result.robot), model_fit(robot)
-    assert own is not None
-    assert read is not None
     assert read.coefficients == own.coefficients
     np.testing.assert_allclose(read.covariance, own.covariance, rtol=1e-10)
     assert set(read.coefficients) <= {parameter.name for parameter in result.parameters}
@@ -71,7 +72,6 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
     for seed in range(6):
         robot = calibrated(seed).robot
         fit = model_fit(robot)
-        assert fit is not None
         bare = dataclasses.replace(fit, unexplained=0 * fit.unexplained, repeatability={}, bound_factor=(1.0, 1.0))
         spread = model_uncertainty(robot, bare, poses, measured=True)
         error = predict(robot, poses).translation - truth
@@ -92,7 +92,6 @@ def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None
         chosen = result.targets.is_corrected
         error = np.linalg.norm(real - result.targets.wanted.poses.translation, axis=0)[chosen]
         bound = result.after.position_bound
-        assert bound is not None
         inside.append(np.mean(error <= bound[chosen]))
         spread = np.sqrt(np.mean((bound[chosen] / 1.8) ** 2) + 3 * 0.03e-3**2)
         ratio.append(np.sqrt(np.mean(error**2)) / spread)
@@ -143,14 +142,11 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
 
 
 def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
-    from robacc.render.plots.canvas import as_part
-    from robacc.render.plots.catalogue import chart_of
 
     prediction = robacc.predict(calibrated(1).robot, samples=120)
     voxels = json.loads(prediction.to_json())["warranty_map"]
     csv = [row.split(",") for row in prediction.map_csv(voxels["voxel_m"]).splitlines()[1:]]
-    assert [row[-1] for row in csv] == voxels["grade"]
-    assert [int(row[3]) for row in csv] == voxels["configurations"]
+    assert ([row[-1] for row in csv], [int(row[3]) for row in csv]) == (voxels["grade"], voxels["configurations"])
     # The grade of a voxel is that of its worst configuration.
     centre, edge = np.array(voxels["centre_m"]).T, voxels["voxel_m"]
     poses = predict(dataclasses.replace(prediction.robot, effects=()), prediction_poses(prediction)).translation
@@ -160,7 +156,6 @@ def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
         assert np.count_nonzero(inside) == voxels["configurations"][i]
         assert bound[inside].max() == pytest.approx(voxels["bound95_m"][i], rel=1e-9)
     chart = chart_of(json.loads(prediction.to_json()), "warranty")
-    assert chart.scene is not None
     assert sum(len(trace["x"]) for trace in chart.scene.traces) == len(voxels["grade"])
     assert f"of {len(voxels['grade'])} voxels" in chart.caption
     assert "grade" in as_part(chart.draw, chart.size, "x")
@@ -178,7 +173,6 @@ def test_errors_of_the_measurement_do_not_hide_errors_of_the_arm() -> None:
     fit = "base_frame,tool_frame,joint_offset[j2,j3],instrument_scale"
     result = robacc.calibrate(data, robot=ROBOT, fit=fit, folds=2)
     record = model_fit(result.robot)
-    assert record is not None
     bare = dataclasses.replace(record, unexplained=0 * record.unexplained, bound_factor=(1.0, 1.0))
     poses = robacc.simulate(ROBOT, poses=40, seed=9).data
     of_arm, of_measured = (
@@ -212,7 +206,6 @@ def differences(robot: Robot, record: ModelFit, poses: robacc.Measurements) -> n
 
 def test_records_that_were_changed_are_refused() -> None:
     robot = calibrated(1).robot
-    assert robot.fit is not None
     for key, value in (("covariance", ["1", "2 3"]), ("coefficients", None), ("effects", [{"effect": "wrong"}])):
         changed = dataclasses.replace(robot, fit={**robot.fit, key: value})
         with pytest.raises(robacc.InputError, match="fit"):
@@ -225,30 +218,15 @@ def test_records_that_were_changed_are_refused() -> None:
 def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
     model = calibrated(1).robot
     fit = model_fit(model)
-    assert fit is not None
     targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
     narrow = dataclasses.replace(fit, ranges={**fit.ranges, "j1": (-1.0, 1.0)})
     model = dataclasses.replace(model, fit=narrow.entry())
     result = robacc.correct(targets, model=model)
-    assert targets.q is not None
     outside = np.abs(targets.q[0]) > 1.1
     causes = [None if refusal is None else refusal.cause.value for refusal in result.targets.refusals]
     assert {causes[i] for i in np.flatnonzero(outside)} == {"out_of_range"}
     allowed = robacc.correct(targets, model=model, beyond_range=True)
     assert allowed.n_corrected > result.n_corrected
-
-
-def test_a_temperature_that_no_effect_depends_on_refuses_no_target() -> None:
-    model = calibrated(1).robot
-    fit = model_fit(model)
-    assert fit is not None
-    cool = dataclasses.replace(fit, ranges={**fit.ranges, "temperature_c": (19.5, 20.5)})
-    model = dataclasses.replace(model, fit=cool.entry())
-    targets = robacc.simulate(ROBOT, poses=12, seed=5, motion=False).data
-    within, beyond = (robacc.correct(targets, model=model, temperature=degrees) for degrees in (20.0, 22.0))
-    assert within.n_corrected > 0
-    np.testing.assert_array_equal(beyond.targets.q, within.targets.q)
-    assert any("the targets are at 22" in warning for warning in beyond.warnings)
 
 
 # -- after the correction
@@ -274,24 +252,20 @@ def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() 
     before = dataclasses.replace(measured(truth, nominal, 1), **pose)
     after = dataclasses.replace(measured(truth, corrected, 2), **pose)
     result = robacc.compare_paired(before, after, model=model, noise="0.02mm")
-    assert result.loaded.verdict == "loaded"
-    assert result.loaded.slope == pytest.approx(1.0, abs=0.03)
+    assert (result.loaded.verdict, result.loaded.slope) == ("loaded", pytest.approx(1.0, abs=0.03))
     assert result.gain.low > 0.0
     assert result.metrics_after.rms < 0.1 * result.metrics_before.rms
-    assert result.promise is not None
     assert result.promise.kept
     # The robot drove to the nominal targets again.
     again = dataclasses.replace(measured(truth, nominal, 3), **pose, q=corrected.q)
     result = robacc.compare_paired(before, again, model=model, noise="0.02mm")
     assert result.loaded.verdict == "not loaded"
     assert any("no sign that the correction was loaded" in warning for warning in result.warnings)
-    assert result.promise is not None
     assert not result.promise.kept
     # Half of it, and no model: the plan is then the error before.
     half = 0.5 * (before.position + after.position)
     result = robacc.compare_paired(before, dataclasses.replace(after, position=half))
-    assert result.loaded.verdict == "partly loaded"
-    assert result.loaded.slope == pytest.approx(0.5, abs=0.05)
+    assert (result.loaded.verdict, result.loaded.slope) == ("partly loaded", pytest.approx(0.5, abs=0.05))
     assert result.promise is None
 
 
@@ -305,7 +279,6 @@ def without_stated_noise() -> Robot:
 def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word() -> None:
     model = without_stated_noise()
     fit = model_fit(model)
-    assert fit is not None
     assert not fit.noise_is_separate
     targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
     before, after = (measured(robacc.read_robot(TRUTH), targets, seed) for seed in (1, 2))
@@ -315,8 +288,7 @@ def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word
     assert not any("is not added" in warning for warning in results[None].warnings)
     for noise in ("0.001mm", "2mm"):
         assert any(f"`noise` of {noise[:-2]} mm is not added" in warning for warning in results[noise].warnings)
-        assert promises[noise]["noise"]["treatment"] == "contained"
-        assert promises[noise]["noise"]["source"] == "given"
+        assert (promises[noise]["noise"]["treatment"], promises[noise]["noise"]["source"]) == ("contained", "given")
     # Smaller than the unexplained error: nothing changes. Larger: the remaining error is at least the noise.
     assert promises["0.001mm"]["chi_square"] == promises[None]["chi_square"]
     assert promises["2mm"]["promised_rms_m"] == pytest.approx(np.sqrt(3) * 2e-3, rel=0.01)
@@ -331,7 +303,6 @@ def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word
 def test_noise_of_a_model_that_knows_it_is_added() -> None:
     model = calibrated(2).robot
     fit = model_fit(model)
-    assert fit is not None
     assert fit.noise_is_separate
     assert fit.noise == pytest.approx((0.03e-3, 0.03e-3))  # as the poses stated it, without what is unexplained
     targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
@@ -340,7 +311,6 @@ def test_noise_of_a_model_that_knows_it_is_added() -> None:
     for noise in (1e-5, 1e-3):
         result = robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
         assert not any("is not added" in warning for warning in result.warnings)
-        assert result.promise is not None
         squares.append(result.promise.promised_rms**2)
     assert squares[1] - squares[0] == pytest.approx(3e-6 - 3e-10, rel=1e-6)
     bare = dataclasses.replace(fit, unexplained=0.0 * fit.unexplained, repeatability={})
@@ -351,7 +321,6 @@ def test_noise_of_a_model_that_knows_it_is_added() -> None:
 
 def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() -> None:
     """Coefficients of two targets share no column, and a target that is not measured again has none."""
-    from robacc.comparison.paired_targets import PairedTargets
 
     robot = dataclasses.replace(
         robacc.read_robot(ROBOT), targets={"A": Frame(xyz=(0.05, 0.0, 0.1)), "B": Frame(xyz=(-0.05, 0.02, 0.1))}
@@ -360,14 +329,12 @@ def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() 
     assert data.target is not None
     model = robacc.calibrate(data, robot=robot, fit="base_frame,tool_frame,joint_offset", folds=2).robot
     alone = data.subset(np.flatnonzero(data.target == "A")[:10])
-    result: PairedTargets = robacc.compare_paired(alone, alone, model=model, nominal=robot)
-    assert result.promise is not None
+    result = robacc.compare_paired(alone, alone, model=model, nominal=robot)
     assert result.promise.degrees_of_freedom == 30
 
 
 def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
     """Pose "P" with target "A A" is another point than pose "P A" with target "A"."""
-    from robacc.comparison.paired_targets import rows_of_targets
 
     data = robacc.Measurements(
         position=np.zeros((3, 4)), pose=np.array(["P", "P A", "P A", "P"]), target=np.array(["A A", "A", "A", "A A"])
@@ -377,7 +344,6 @@ def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
 
 def test_promise_is_kept_as_often_as_it_claims() -> None:
     """The normalised square of what is drawn from the promised covariance has the mean and variance of a chi-square."""
-    from robacc.comparison.paired_targets import Promise, PromisedNoise, paired_targets
 
     rng = np.random.default_rng(0)
     n, count = 12, 5
@@ -392,11 +358,9 @@ def test_promise_is_kept_as_often_as_it_claims() -> None:
         promise = Promise(predicted + 10.0, predicted, jacobian, root @ root.T, separate, noise)
         names = tuple(map(str, range(n)))
         result = paired_targets(names, predicted + 10.0, predicted + shared + own, predicted, promise)
-        assert result.promise is not None
         squares.append(result.promise.chi_square)
     # Mean 36 with a standard error of sqrt(72 / 300) = 0.5.
-    assert np.mean(squares) == pytest.approx(3 * n, abs=2.0)
-    assert np.var(squares) == pytest.approx(6 * n, rel=0.35)
+    assert (np.mean(squares), np.var(squares)) == (pytest.approx(3 * n, abs=2.0), pytest.approx(6 * n, rel=0.35))
 
 
 def test_approaches_that_no_file_states_are_not_held_against_measurements() -> None:

@@ -1,4 +1,4 @@
-"""The choice of poses: criteria against their definitions, additions, exchange against brute force."""
+"""The choice of poses and their order: criteria against their definitions, exchange against brute force, routes."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from robacc.planning.design import (
     CRITERIA,
@@ -17,6 +18,8 @@ from robacc.planning.design import (
     information_of,
     region_variance,
 )
+from robacc.planning.power import PowerCriterion, PowerProblem, choose_for_power, expected_power, random_power
+from robacc.planning.route import LEAST_DIRECTION_SHARE, direction_shares, route
 
 
 def problem(criterion: Criterion, n: int = 60, size: int = 5, components: int = 3, seed: int = 0) -> DesignProblem:
@@ -87,3 +90,95 @@ def test_what_was_measured_already_counts() -> None:
     first = chosen_of(case, 5)
     later = DesignProblem(case.rows, case.information + information_of(case.rows[first]), case.criterion)
     assert at(later, chosen_of(later, 5)) < at(case, first)
+
+
+def power_problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -> PowerProblem:
+    rng = np.random.default_rng(seed)
+    rows, columns = rng.normal(size=(n, 3, free)), rng.normal(size=(n, 3, effects))
+    # Poses differ in what they show, or every choice would be as good.
+    columns *= np.exp(rng.normal(size=(n, 1, effects)))
+    columns[:, :, 1] = columns[:, :, 0] + 0.3 * columns[:, :, 1]
+    rival = np.arange(effects)
+    rival[0], rival[1] = 1, 0
+    information = np.diag(np.repeat([1e-6, 0.0], [free, effects]))
+    return PowerProblem(np.concatenate((rows, columns), 2), information, PowerCriterion(np.full(effects, 30.0), rival))
+
+
+def explained(case: PowerProblem, chosen: np.ndarray, k: int, beside: list[int]) -> float:
+    """Squared length of column k of the chosen poses, orthogonal to the four free ones and those ``beside``."""
+    columns = case.rows[chosen].reshape(-1, case.rows.shape[2])
+    column, others = columns[:, 4 + k], columns[:, [*range(4), *(4 + i for i in beside)]]
+    solution = np.linalg.lstsq(others, column, rcond=None)[0]
+    return float(np.sum(np.square(column - others @ solution)))
+
+
+def test_the_value_is_that_of_least_squares() -> None:
+    case, chosen = power_problem(), np.arange(3, 20)
+    detected = [stats.norm.cdf(explained(case, chosen, k, []) ** 0.5 - 30**0.5) for k in range(7)]
+    separated = np.ones(7)
+    for k in (0, 1):
+        separated[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 6**0.5)
+    power = expected_power(case, chosen)
+    np.testing.assert_allclose(
+        [power.detected, power.separated], [np.mean(detected), np.mean(detected * separated)], rtol=1e-6
+    )
+    assert case.cost(chosen) == -0.5 * (power.detected + power.separated)
+
+
+def test_additions_of_power_agree_with_the_cost_of_all_poses() -> None:
+    case, chosen = power_problem(3), np.array([3, 7, 11, 20, 41, 52])
+    costs = case.costs_beside(chosen)
+    others = np.setdiff1d(np.arange(60), chosen)
+    np.testing.assert_allclose(costs[others], [case.cost(np.append(chosen, k)) for k in others], rtol=1e-6)
+    assert np.isinf(costs[chosen]).all()
+
+
+def test_choice_for_power_is_never_worse_than_random() -> None:
+    for seed in range(3):
+        case = power_problem(seed)
+        chosen = choose_for_power(case, 12, seed)
+        assert np.unique(chosen).size == 12
+        rng = np.random.default_rng(seed)
+        assert case.cost(chosen) < min(case.cost(rng.choice(60, 12, replace=False)) for _ in range(30))
+        assert expected_power(case, chosen).detected > random_power(case, 12, seed).detected
+
+
+def poses(n: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).uniform(-2.0, 2.0, (6, n))
+
+
+@pytest.mark.parametrize("n", [12, 30, 60])
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_routes_are_short_and_come_from_both_sides(n: int, seed: int) -> None:
+    q = poses(n, seed)
+    path = route(q, n // 10, 0, 10, seed)
+    visited = q[:, path.visits]
+    shares = direction_shares(np.sign(np.diff(visited, axis=1)))
+    assert shares.min() >= LEAST_DIRECTION_SHARE
+    np.testing.assert_allclose(path.direction_share, shares)
+    assert path.length < 0.95 * path.random_length
+    assert path.speed_std.min() > 0.1
+
+
+def test_every_pose_is_visited_and_checks_recur() -> None:
+    path = route(poses(25), 4, 7, 6, 0)
+    visits = path.visits.tolist()
+    assert set(visits) == set(range(25))
+    checks = [i for i, node in enumerate(visits) if node == 7]
+    assert (checks[0], checks[-1]) == (0, len(visits) - 1)
+    assert max(np.diff(checks)) == 7  # six visits between two checks
+    assert (path.roles.count("repeat"), [role == "check" for role in path.roles]) == (4, [node == 7 for node in visits])
+    # A repeat is a new arrival: never the pose just visited.
+    assert all(a != b for a, b in itertools.pairwise(visits))
+
+
+def test_drift_is_not_confused_with_place() -> None:
+    for seed in range(4):
+        path = route(poses(40, seed), 4, 0, 10, seed)
+        assert path.drift_share < 0.5
+
+
+def test_small_sets() -> None:
+    assert route(poses(1), 0, None, 1, 0).visits.tolist() == [0]
+    assert sorted(route(poses(2), 0, None, 1, 0).visits.tolist()) == [0, 1]
+    assert route(poses(3), 0, 1, 10, 0).visits.tolist()[0] == 1

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from arms import arm
+from test_expected import target_poses
 
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
@@ -30,41 +31,9 @@ def model(name: str = "irb1600") -> Model:
 
 
 def forward(which: Model, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Position and rotation by one 4 x 4 product for each row of the table."""
-    robot = which.arm.robot
-    positions, rotations = [], []
-    for column in q.T:
-        pose = np.eye(4)
-        variables = iter(column)
-        for joint in robot.joints:
-            p = dict(joint.parameters)
-            value = next(variables)
-            if joint.type == "revolute":
-                p["theta"] += joint.sign * value
-            else:
-                p["d"] += joint.sign * value
-            ct, st, ca, sa = np.cos(p["theta"]), np.sin(p["theta"]), np.cos(p["alpha"]), np.sin(p["alpha"])
-            pose = pose @ np.array(
-                [
-                    [ct, -st * ca, st * sa, p["a"] * ct],
-                    [st, ct * ca, -ct * sa, p["a"] * st],
-                    [0.0, sa, ca, p["d"]],
-                    [0.0, 0.0, 0.0, 1.0],
-                ]
-            )
-        roll, pitch, yaw = robot.tool.rpy
-        cr, sr, cp, sp, cy, sy = *_cs(roll), *_cs(pitch), *_cs(yaw)
-        turn = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
-        turn = (
-            turn @ np.array([[cp, 0, sp], [0, 1, 0], [-sp, 0, cp]]) @ np.array([[1, 0, 0], [0, cr, -sr], [0, sr, cr]])
-        )
-        positions.append(pose[:3, :3] @ np.array(robot.tool.xyz) + pose[:3, 3])
-        rotations.append(pose[:3, :3] @ turn)
-    return np.array(positions).T, np.moveaxis(np.array(rotations), 0, 2)
-
-
-def _cs(angle: float) -> tuple[float, float]:
-    return float(np.cos(angle)), float(np.sin(angle))
+    """Position and rotation of the target, by matrices."""
+    pose = target_poses(which.arm.robot, q, {})
+    return pose[:, :3, 3].T, np.moveaxis(pose[:, :3, :3], 0, 2)
 
 
 def samples(which: Model, n: int = 300) -> np.ndarray:
@@ -192,8 +161,6 @@ def test_texts_that_mean_nothing_are_refused(call: object, text: str) -> None:
 
 def test_texts_of_places() -> None:
     side = parse_half_space("3x - 4y <= 500mm", "half_space")
-    assert side.normal == pytest.approx((0.6, -0.8, 0.0))
-    assert side.offset == pytest.approx(0.1)
+    assert (side.normal, side.offset) == (pytest.approx((0.6, -0.8, 0.0)), pytest.approx(0.1))
     box = parse_box("x=-100mm:0.2,z=0.1:", "inside")
-    assert box.low == (-0.1, -np.inf, 0.1)
-    assert box.high == (0.2, np.inf, np.inf)
+    assert (box.low, box.high) == ((-0.1, -np.inf, 0.1), (0.2, np.inf, np.inf))

@@ -38,12 +38,9 @@ def plan() -> Planned:
 
 def test_each_payload_is_mounted_once(plan: Planned) -> None:
     payload = plan.visits().payload
-    assert payload is not None
-    assert np.count_nonzero(np.diff(payload)) == 1
-    assert set(payload.tolist()) == {0.0, 5.0}
+    assert (np.count_nonzero(np.diff(payload)), set(payload.tolist())) == (1, {0.0, 5.0})
     blocks = plan.payload_blocks
-    assert [block.payload for block in blocks] == [0.0, 5.0]
-    assert sum(block.n_poses for block in blocks) == 12
+    assert ([block.payload for block in blocks], sum(block.n_poses for block in blocks)) == ([0.0, 5.0], 12)
     assert sum(block.n_visits for block in blocks) == payload.size
     # Every payload has its own drift checks, at its start and at its end.
     roles = plan.route.roles
@@ -90,16 +87,13 @@ def test_standard_errors_are_those_of_the_simulated_poses(plan: Planned, tmp_pat
 
 
 def test_the_poses_are_better_than_random_ones_with_random_payloads(plan: Planned) -> None:
-    assert plan.accuracy is not None
-    assert plan.accuracy.planned is not None
     assert plan.accuracy.planned.random_rms is not None
     assert plan.accuracy.planned.rms < 0.95 * plan.accuracy.planned.random_rms
 
 
 def test_acceptance_gives_every_payload_its_share() -> None:
     plan = planned("acceptance", poses=11, repeats=0, check_every=0)
-    assert [block.n_poses for block in plan.payload_blocks] == [6, 5]
-    assert np.unique(plan.q, axis=1).shape[1] == 11
+    assert ([block.n_poses for block in plan.payload_blocks], np.unique(plan.q, axis=1).shape[1]) == ([6, 5], 11)
     assert plan.validation is None
 
 
@@ -113,7 +107,6 @@ def test_a_trace_tests_the_effect_of_the_payload() -> None:
 def test_validation_poses_have_payloads() -> None:
     plan = planned(fit=FIT, poses=10, validation=5)
     payload = plan.validation_poses().payload
-    assert payload is not None
     assert payload.tolist() == [0.0, 0.0, 0.0, 5.0, 5.0]
     assert "payload_kg" in plan.validation_csv()
 

@@ -1,4 +1,4 @@
-"""Predicted errors against campaigns that the tool itself fits: with and without weakly identifiable constants."""
+"""Predicted errors against campaigns that the tool itself fits, simulated and recorded; plans of too few poses."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from arms import arm
 from test_expected import positions
 
 import robacc
+from robacc.api.inputs import load_poses, load_robot
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, too_few_warning
 from robacc.planning.linear_model import free_effects
 from robacc.planning.planner import plan_campaign
 
@@ -51,8 +52,6 @@ def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float
     plan = plan_campaign(arm(name).robot, settings)
     errors, held_out = realised(plan, noise, campaigns)
     predicted = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
-    assert plan.accuracy is not None
-    assert plan.accuracy.planned is not None
     return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy.planned.rms / held_out
 
 
@@ -82,7 +81,6 @@ def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
     plan = robacc.plan(robot, model=model, candidates=150, poses=3, repeats=0, check_every=0)
     assert "noise of the model's fit" in plan.noise.source
     assert plan.noise.position == pytest.approx(fitted.fit.noise.position, rel=1e-6)
-    assert plan.sufficiency is not None
     assert plan.sufficiency.of_model
     before = {entry.name: entry.std for entry in fitted.parameters if entry.std is not None}
     after = {entry.name: entry.std for entry in plan.coefficients if entry.std is not None}
@@ -109,3 +107,50 @@ def test_the_prior_is_that_of_the_fit() -> None:
     # (81 v u^4 + v^2 u^2) / (9 u^2 + v)^2: at most 2.53 u^2.
     stds = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
     assert max(stds) < 1.6e-3
+
+
+DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
+EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"
+
+
+@pytest.mark.skipif(not DATA.exists(), reason="needs the recorded UR10")
+@pytest.mark.slow
+def test_sixty_planned_rows_do_for_all() -> None:
+    robot, _ = load_robot(DATA / "robot.yaml")
+    data, _ = load_poses(DATA / "series_B.csv", robot)
+    assert data.q is not None
+
+    def error(rows: np.ndarray, at: np.ndarray) -> float:
+        fitted = fit(Model.of(robot, free_effects(robot, EFFECTS)), data.subset(rows))
+        predicted = fitted.model.bind(data.subset(at)).poses(fitted.theta).translation
+        return float(np.sqrt(np.mean(np.sum(np.square(data.position[:, at] - predicted), axis=0))))
+
+    settings = CampaignSettings("calibrate", 60, noise=1e-5, unexplained=2.5e-4, check_every=0, repeats=0)
+    plan = plan_campaign(robot, settings, candidates=data, task=data)
+    chosen = plan.candidates.q[:, plan.chosen]
+    rows = np.unique([int(np.argmin(np.sum(np.square(data.q - q[:, None]), axis=0))) for q in chosen.T])
+    others = np.setdiff1d(np.arange(data.n), rows)
+    assert rows.size == 60
+    # The remaining error is a periodic error of the joints, not noise, so random rows do as well here: 1.03 to 1.12 of
+    # the fit to all in twelve draws, 1.06 in the mean. Planned rows give 1.07; with other criteria, other unexplained
+    # errors and orientations planned too, 1.06 to 1.14.
+    assert error(rows, others) < 1.10 * error(np.arange(data.n), others)
+
+
+@pytest.mark.parametrize(
+    ("n_poses", "n_known", "components", "enough"), [(3, 0, 3, 9), (4, 2, 3, 7), (4, 0, 6, 5), (1, 0, 3, 9)]
+)
+def test_the_number_that_is_enough_is_the_least_that_gives_no_warning(
+    n_poses: int, n_known: int, components: int, enough: int
+) -> None:
+    (text,) = too_few_warning(n_poses, n_known, components, 27)
+    assert f"plan at least {enough} poses" in text
+    assert too_few_warning(enough, n_known, components, 27) == ()
+    assert too_few_warning(enough - 1, n_known, components, 27)
+
+
+@pytest.mark.parametrize(("poses", "warned"), [(3, True), (10, False)])
+def test_a_plan_of_three_poses_is_warned_of(poses: int, warned: bool) -> None:
+    settings = CampaignSettings("calibrate", poses=poses, n_candidates=100)
+    plan = plan_campaign(arm("puma560").robot, settings)
+    assert any("fewer than the" in text for text in plan.warnings) == warned

@@ -238,8 +238,8 @@ def test_budget_sums_to_one_and_equals_the_reduction_without_a_parameter() -> No
     robot = robot_of("puma560")
     full = predicted(robot)
     for shares in (full.budget, full.by_joint, full.by_kind):
-        assert sum(share.position for share in shares) == pytest.approx(1.0, abs=1e-12)
-        assert sum(share.orientation for share in shares) == pytest.approx(1.0, abs=1e-12)
+        sums = [sum(getattr(share, quantity) for share in shares) for quantity in ("position", "orientation")]
+        assert sums == pytest.approx([1.0, 1.0], abs=1e-12)
     share = next(share for share in full.budget if share.name == "j2.theta")
     without = predicted(robot, tolerances=Tolerances("normal", 1.0, joints={"j2": {"theta": 0.0}}))
     assert len(without.parameters) == len(full.parameters) - 1
@@ -277,8 +277,7 @@ def test_p95_is_that_of_robots_and_poses_drawn_at_random() -> None:
 
 def test_grade_and_the_share_of_poses_that_meet_it() -> None:
     prediction = predicted(robot_of("puma560"))
-    assert prediction.grade.grade == "D"
-    assert prediction.grade.limited_by == ("position",)
+    assert (prediction.grade.grade, prediction.grade.limited_by) == ("D", ("position",))
     expected = np.mean(
         (prediction.position.pose_radius95 <= 0.5e-3) & (prediction.orientation.pose_radius95 <= np.deg2rad(0.5))
     )
@@ -344,14 +343,31 @@ def test_samples_fill_the_limits_evenly_and_depend_on_the_seed() -> None:
 
 def test_configurations_that_cannot_be_sampled() -> None:
     slide = Robot("slide", "standard", (row("s", "prismatic", None), row("r", limits=None)))
-    with pytest.raises(
-        InputError, match="the prismatic joint s has no limits to spread configurations over; give it limits"
+    for refusal, call, message in (
+        (
+            InputError,
+            lambda: sampled_configurations(slide, 4),
+            "the prismatic joint s has no limits to spread configurations over; give it limits",
+        ),
+        (UsageError, lambda: sampled_configurations(planar(), 0), "`samples` is at least 1, not 0"),
+        (
+            UsageError,
+            lambda: sampled_configurations(planar(), 4, target="smr1"),
+            "no target 'smr1'; the robot file has no targets",
+        ),
+        (
+            InputError,
+            lambda: configurations_of(planar(), Measurements(np.zeros((3, 2)))),
+            "has no joint columns: the prediction needs the joint values",
+        ),
+        (
+            InputError,
+            lambda: configurations_of(planar(), Measurements(np.zeros((3, 0)), q=np.zeros((2, 0)))),
+            "has no poses to predict the accuracy at",
+        ),
     ):
-        sampled_configurations(slide, 4)
-    with pytest.raises(UsageError, match="`samples` is at least 1, not 0"):
-        sampled_configurations(planar(), 0)
-    with pytest.raises(UsageError, match="no target 'smr1'; the robot file has no targets"):
-        sampled_configurations(planar(), 4, target="smr1")
+        with pytest.raises(refusal, match=message):
+            call()
     endless = Robot("endless", "standard", (row("r", limits=None),))
     configurations = sampled_configurations(endless, 100)
     assert configurations.notes == ("joint r without limits: sampled over a full turn",)
@@ -373,10 +389,3 @@ def test_targets_are_predicted_each_by_itself() -> None:
     data = Measurements(np.zeros((3, 16)), q=chosen.q, target=np.array(["near", "far"] * 8))
     mixed = pose_covariances(Arm.of(robot).chain, configurations_of(robot, data).scalars, 16, parameters)
     np.testing.assert_allclose(mixed.position[..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)
-
-
-def test_poses_need_joint_columns() -> None:
-    with pytest.raises(InputError, match="has no joint columns: the prediction needs the joint values"):
-        configurations_of(planar(), Measurements(np.zeros((3, 2))))
-    with pytest.raises(InputError, match="has no poses to predict the accuracy at"):
-        configurations_of(planar(), Measurements(np.zeros((3, 0)), q=np.zeros((2, 0))))

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,9 +76,7 @@ def test_normalised_squared_error_is_that_of_the_joint_covariance(full: bool) ->
     expected = error @ np.linalg.solve(columns @ columns.T + np.diag(noise), error)
     statistics = reduce_residuals(ROBOT, data, PARAMETERS)
     tests = consistency(statistics)
-    assert tests.total is not None
-    assert tests.total.statistic == pytest.approx(expected, rel=1e-7)
-    assert tests.total.dof == error.size
+    assert (tests.total.statistic, tests.total.dof) == (pytest.approx(expected, rel=1e-7), error.size)
     low, high = stats.chi2.ppf((0.025, 0.975), error.size)
     assert (tests.total.lower, tests.total.upper) == (pytest.approx(low), pytest.approx(high))
     expected_p = 2 * min(stats.chi2.cdf(expected, error.size), stats.chi2.sf(expected, error.size))
@@ -94,7 +94,6 @@ def test_registration_projects_out_base_and_tool() -> None:
     covariance = basis.T @ (columns @ columns.T + np.diag(noise)) @ basis
     projected_error = basis.T @ error
     tests = consistency(reduce_residuals(ROBOT, data, PARAMETERS, aligned=("base_frame", "tool_frame")))
-    assert tests.total is not None
     assert tests.total.dof == error.size - 12
     assert tests.total.statistic == pytest.approx(
         projected_error @ np.linalg.solve(covariance, projected_error), rel=1e-6
@@ -103,8 +102,6 @@ def test_registration_projects_out_base_and_tool() -> None:
     moved = dataclasses.replace(data, position=data.position + np.array([[1e-5], [2e-5], [-1e-5]]))
     after_move = consistency(reduce_residuals(ROBOT, moved, PARAMETERS, aligned=("base_frame",)))
     before = consistency(reduce_residuals(ROBOT, data, PARAMETERS, aligned=("base_frame",)))
-    assert after_move.total is not None
-    assert before.total is not None
     assert after_move.total.statistic == pytest.approx(before.total.statistic, rel=1e-9)
 
 
@@ -131,8 +128,7 @@ def test_noise_is_the_given_one_before_the_files() -> None:
     data = simulated(3)
     in_file = reduce_residuals(ROBOT, data, PARAMETERS)
     given = reduce_residuals(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE))
-    assert in_file.noise.source_position == "file"
-    assert in_file.noise.position == pytest.approx(NOISE)
+    assert (in_file.noise.source_position, in_file.noise.position) == ("file", pytest.approx(NOISE))
     assert given.noise.source_position == "given"
     np.testing.assert_allclose(given.strength, in_file.strength / 2, rtol=1e-9)
     assert given.noise_squares == pytest.approx(in_file.noise_squares / 4, rel=1e-9)
@@ -202,25 +198,45 @@ def test_rejection_rate_and_power_over_robots_simulated_exactly(full: bool, caps
     assert power > 0.9
 
 
-def test_verdict_names_errors_larger_than_the_tolerances() -> None:
-    result = compare_with_measured(ROBOT, simulated(5, factor=2.0), PARAMETERS).consistency
-    assert result.verdict.startswith("the measured errors are larger than the tolerances predict: about ")
-    assert result.scale is not None
-    assert 1.4 < result.scale.factor < 2.8
-    small = compare_with_measured(ROBOT, simulated(5, factor=0.3), PARAMETERS).consistency
-    assert small.verdict.startswith("the measured errors are smaller than the tolerances predict")
-    right = compare_with_measured(ROBOT, simulated(6), PARAMETERS).consistency
-    assert right.verdict == "the measured errors are consistent with the tolerances"
+TINY = tuple(dataclasses.replace(parameter, sd=1e-12) for parameter in PARAMETERS)
 
 
-def test_verdict_names_more_noise_than_stated() -> None:
-    data = simulated(6)
-    result = compare_with_measured(ROBOT, data, PARAMETERS, noise=(NOISE / 2, NOISE / 2)).consistency
-    assert "the part that no parameter explains is 2 times the stated noise: effects other than" in result.verdict
-    assert result.noise is not None
-    assert result.noise.p_value < 1e-6
-    quiet = compare_with_measured(ROBOT, data, PARAMETERS, noise=(2 * NOISE, 2 * NOISE)).consistency
-    assert "the part that no parameter explains is 0.49 times the stated noise" in quiet.verdict
+@pytest.mark.parametrize(
+    ("data", "parameters", "noise", "verdict"),
+    [
+        (
+            simulated(5, factor=2.0),
+            PARAMETERS,
+            None,
+            "^the measured errors are larger than the tolerances predict: about ",
+        ),
+        (simulated(5, factor=0.3), PARAMETERS, None, "^the measured errors are smaller than the tolerances predict"),
+        (simulated(6), PARAMETERS, None, "^the measured errors are consistent with the tolerances$"),
+        (
+            simulated(6),
+            PARAMETERS,
+            NOISE / 2,
+            "the part that no parameter explains is 2 times the stated noise: effects other than",
+        ),
+        (simulated(6), PARAMETERS, 2 * NOISE, "the part that no parameter explains is 0.49 times the stated noise"),
+        (
+            simulated(0, factor=0.0),
+            TINY,
+            None,
+            "far below the noise on these poses, so the tolerances cannot be tested$",
+        ),
+    ],
+)
+def test_verdicts(
+    data: Measurements, parameters: tuple[ToleranceParameter, ...], noise: float | None, verdict: str
+) -> None:
+    result = compare_with_measured(ROBOT, data, parameters, noise=(noise, noise))
+    assert re.search(verdict, result.consistency.verdict)
+    assert (result.components is None) == (parameters is TINY)
+    if "larger" in verdict:
+        assert 1.4 < result.consistency.scale.factor < 2.8
+    if noise == NOISE / 2:
+        assert result.consistency.noise.p_value < 1e-6
 
 
 def test_verdict_names_an_unexpected_pattern() -> None:
@@ -243,7 +259,6 @@ def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
     error, columns, noise = dense(data)
     statistics = reduce_residuals(ROBOT, data, PARAMETERS)
     result = variance_components(statistics, PARAMETERS)
-    assert result is not None
     names = [component.name for component in result.components]
     assert names == ["theta", "d", "a", "alpha"]
     parts = [columns[:, [p.component == name for p in PARAMETERS]] for name in names]
@@ -261,8 +276,7 @@ def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
     assert [component.factor for component in result.components] == pytest.approx(np.exp(best.x / 2), rel=2e-3)
     for component, parameter in zip(result.components, ("theta", "d", "a", "alpha"), strict=True):
         members = [p for p in PARAMETERS if p.component == parameter]
-        assert component.n_parameters == len(members)
-        assert component.predicted == pytest.approx(members[0].sd)
+        assert (component.n_parameters, component.predicted) == (len(members), pytest.approx(members[0].sd))
         assert component.estimate == pytest.approx(component.factor * component.predicted)
         assert component.lower < component.factor < (component.upper or math.inf)
 
@@ -279,11 +293,9 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
 def test_directly_measured_kind_has_the_textbook_interval() -> None:
     y = np.array([0.3, -1.2, 0.8, 2.0, -0.4, 1.1])
     result = variance_components(*direct(y))
-    assert result is not None
     (component,) = result.components
     variance = float(np.mean(y**2))
-    assert component.factor**2 == pytest.approx(variance, rel=1e-3)
-    assert component.dof == pytest.approx(6.0, rel=1e-3)
+    assert (component.factor**2, component.dof) == (pytest.approx(variance, rel=1e-3), pytest.approx(6.0, rel=1e-3))
     # n (x - 1 - log x) at both ends, x = estimate over truth, within the corrected quantile.
     threshold = stats.chi2.ppf(0.95, 1) * bartlett_mean(6.0)
     for end in (component.lower, component.upper):
@@ -311,21 +323,18 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
     result = variance_components(
         SufficientStatistics(names, effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
     )
-    assert result is not None
     assert [component.why for component in result.components] == [
         "d is not distinguishable from a on these poses",
         "a is not distinguishable from d on these poses",
     ]
     faint = dataclasses.replace(direct(np.ones(4))[0], effect=1e-3 * np.eye(4), y=np.ones(4))
     weak = variance_components(faint, direct(np.ones(4))[1])
-    assert weak is not None
     assert weak.notes[0].startswith("d is weakly identifiable on these poses: ")
 
 
 def test_base_and_tool_are_used_as_given() -> None:
     parameters = uncertain_parameters(ROBOT, Tolerances("normal", 1.0, base={"x": 1e-4}, tool={"z": 1e-4}))
     result = variance_components(reduce_residuals(ROBOT, simulated(8), parameters), parameters)
-    assert result is not None
     assert [component.name for component in result.components] == ["theta", "d", "a", "alpha"]
     assert result.notes[-1] == "the tolerances of base and tool are used as given, not estimated"
 
@@ -336,7 +345,6 @@ def covered(sets: int, *, full: bool) -> Array:
     for k in range(sets):
         statistics = reduce_residuals(ROBOT, simulated(5000 + k, full=full), PARAMETERS)
         result = variance_components(statistics, PARAMETERS)
-        assert result is not None
         count += [c.lower <= 1.0 <= (c.upper or math.inf) for c in result.components]
     return count / sets
 
@@ -387,36 +395,38 @@ def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
     assert wrong > 30
 
 
-def test_verdict_for_negligible_parameters() -> None:
-    tiny = tuple(dataclasses.replace(parameter, sd=1e-12) for parameter in PARAMETERS)
-    result = compare_with_measured(ROBOT, simulated(0, factor=0.0), tiny)
-    assert result.consistency.verdict.endswith("far below the noise on these poses, so the tolerances cannot be tested")
-    assert result.components is None
+UNSTATED = simulated(0, sigma=False)
 
 
-def test_poses_that_cannot_be_compared() -> None:
-    data = simulated(0, sigma=False)
-    few = data.subset(np.arange(2))
-    with pytest.raises(InputError, match="too few poses to estimate the measurement noise; measure more poses"):
-        compare_with_measured(ROBOT, few, PARAMETERS)
-    exact = simulated(0, sigma=False, noise=0.0, factor=0.0)
-    with pytest.raises(
-        InputError, match="explain every pose exactly, so the noise cannot be estimated; give the noise"
-    ):
-        compare_with_measured(ROBOT, exact, PARAMETERS)
-    zero = dataclasses.replace(simulated(0), sigma_rotation=np.zeros(N))
-    with pytest.raises(
-        InputError, match="sigma_r: the measuring uncertainty is 0, expected above 0; remove the column"
-    ):
-        compare_with_measured(ROBOT, zero, PARAMETERS)
-    with pytest.raises(InputError, match="has no joint columns: the comparison needs the joint values"):
-        compare_with_measured(ROBOT, dataclasses.replace(data, q=None), PARAMETERS)
-    with pytest.raises(InputError, match="has no poses to compare with the prediction"):
-        compare_with_measured(ROBOT, data.subset(np.arange(0)), PARAMETERS)
-    with pytest.raises(UsageError, match="`noise` is a standard deviation above 0"):
-        compare_with_measured(ROBOT, data, PARAMETERS, noise=(0.0, None))
-    with pytest.raises(UsageError, match=r"the confidence must be at least 0.5 and less than 1, not 1"):
-        compare_with_measured(ROBOT, data, PARAMETERS, confidence=1.0)
+@pytest.mark.parametrize(
+    ("data", "options", "message"),
+    [
+        (UNSTATED.subset(np.arange(2)), {}, "too few poses to estimate the measurement noise; measure more poses"),
+        (
+            simulated(0, sigma=False, noise=0.0, factor=0.0),
+            {},
+            "explain every pose exactly, so the noise cannot be estimated; give the noise",
+        ),
+        (
+            dataclasses.replace(simulated(0), sigma_rotation=np.zeros(N)),
+            {},
+            "sigma_r: the measuring uncertainty is 0, expected above 0; remove the column",
+        ),
+        (dataclasses.replace(UNSTATED, q=None), {}, "has no joint columns: the comparison needs the joint values"),
+        (UNSTATED.subset(np.arange(0)), {}, "has no poses to compare with the prediction"),
+        (
+            simulated(0, n=2),
+            {"align": ("base_frame", "tool_frame")},
+            "fitting frames to 2 poses leaves no errors to compare; measure more poses",
+        ),
+        (UNSTATED, {"noise": (0.0, None)}, "`noise` is a standard deviation above 0"),
+        (UNSTATED, {"confidence": 1.0}, "the confidence must be at least 0.5 and less than 1, not 1"),
+    ],
+)
+def test_poses_that_cannot_be_compared(data: Measurements, options: dict[str, Any], message: str) -> None:
+    usage = options.keys() & {"noise", "confidence"}
+    with pytest.raises(UsageError if usage else InputError, match=message):
+        compare_with_measured(ROBOT, data, PARAMETERS, **options)
 
 
 def test_hint_for_frames_that_do_not_agree() -> None:
@@ -425,10 +435,8 @@ def test_hint_for_frames_that_do_not_agree() -> None:
     result = compare_with_measured(ROBOT, moved, PARAMETERS)
     assert result.hint == 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
     aligned = compare_with_measured(ROBOT, moved, PARAMETERS, align=("base_frame",))
-    assert aligned.hint is None
-    assert compare_with_measured(ROBOT, data, PARAMETERS).hint is None
+    assert (aligned.hint, compare_with_measured(ROBOT, data, PARAMETERS).hint) == (None, None)
     wrong = compare_with_measured(ROBOT, dataclasses.replace(data, q=-data.q), PARAMETERS, align=("base_frame",))
-    assert wrong.hint is not None
     assert wrong.hint.startswith("errors this large come from units, joint signs")
 
 
@@ -437,5 +445,3 @@ def test_few_poses() -> None:
     assert "Of 12 measured numbers, 12 depend on the parameters" in few.one_draw
     assert few.one_draw.endswith("; more poses would improve it")
     assert few.consistency.noise is None
-    with pytest.raises(InputError, match="fitting frames to 2 poses leaves no errors to compare; measure more poses"):
-        compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS, align=("base_frame", "tool_frame"))

@@ -42,8 +42,7 @@ def test_probabilities_agree_with_the_exact_integral() -> None:
 
 def test_no_scatter_has_no_length() -> None:
     variances = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0]])
-    assert length_quantiles(0.95, variances)[0] == 0.0
-    assert mean_lengths(variances)[0] == 0.0
+    assert (length_quantiles(0.95, variances)[0], mean_lengths(variances)[0]) == (0.0, 0.0)
     assert mixture_quantile(0.95, np.zeros((3, 4))) == 0.0
     # Half of the poses err not at all: 95 % of all is 90 % of the others.
     assert mixture_quantile(0.95, variances) == pytest.approx(np.sqrt(stats.chi2.ppf(0.9, 3)), rel=1e-8)

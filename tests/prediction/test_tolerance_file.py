@@ -78,8 +78,7 @@ def test_a_zero_says_that_a_parameter_is_exact() -> None:
 def test_how_a_tolerance_becomes_a_standard_deviation(text: str, divisor: float, meaning: str) -> None:
     content = UNITS + text + "all: {d: 0.3}"
     tolerances = parse_tolerances(content, "t.yaml", BARE)
-    assert tolerances.moving_joints["d"] == pytest.approx(3e-4 / divisor)
-    assert tolerances.meaning == meaning
+    assert (tolerances.moving_joints["d"], tolerances.meaning) == (pytest.approx(3e-4 / divisor), meaning)
 
 
 def test_a_urdf_has_tolerances_per_coordinate_of_its_origins() -> None:

@@ -24,7 +24,7 @@ from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
 from robacc.comparison.reading import ComparedResult, read_compared_result
 from robacc.documents.envelope import InputFile
-from robacc.documents.read_result import StoredResult
+from robacc.documents.read_result import StoredResult, understood
 from robacc.errors import InputError, Problem, UsageError
 from robacc.prediction.model_fit import model_fit
 
@@ -123,7 +123,8 @@ def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFi
     for source, name in zip(results, _names(results), strict=True):
         try:
             result = load_result(source)
-            compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
+            with understood(result.name, result.command):
+                compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
             inputs.append(result.record)
         except InputError as error:
             problems += error.problems

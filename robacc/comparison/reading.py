@@ -6,104 +6,50 @@ come from poses that the model was not fitted to.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.grade import STATISTICS, GradeStep, Scale
-from robacc.errors import InputError, Problem, UsageError
+from robacc.accuracy.grade import GradeStep, Scale
+from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.statistics.intervals import EstimatedValue, Interval
-
-# Typed access to the JSON document of a stored result, by path; problems are collected.
 
 _LARGEST = 1e9
 """m or rad: every joint, position and error is smaller; the square of a much larger number overflows."""
 
-MOST_POSES = 10**8
-"""Largest number of poses of a file; a larger one would fill the memory before its mismatch is noticed."""
+Document = Mapping[str, Any]
 
 
-@dataclass(frozen=True, slots=True)
-class ResultDocument:
-    """JSON document of a result; dots join the keys of a path, and a number is an index into a list."""
+def _at(document: Document, path: str) -> Any:
+    """Return the value at a path, in which dots join the keys and the indices of lists; None if there is none."""
+    node: Any = document
+    for step in path.split("."):
+        if isinstance(node, list):
+            node = node[int(step)] if int(step) < len(node) else None
+        elif node is not None:
+            node = node.get(step)
+    return node
 
-    root: Mapping[str, Any]
-    file: str
-    problems: list[Problem] = field(default_factory=list)
 
-    def report(self, path: str, message: str) -> None:
-        """Add a problem at a path."""
-        self.problems.append(Problem(message, self.file, column=path, fix=None))
+def _column(document: Document, path: str, n: int, width: int | None = None) -> NDArray[Any] | None:
+    """Return ``(n,)`` values, or ``(width, n)`` numbers from a list of rows; None if there are none.
 
-    def at(self, path: str) -> Any:
-        """Return the value at a path; None if there is none."""
-        node: Any = self.root
-        for step in path.split("."):
-            if isinstance(node, Mapping):
-                node = node.get(step)
-            elif isinstance(node, Sequence) and not isinstance(node, str) and step.isdecimal():
-                node = node[int(step)] if int(step) < len(node) else None
-            else:
-                return None
-        return node
-
-    def number(self, path: str) -> float | None:
-        """Return a finite number, or None if there is none."""
-        value = self.at(path)
-        if value is None:
-            return None
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            self.report(path, f"expected a number, found {str(value)[:40]!r}")
-            return None
-        return float(value)
-
-    def text(self, path: str) -> str | None:
-        """Return a text, or None if there is none."""
-        value = self.at(path)
-        if value is None or isinstance(value, str):
-            return value
-        self.report(path, f"expected text, found {str(value)[:40]!r}")
+    Raises:
+        ValueError: The number of rows differs from ``n``, the rows differ in length, or a number is too large.
+    """
+    rows = _at(document, path)
+    if rows is None:
         return None
-
-    def count(self, path: str) -> int:
-        """Return a number of poses; a missing number is a problem."""
-        value = self.at(path)
-        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_POSES:
-            self.report(path, "expected a number of poses")
-            return 0
-        return value
-
-    def matrix(self, path: str, n: int, width: int | None = None) -> Array | None:
-        """Return ``(width, n)`` from a list of ``n`` rows of finite numbers; None if there is none."""
-        rows = self.at(path)
-        if rows is None:
-            return None
-        try:
-            array = np.array(rows, dtype=float)
-        except (TypeError, ValueError):
-            array = np.zeros(())
-        if array.ndim != 2 or array.shape[0] != n or array.shape[1] != (width or array.shape[1]):
-            self.report(path, f"expected {n} rows of {width if width else 'equally many'} numbers")
-            return None
-        if not np.all(np.abs(array) < _LARGEST):
-            self.report(path, f"expected numbers below {_LARGEST:g}")
-            return None
-        return array.T
-
-    def column(self, path: str, n: int, kind: type, plural: str) -> NDArray[Any] | None:
-        """Return ``(n,)`` values of one kind; None if there are none."""
-        values = self.at(path)
-        if values is None:
-            return None
-        if not isinstance(values, list) or len(values) != n or not all(isinstance(value, kind) for value in values):
-            self.report(path, f"expected {n} {plural}")
-            return None
-        return np.array(values, dtype=kind)
+    array = np.array(rows, dtype=None if width is None else float)
+    if array.shape != (n,) + (() if width is None else (width or array.shape[-1],)):
+        raise ValueError(f"{path}: expected {n} rows")
+    if width is not None and not np.all(np.abs(array) < _LARGEST):
+        raise ValueError(f"{path}: expected numbers below {_LARGEST:g}")
+    return array.T
 
 
 # A result to compare: its figures, the errors of every pose behind them, and how it was made.
@@ -209,39 +155,37 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
         digest: SHA-256 of the file.
 
     Raises:
-        InputError: The document has invalid values; every problem is listed.
-        UsageError: The result has no figures to compare.
+        UsageError: The command's results cannot be compared.
+        KeyError, ValueError: The document lacks what the command writes, or its lists do not belong together.
     """
-    command = str(document["command"])
+    command = document["command"]
     if command not in COMPARED:
         raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
-    result = ResultDocument(document, file)
-    n = result.count("n_poses")
-    figures, errors = dict(_figures(result, command)), dict(_errors(result, command, n))
-    scale, scale_name = _scale(result)
-    if not figures and not result.problems:
-        result.report("position", "expected the figures of a result")
-    compared = ComparedResult(
+    n, grade = document["n_poses"], document.get("grade") or {}
+    figures = dict(_figures(document, command))
+    if not figures:
+        raise ValueError("no figures to compare")
+    own = grade.get("grade")
+    if own is not None:
+        own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
+    return ComparedResult(
         name=name,
         command=command,
-        version=str(document["robacc"]),
+        version=document["robacc"],
         n_poses=n,
-        robot=result.text("robot.name"),
+        robot=_at(document, "robot.name"),
         figures=figures,
-        errors=errors,
-        provenance=_provenance(result, command, figures),
-        grade=_grade(result),
-        scale=scale,
-        scale_name=scale_name,
-        frame=result.text("frame"),
+        errors=dict(_errors(document, command, n)),
+        provenance=_provenance(document, command, figures),
+        grade=own,
+        scale=_scale(grade),
+        scale_name=grade.get("scale"),
+        frame=document.get("frame"),
         digest=digest,
     )
-    if result.problems:
-        raise InputError(result.problems)
-    return compared
 
 
-def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, EstimatedValue]]:
+def _figures(document: Document, command: str) -> Iterator[tuple[str, EstimatedValue]]:
     places = [(f"{quantity}.", f"{quantity}.") for quantity in _QUANTITIES]
     names: tuple[str, ...] = ()  # all statistics
 
@@ -252,130 +196,92 @@ def _figures(result: ResultDocument, command: str) -> Iterator[tuple[str, Estima
         places = [
             (f"{start}{quantity}.", f"{stage}.{poses}.{quantity}.")
             for quantity in _QUANTITIES
-            for start, stage, poses in _stages(result)
+            for start, stage, poses in _stages(document)
         ]
         names = _LENGTHS
     for start, place in places:
         unit = unit_of(start)
         for name, path, interval_path in _STATISTICS:
-            value = None if names and name not in names else result.number(place + path.replace("*", unit))
+            value = None if names and name not in names else _at(document, place + path.replace("*", unit))
             if value is not None:
-                yield (
-                    f"{start}{name}",
-                    EstimatedValue(value, _interval(result, place + interval_path.replace("*", unit))),
-                )
+                stored = _at(document, place + interval_path.replace("*", unit)) or {}
+                lower, upper, confidence = (stored.get(key) for key in ("lower", "upper", "confidence"))
+                interval = Interval(lower, upper, None, confidence or 0.0, "interval stored in the result")
+                yield f"{start}{name}", EstimatedValue(value, interval if confidence else None)
         for i, axis in enumerate("" if names else "xyz"):
-            variance = result.number(f"{place}centred_covariance_{unit}2.{i}.{i}")
+            variance = _at(document, f"{place}centred_covariance_{unit}2.{i}.{i}")
             if variance is not None:
                 yield f"{start}sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
 
 
-def _interval(result: ResultDocument, path: str) -> Interval | None:
-    lower, upper, confidence = (result.number(f"{path}.{name}") for name in ("lower", "upper", "confidence"))
-    return None if confidence is None else Interval(lower, upper, None, confidence, "interval stored in the result")
-
-
-def _stages(result: ResultDocument) -> tuple[tuple[str, str, str], ...]:
+def _stages(document: Document) -> tuple[tuple[str, str, str], ...]:
     """Return the stages of a fit; without held-out poses, the stages on calibration poses take their place."""
-    if result.at("after.held_out") is not None:
+    if _at(document, "after.held_out") is not None:
         return _STAGES
     return tuple((start.replace("held_out", "fitted"), stage, "fitted") for start, stage, _ in _STAGES[:3])
 
 
-def _errors(result: ResultDocument, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
+def _errors(document: Document, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
+    places = []
     if command == "estimate":
-        poses = _poses(result, "poses", n)
-        for quantity in _QUANTITIES:
-            vectors = result.matrix(f"{quantity}.errors_{unit_of(quantity)}", n, 3)
-            if vectors is not None and n:
-                yield quantity, ErrorSet(vectors, poses, result.number(f"{quantity}.independent_poses"))
-    has_holdout = result.at("poses_apart") is not None
-    for start, stage, kind in _stages(result) if command in FITS else ():
-        path, size, name = "poses", n, stage
-        if kind == "held_out" and has_holdout:
-            path, size = "poses_apart", len(result.at("poses_apart.line") or ())
+        places = [("", "poses", n, "{0}.errors_{1}")]
+    for start, stage, kind in _stages(document) if command in FITS else ():
+        poses, name = "poses", stage
+        if kind == "held_out" and document.get("poses_apart") is not None:
+            poses = "poses_apart"
         elif kind == "held_out":
             name = f"held_out_{stage}"
-        if not size:
-            continue
-        poses = _poses(result, path, size)
-        result.column(f"{path}.used", size, bool, "booleans")  # checked only: the figures count outliers
+        size = n if poses == "poses" else len(document[poses]["line"])
+        places.append((start, poses, size, f"{poses}.errors_{{1}}.{name}"))
+    for start, path, size, errors in places:
+        poses_of_rows = ComparedPoses(
+            size,
+            _column(document, f"{path}.q", size, 0),
+            _column(document, f"{path}.commanded_m", size, 3),
+            _column(document, f"{path}.pose", size),
+            _column(document, f"{path}.target", size),
+        )
         for quantity in _QUANTITIES:
-            vectors = result.matrix(f"{path}.errors_{unit_of(quantity)}.{name}", size, 3)
-            if vectors is not None:
-                yield f"{start}{quantity}", ErrorSet(vectors, poses)
+            vectors = _column(document, errors.format(quantity, unit_of(quantity)), size, 3)
+            if vectors is not None and size:
+                independent = _at(document, f"{quantity}.independent_poses") if command == "estimate" else None
+                yield f"{start}{quantity}", ErrorSet(vectors, poses_of_rows, independent)
 
 
-def _poses(result: ResultDocument, path: str, n: int) -> ComparedPoses:
-    return ComparedPoses(
-        n,
-        result.matrix(f"{path}.q", n),
-        result.matrix(f"{path}.commanded_m", n, 3),
-        result.column(f"{path}.pose", n, str, "texts"),
-        result.column(f"{path}.target", n, str, "texts"),
-    )
-
-
-def _grade(result: ResultDocument) -> str | None:
-    grade = result.text("grade.grade")
-    if grade is None:
+def _scale(grade: Document) -> Scale | None:
+    """Return the grade scale of a result, if its document stores the complete scale."""
+    if any(grade.get(key) is None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
         return None
-    if result.root["command"] == "predict":
-        return f"{grade}, predicted"
-    return f"{grade}, confirmed" if result.at("grade.demonstrated") is True else f"{grade}, not confirmed"
+    steps = [GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]]
+    return Scale(grade["scale"], grade["statistic"], grade["confidence"], tuple(steps), grade["otherwise"])
 
 
-def _scale(result: ResultDocument) -> tuple[Scale | None, str | None]:
-    """Return the grade scale of the result, if its document stores the complete scale, and the scale's name."""
-    name, statistic = result.text("grade.scale"), result.text("grade.statistic")
-    entries, otherwise = result.at("grade.steps"), result.text("grade.otherwise")
-    confidence = result.number("grade.confidence")
-    if not isinstance(entries, list) or name is None or statistic not in STATISTICS or otherwise is None:
-        return None, name
-    steps = []
-    for i in range(len(entries)):
-        grade, position = result.text(f"grade.steps.{i}.grade"), result.number(f"grade.steps.{i}.position_m")
-        if grade is None or position is None:
-            result.report(f"grade.steps.{i}", "expected a grade and its position limit")
-            return None, name
-        steps.append(GradeStep(grade, position, result.number(f"grade.steps.{i}.orientation_rad")))
-    if confidence is None or not 0.5 <= confidence < 1.0 or not steps:
-        return None, name
-    return Scale(name, statistic, confidence, tuple(steps), otherwise), name  # type: ignore[arg-type]
-
-
-def _provenance(result: ResultDocument, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:
+def _provenance(document: Document, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:
     """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     held_out = fitted_to_these = None
+    alignment = "fitted with the model"
     if command in FITS:
-        has_holdout = result.at("poses_apart") is not None
-        held_out = "separate poses" if has_holdout else f"{result.at('n_folds')} groups of poses, each in turn"
-        if result.at("after.held_out") is None:
+        has_holdout = document.get("poses_apart") is not None
+        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
+        if _at(document, "after.held_out") is None:
             held_out = "nothing (errors of calibration poses)"
-    fitted_to, targets = result.at("robot.fitted_to"), result.at("poses.target")
-    if isinstance(fitted_to, list):
-        inputs = [entry for entry in result.at("inputs") or () if isinstance(entry, Mapping)]
-        same_poses = any(entry.get("sha256") in fitted_to for entry in inputs if entry.get("kind") == "poses")
+    else:
+        effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
+        alignment = f"{' and '.join(effects)} registered" if effects else "none"
+    fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
+    if fitted_to is not None:
+        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
         fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
     aspects = {
         "command": command,
-        "robacc version": str(result.root["robacc"]),
-        "frame": result.text("frame"),
-        "alignment": _alignment(result, command),
-        "grade scale": result.text("grade.scale"),
+        "robacc version": document["robacc"],
+        "frame": document.get("frame"),
+        "alignment": alignment,
+        "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
         "held out": held_out,
         "robot file": fitted_to_these,
-        "targets": ", ".join(sorted(set(map(str, targets)))) if isinstance(targets, list) else None,
+        "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
     return {aspect: text for aspect, text in aspects.items() if text is not None}
-
-
-def _alignment(result: ResultDocument, command: str) -> str:
-    if command in FITS:
-        return "fitted with the model"
-    effects = result.at("alignment.what") if command != "iso9283" else result.at("alignment.0.what")
-    if not isinstance(effects, list) or not effects:
-        return "none"
-    return " and ".join(str(effect) for effect in effects) + " registered"

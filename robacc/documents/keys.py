@@ -7,13 +7,26 @@ A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the d
 from __future__ import annotations
 
 import dataclasses
+import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from types import NoneType
 from typing import Any
 
+_TYPES: dict[str, tuple[str, frozenset[type]]] = {
+    "string": ("text", frozenset({str})),
+    "number": ("a number", frozenset({int, float})),
+    "integer": ("a whole number", frozenset({int})),
+    "boolean": ("true or false", frozenset({bool})),
+    "array": ("a list", frozenset({list})),
+    "object": ("an object", frozenset({dict})),
+}
+"""Names for messages, and Python's types, of the types of JSON Schema."""
 _UNIT = re.compile(r"_(m|rad)2?$")
 Document = dict[str, Any]
+_LIMITS = (("least", "minimum"), ("most", "maximum"))
 LEFT_OUT: Any = object()
 """Value of a key that a document lacks."""
 
@@ -63,6 +76,53 @@ class Kind:
             return {key: self.items.document(item) for key, item in value.items()}
         return [self.items.document(item) for item in value]
 
+    def problems(self, value: Any, path: str = "") -> Iterator[tuple[str, str]]:
+        """Yield the path of every value of a parsed document that is not of the kind, and what was expected.
+
+        Objects may lack keys, as those of earlier versions do, and have others.
+        """
+        if value is None and (self.null or not (self._types or "const" in self.words or "enum" in self.words)):
+            return
+        choices = [self.words["const"]] if "const" in self.words else self.words.get("enum", [value])
+        if (self._types and type(value) not in self._accepted) or value not in choices:
+            names = [_TYPES[name][0] for name in self._types] or map(str, choices)
+            yield path, f"expected {' or '.join(names)}, found {shortened(value)}"
+        elif isinstance(value, list):
+            least, most = self.words.get("minItems") or 0, self.words.get("maxItems")
+            if len(value) < least or (most is not None and len(value) > most):
+                yield path, f"expected {f'{most} entries' if most else f'at least {least} entries'}, found {len(value)}"
+            if self.items is not None and not self.items.fits_all(value):
+                for i, item in enumerate(value):
+                    yield from self.items.problems(item, f"{path}[{i}]")
+        elif isinstance(value, dict):
+            for key, item in value.items():
+                kind = self.items if self.keys is None else self.keys[key].kind if key in self.keys else None
+                if kind is not None:
+                    yield from kind.problems(item, f"{path}.{key}".lstrip("."))
+        elif value < self.words.get("minimum", value) or value > self.words.get("maximum", value):
+            limits = (f"at {word} {self.words[name]}" for word, name in _LIMITS if name in self.words)
+            yield path, f"expected a number of {' and '.join(limits)}, found {value}"
+
+    def fits_all(self, values: Sequence[Any]) -> bool:
+        """Return whether all values are of the kind by a fast test, which is only for lists of plain values."""
+        is_typed = set(map(type, values)) <= self._accepted
+        if self.items is None or not is_typed:
+            return is_typed and self.words.keys() == {"type"}
+        lengths = {self.words[name] for name in ("minItems", "maxItems") if name in self.words}
+        is_list = set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
+        return is_list and self.items.fits_all([*chain.from_iterable(values)])
+
+    @property
+    def _types(self) -> Sequence[str]:
+        """Types of JSON Schema; none for any value."""
+        names = self.words.get("type", () if self.keys is None else "object")
+        return [names] if isinstance(names, str) else names
+
+    @property
+    def _accepted(self) -> frozenset[type]:
+        """Types of Python that a value may have."""
+        return frozenset({NoneType} if self.null else ()).union(*(_TYPES[name][1] for name in self._types))
+
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the kind; parts with a name are added to ``shared``."""
         words = dict(self.words)
@@ -109,6 +169,12 @@ class Key:
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the key's value."""
         return ({"description": self.about} if self.about else {}) | self.kind.schema(shared)
+
+
+def shortened(value: Any) -> str:
+    """Return a value as JSON, shortened for a message."""
+    text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
+    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 def part(keys: Mapping[str, Key], name: str = "", about: str = "", *, has_others: bool = False) -> Kind:

@@ -1,4 +1,4 @@
-"""Read a stored result, with a check of the keys that every reader needs, and its poses as columns."""
+"""Read a stored result, with a check of its values by the declarations of its keys, and its poses as columns."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.documents.envelope import InputFile, schema_version
+from robacc.documents.keys import shortened
+from robacc.documents.schemas import result_kind
 from robacc.errors import InputError, Problem
 from robacc.io.files import read_text, sha256_of
 
@@ -22,12 +24,8 @@ RESULT_LIMIT = 256 * 2**20
 _SCHEMA = re.compile(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})")
 _CUT_SHORT = re.compile(r"[-+.\w]*\s*")
 """Text after the error in a truncated file: nothing, or a part of a number or word."""
-_ENVELOPE: tuple[tuple[str, type, str], ...] = (
-    ("robacc", str, "the robacc version"),
-    ("options", Mapping, "the options"),
-    ("inputs", list, "the list of input files"),
-)
-"""Keys of every result (:func:`robacc.documents.envelope.envelope`) that readers need."""
+_READ = ("robacc", "command", "options", "inputs")
+"""Keys of every result that readers need."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +54,8 @@ def read_result(path: str) -> StoredResult:
 
     Raises:
         InputError: The file cannot be read, is larger than :data:`RESULT_LIMIT`, is not JSON or is truncated, has a
-            repeated key or a number that is not finite, is not a result of robacc, or has another schema version.
+            repeated key or a number that is not finite, is not a result of robacc, has another schema version, or has
+            values that are not of the declared kinds.
     """
     name = "<stdin>" if path == "-" else path
     document = _parsed(read_text(path, RESULT_LIMIT), name)
@@ -133,46 +132,30 @@ def _whole(text: str) -> int:
 
 
 def _checked(document: Any, name: str) -> str:
-    """Return the command of a result, after a check of its envelope and schema version.
+    """Return the command of a result, after a check of its schema version and of every value that it declares.
 
     Raises:
-        InputError: The document is not a result of this version of robacc.
+        InputError: The document is not a result of this version of robacc; with every value that is not of its kind.
     """
     if not isinstance(document, Mapping) or "schema" not in document:
         reason = "it has no key 'schema'" if isinstance(document, Mapping) else "it is not a JSON object"
         raise InputError(Problem(f"is not a result of robacc: {reason}", name, fix="save the result as JSON"))
     match = _SCHEMA.fullmatch(document["schema"]) if isinstance(document["schema"], str) else None
     if match is None:
-        message = f"found {_short(document['schema'])}, expected robacc.COMMAND/VERSION"
+        message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
         raise InputError(Problem(message, name, column="schema"))
     command, version = match[1], int(match[2])
     if version != schema_version(command):
-        maker = _short(document.get("robacc", "unknown"))
+        maker = shortened(document.get("robacc", "unknown"))
         expected = schema_version(command)
         message = f"has version {version} of the schema, from robacc {maker}; this robacc reads version {expected}"
         fix = "compute the result again with this robacc, or read it with the robacc that made it"
         raise InputError(Problem(message, name, column="schema", fix=fix))
-    problems = []
-    if document.get("command") != command:
-        message = f"found {_short(document.get('command'))}, but the schema belongs to {command!r}"
-        problems.append(Problem(message, name, column="command"))
-    for key, kind, meaning in _ENVELOPE:
-        if not isinstance(document.get(key), kind):
-            problems.append(Problem(f"expected {meaning}, found {_short(document.get(key))}", name, column=key))
-    inputs = document.get("inputs")
-    for i, record in enumerate(inputs if isinstance(inputs, list) else []):
-        valid = isinstance(record, Mapping) and all(isinstance(record.get(k), str) for k in ("name", "sha256", "kind"))
-        if not valid:
-            problems.append(Problem("expected name, sha256 and kind of a file", name, column=f"inputs[{i}]"))
-    if problems:
-        raise InputError(problems)
+    kind = result_kind(command)
+    problems = kind.problems({**dict.fromkeys(_READ), **document})
+    if found := [Problem(message, name, column=path) for path, message in problems]:
+        raise InputError(found)
     return command
-
-
-def _short(value: Any) -> str:
-    """Return a value as JSON, shortened for a message."""
-    text = "nothing" if value is None else json.dumps(value, ensure_ascii=False)
-    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.

@@ -32,24 +32,26 @@ MODULES = {
 
 
 def result_kind(name: str) -> Kind:
-    """Return the declaration of a result's own keys."""
-    kind: Kind = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
-    return kind
-
-
-def result_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a result: its envelope, then its own keys."""
-    kind, version = result_kind(name), schema_version(name)
+    """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
+    own = part({})
+    if name in MODULES:
+        own = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
     envelope = {
-        "schema": Key(constant(f"robacc.{name}/{version}"), "Name and version of this schema."),
+        "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),
         "command": Key(constant(name), "Command that made the result."),
         "options": Key(table(), "Options that the figures depend on, by their names on the command line with _ for -."),
         "inputs": Key(array(INPUT), "Every input file."),
         "seed": Key(count | None, "Seed of all random numbers; null if there are none."),
     }
+    return part({**envelope, **(own.keys or {})}, about=own.about)
+
+
+def result_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a result."""
+    kind, version = result_kind(name), schema_version(name)
     shared: dict[str, Any] = {}
-    schema = part({**envelope, **(kind.keys or {})}).schema(shared)
+    schema = kind.schema(shared)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:robacc:schema:{name}:{version}",

@@ -131,7 +131,7 @@ def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_p
     document["poses"]["group"] = ["a"] * 60
     (tmp_path / "odd.json").write_text(json.dumps(document))
     told = refused("check", tmp_path / "odd.json", "--gate", gate(tmp_path, PASSING), status=3)
-    assert f"error: {tmp_path / 'odd.json'}: is a result of robacc estimate, but has an unexpected value" in told
+    assert f"error: {tmp_path / 'odd.json'}, poses.group[0]: expected a whole number, found " in told
 
 
 def test_junit_and_output_are_written_whatever_the_outcome(tmp_path: Path) -> None:

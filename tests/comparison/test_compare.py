@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import json
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy import stats
 
+import robacc
 from robacc.comparison.comparing import compare, group_letters, holm, indistinguishable_groups
 from robacc.comparison.differences import SMOOTH, ErrorSample, difference, from_intervals, pair_poses
-from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet, read_compared_result
+from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet
 from robacc.errors import InputError, UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
 
@@ -430,47 +433,50 @@ def test_there_must_be_something_to_compare() -> None:
         compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": EstimatedValue(1.0, None)})])
 
 
-def document(**changes: Any) -> dict[str, Any]:
-    return {"schema": "robacc.estimate/1", "robacc": "1", "command": "estimate", "n_poses": 2} | changes
+def stored(folder: Path, **changes: Any) -> str:
+    """Path of a result with these keys."""
+    keys = {"schema": "robacc.estimate/1", "robacc": "1", "command": "estimate", "n_poses": 2}
+    path = folder / "r.json"
+    path.write_text(json.dumps(keys | {"options": {}, "inputs": []} | changes))
+    return str(path)
 
 
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"n_poses": "2"}, "r.json, n_poses: expected a number of poses"),
-        ({"position": {"rms_m": "x"}}, "r.json, position.rms_m: expected a number, found 'x'"),
-        ({"position": {"rms_m": True}}, "r.json, position.rms_m: expected a number, found 'True'"),
-        ({"position": {"rms_m": 1.0, "errors_m": [[1, 2, 3]]}}, "position.errors_m: expected 2 rows of 3 numbers"),
-        ({"position": {"rms_m": 1.0, "errors_m": "x"}}, "position.errors_m: expected 2 rows of 3 numbers"),
+        ({"n_poses": "2"}, 'r.json, n_poses: expected a whole number, found "2"'),
+        ({"n_poses": -1}, "r.json, n_poses: expected a number of at least 0, found -1"),
+        ({"position": {"rms_m": "x"}}, 'r.json, position.rms_m: expected a number, found "x"'),
+        ({"position": {"rms_m": True}}, "r.json, position.rms_m: expected a number, found true"),
+        ({"position": {"rms_m": 1.0, "errors_m": [[1, 2, 3]]}}, "position.errors_m: expected 2 rows"),
+        ({"position": {"rms_m": 1.0, "errors_m": "x"}}, 'position.errors_m: expected a list, found "x"'),
+        ({"position": {"errors_m": [[1, 2]]}}, "position.errors_m[0]: expected 3 entries, found 2"),
+        ({"position": {"errors_m": [[1, 2, 3], [1, 2, "3"]]}}, 'position.errors_m[1][2]: expected a number, found "3"'),
         (
             {"position": {"rms_m": 1.0, "errors_m": [[1, 2, None], [1, 2, 3]]}},
-            "r.json, position.errors_m: expected numbers below 1e+09",
+            "position.errors_m: expected numbers below 1e+09",
         ),
-        ({"position": {"rms_m": 1.0}, "poses": {"pose": [1, 2]}}, "r.json, poses.pose: expected 2 texts"),
-        ({"position": {"rms_m": 1.0}, "robot": {"name": 3}}, "r.json, robot.name: expected text, found '3'"),
-        ({}, "r.json, position: expected the figures of a result"),
+        ({"position": {"rms_m": 1.0}, "poses": {"pose": [1, 2]}}, "r.json, poses.pose[0]: expected text, found 1"),
+        ({"position": {"rms_m": 1.0}, "poses": {"pose": ["1"]}}, "poses.pose: expected 2 rows"),
+        ({"position": {"rms_m": 1.0}, "robot": {"name": 3}}, "r.json, robot.name: expected text, found 3"),
+        ({}, "r.json: is a result of robacc estimate, but has an unexpected value (no figures to compare)"),
+        ({"grade": {"steps": [3]}}, "r.json, grade.steps[0]: expected an object, found 3"),
         (
-            {
-                "position": {"rms_m": 1.0},
-                "grade": {"scale": "s", "statistic": "rms", "otherwise": "F", "confidence": 0.9, "steps": [3]},
-            },
-            "r.json, grade.steps.0: expected a grade and its position limit",
+            {"schema": "robacc.calibrate/2", "command": "calibrate", "poses": {"used": [1, 0]}},
+            "r.json, poses.used[0]: expected true or false, found 1",
         ),
     ],
 )
-def test_what_is_wrong_with_a_result_is_said_with_its_place(changes: dict[str, Any], problem: str) -> None:
+def test_what_is_wrong_with_a_result_is_said_with_its_place(
+    changes: dict[str, Any], problem: str, tmp_path: Path
+) -> None:
+    path = stored(tmp_path, **changes)
     with pytest.raises(InputError) as caught:
-        read_compared_result(document(**changes), "r", "r.json", "00")
+        robacc.compare(path, path)
     assert problem in str(caught.value)
 
 
-def test_outliers_of_a_fit_are_flags() -> None:
-    fit = document(command="calibrate", n_folds=5, after={"fitted": {"position": {"rms_m": 1.0}}})
-    fit["poses"] = {"used": [1, 0]}
-    with pytest.raises(InputError, match=r"poses.used: expected 2 booleans"):
-        read_compared_result(fit, "r", "r.json", "00")
-
-
-def test_other_results_have_nothing_to_compare() -> None:
+def test_other_results_have_nothing_to_compare(tmp_path: Path) -> None:
+    path = stored(tmp_path, schema="robacc.show/1", command="show")
     with pytest.raises(UsageError, match=r"r.json is a result of show; only results of estimate, calibrate"):
-        read_compared_result(document(command="show"), "r", "r.json", "00")
+        robacc.compare(path, path)

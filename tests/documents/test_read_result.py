@@ -114,13 +114,13 @@ def test_what_is_no_result_is_said(tmp_path: Path, text: str | bytes, message: s
             f'result.json, schema: has version 2 of the schema, from robacc "{__version__}"; this robacc reads '
             "version 1; compute the result again with this robacc, or read it with the robacc that made it",
         ),
-        ({"command": "trace"}, "result.json, command: found \"trace\", but the schema belongs to 'estimate'"),
-        ({"robacc": None}, "result.json, robacc: expected the robacc version, found nothing"),
-        ({"options": []}, "result.json, options: expected the options, found []"),
-        ({"inputs": {}}, "result.json, inputs: expected the list of input files, found {}"),
+        ({"command": "trace"}, 'result.json, command: expected estimate, found "trace"'),
+        ({"robacc": None}, "result.json, robacc: expected text, found nothing"),
+        ({"options": []}, "result.json, options: expected an object, found []"),
+        ({"inputs": {}}, "result.json, inputs: expected a list, found {}"),
         (
             {"inputs": [{"name": "a", "sha256": 3, "kind": "poses"}]},
-            "result.json, inputs[0]: expected name, sha256 and kind of a file",
+            "result.json, inputs[0].sha256: expected text, found 3",
         ),
     ],
 )

@@ -10,6 +10,7 @@ from typing import Literal
 from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.comparison.differences import (
+    NO_TEST_OF_MAXIMUM,
     RESAMPLED,
     VECTORIAL,
     Difference,
@@ -266,7 +267,6 @@ def notes(
 RANKED_BY = "position.rms"
 _SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")
 """Statistics with a sign, which no ranking orders."""
-_NO_TEST_OF_MAXIMUM = "no test exists for the largest of all errors"
 _NO_TEST_OF_PREDICTION = "a prediction describes robots yet to be built, so it has no sampling error to test with"
 
 
@@ -441,7 +441,7 @@ class _PairwiseDifferences:
             return Difference.same(0.0, self.confidence, "the same result twice", True, None)
         value = second_figure.value - first_figure.value
         if statistic in ("max", "max_radius95") and not group.startswith("iso9283."):
-            return Difference(value, Interval.missing(self.confidence, _NO_TEST_OF_MAXIMUM))
+            return Difference(value, Interval.missing(self.confidence, NO_TEST_OF_MAXIMUM))
         if not (first_result.measured and second_result.measured):
             return Difference(value, Interval.missing(self.confidence, _NO_TEST_OF_PREDICTION))
         if statistic in RESAMPLED and group in first_result.errors and group in second_result.errors:

@@ -126,6 +126,7 @@ VECTORIAL = frozenset(name for name in SMOOTH if name not in ("rms", "mean_error
 """Statistics of components, which depend on the frame."""
 RESAMPLED = frozenset({*SMOOTH, "p95"})
 """Statistics whose difference is computed from errors."""
+NO_TEST_OF_MAXIMUM = "no test exists for the largest of all errors"
 
 
 def difference(
@@ -134,7 +135,7 @@ def difference(
     """Return the ``statistic`` of ``second`` minus that of ``first``.
 
     Args:
-        statistic: A member of :data:`RESAMPLED`.
+        statistic: A member of :data:`RESAMPLED`, or ``max``, which has no interval.
         first: Errors to compare with.
         second: Errors to compare; if ``paired``, of the same commanded poses with the same numbers.
         paired: Both samples have the same commanded poses.
@@ -145,7 +146,9 @@ def difference(
     values = [_statistic_of(statistic, sample) for sample in samples]
     value, n = values[1] - values[0], first.n_groups if paired else None
     why = None
-    if min(sizes) < 2:
+    if statistic == "max":
+        why = NO_TEST_OF_MAXIMUM
+    elif min(sizes) < 2:
         why = "one commanded pose shows no scatter between poses"
     elif statistic == "p95" and min(sizes) < FEWEST_FOR_PERCENTILE:
         why = f"{min(sizes)} poses: too few to compare 95th percentiles; at least {FEWEST_FOR_PERCENTILE} are needed"
@@ -185,9 +188,9 @@ def difference(
 
 
 def _statistic_of(statistic: str, sample: ErrorSample) -> float:
-    if statistic == "p95":
+    if statistic in ("p95", "max"):
         lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
-        return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
+        return interpolated(lengths, [(0.95 if statistic == "p95" else 1.0) * (lengths.size - 1)])[0]
     return float(SMOOTH[statistic](sample.sums().sum(axis=1))[0])
 
 

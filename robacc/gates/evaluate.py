@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
+from robacc.comparison.differences import ErrorSample, difference
 from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, Outcome, decide, decide_largest, difference_curve
 from robacc.gates.gate_file import KEYS, Gate, GateCriterion
 from robacc.geometry import Array
 from robacc.statistics.intervals import Interval
-from robacc.statistics.records import Statistic, paired_difference
+from robacc.statistics.records import Statistic
 
 # Values of a result by their short key: the value, its unit, and the bounds that the result or its poses give.
 
@@ -225,24 +226,18 @@ def difference_to_baseline(
         raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
         raise NoValueError(f"{key} has different units in the result and in the baseline")
-    sample, reference_sample = sample_at(document, key), sample_at(baseline, key)
+    sample, reference_sample = both = sample_at(document, key), sample_at(baseline, key)
     statistic = key.rpartition(".")[2]
     if sample is not None and reference_sample is not None and statistic in _PAIRABLE:
-        pairs = _matching_rows(sample, reference_sample, criterion.paired)
-        if pairs is not None:
-            first, second = pairs
-            seed = document.get("seed")
-            value, intervals = paired_difference(
-                sample.errors[:, first],
-                reference_sample.errors[:, second],
-                cast("Statistic", statistic),
-                _levels(confidence),
-                groups=sample.groups[first],
-                seed=seed if isinstance(seed, int) else 0,
-            )
-            through, n = BoundCurve.through(intervals), int(np.unique(sample.groups[first]).size)
-            curve = replace(through, method=f"paired, {through.method}")
-            return GateFigure(value, figure.dimension, curve, n), reference.value
+        if pairs := _matching_rows(sample, reference_sample, criterion.paired):
+            seed, groups = document.get("seed") or 0, np.unique(sample.groups[pairs[0]], return_inverse=True)[1]
+            samples = [ErrorSample(each.errors[:, rows], groups) for each, rows in zip(both, pairs, strict=True)]
+            differences = [
+                difference(statistic, samples[1], samples[0], paired=True, confidence=level, seed=seed)
+                for level in _levels(confidence)
+            ]
+            curve = BoundCurve.through(each.interval for each in differences)
+            return GateFigure(differences[0].value, figure.dimension, curve, samples[0].n_groups), reference.value
     elif criterion.paired:
         raise NoValueError("paired: true needs the error of every pose, which the result or the baseline does not list")
     independent = None

@@ -24,7 +24,7 @@ from robacc.geometry import Array
 from robacc.statistics.confidence_curves import ASSURANCE
 from robacc.statistics.intervals import Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
-from robacc.statistics.records import paired_difference, satterthwaite
+from robacc.statistics.records import satterthwaite
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))
@@ -284,49 +284,6 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
                 all_errors = np.hstack((errors, SD * rng.normal(size=(3, first.poses_to_decide - n))))
                 outcomes.append(decided(all_errors, limit, 0).outcome != "inconclusive")
         assert np.mean(outcomes) > ASSURANCE - 3 * math.sqrt(0.09 / 120)
-
-
-@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
-def test_paired_differences_cover_the_truth(statistic: Any) -> None:
-    rng = np.random.default_rng(5)
-
-    def pair(n: int) -> tuple[Array, Array]:
-        errors = rng.normal(size=(3, n))
-        return 1.2 * errors + 0.7 * rng.normal(size=(3, n)), errors
-
-    figures = {
-        "rms": lambda size: np.sqrt(np.mean(size**2)),
-        "mean_error": np.mean,
-        "p95": lambda size: np.quantile(size, 0.95),
-    }
-    sizes = [np.sqrt(np.sum(errors**2, axis=0)) for errors in pair(400_000)]
-    truth = figures[statistic](sizes[0]) - figures[statistic](sizes[1])
-    inside = []
-    for seed in range(150):
-        _, (interval,) = paired_difference(*pair(60), statistic, (0.9,), draws=400, seed=seed)
-        assert interval.lower is not None
-        assert interval.upper is not None
-        inside.append(interval.lower <= truth <= interval.upper)
-    # 0.9 within three standard deviations of 150 cases, and not so wide that it always holds.
-    assert 0.83 < np.mean(inside) < 0.985
-
-
-def test_paired_differences_of_the_same_errors_are_nothing_and_those_of_repeats_stay_together() -> None:
-    rng = np.random.default_rng(0)
-    errors, other = rng.normal(size=(2, 3, 40))
-    for statistic in ("rms", "mean_error", "p95"):
-        value, (interval,) = paired_difference(errors, errors, statistic, (0.95,))  # type: ignore[arg-type]
-        assert (value, interval.lower, interval.upper) == (0.0, 0.0, 0.0)
-        _, (once,) = paired_difference(errors, other, statistic, (0.9,))  # type: ignore[arg-type]
-        twice = [np.tile(sample, 4) for sample in (errors, other)]
-        _, (grouped,) = paired_difference(*twice, statistic, (0.9,), groups=np.tile(np.arange(40), 4))  # type: ignore[arg-type]
-        widths = [np.subtract(interval.upper, interval.lower) for interval in (once, grouped)]
-        # The same 40 poses measured four times alike say no more than once.
-        assert widths[1] == pytest.approx(widths[0], rel=0.1)
-    _, (none,) = paired_difference(errors, other, "max", (0.95,))
-    assert (none.upper, none.why) == (None, "the difference of two largest errors has no interval")
-    _, (few,) = paired_difference(errors[:, :9], other[:, :9], "p95", (0.95,))
-    assert few.why == "9 poses: too few to resample a 95th percentile"
 
 
 def test_nothing_fails_with_a_value_within_the_limit_nor_passes_with_one_beyond() -> None:

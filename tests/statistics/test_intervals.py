@@ -14,7 +14,6 @@ from robacc.statistics.intervals import (
     percentile_levels,
     resampled_counts,
 )
-from robacc.statistics.records import _resampled_percentile
 
 
 def test_chi_square_interval_is_the_textbook_one() -> None:
@@ -147,14 +146,3 @@ def test_resamples_are_read_only_and_repeat_with_their_seed() -> None:
     assert not np.array_equal(counts, resampled_counts(5, 10, (1, 3)))
     with pytest.raises(ValueError, match="read-only"):
         counts[0, 0] = 1.0
-
-
-@pytest.mark.parametrize("n", [10, 37, 200])
-def test_each_resample_has_the_percentile_of_its_rows(n: int) -> None:
-    rng = np.random.default_rng(n)
-    lengths, drawn = rng.exponential(size=n), rng.integers(n, size=(40, n))
-    counts = np.array([np.bincount(rows, minlength=n) for rows in drawn])
-    # The same two numbers and the same fraction between them: rounding only.
-    np.testing.assert_allclose(
-        _resampled_percentile(lengths, counts), np.percentile(lengths[drawn], 95, axis=1), rtol=1e-12
-    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from dataclasses import replace
 from functools import partial
@@ -12,11 +11,11 @@ import commands
 import numpy as np
 import pytest
 from commands import missing
-from rich.console import Console
 
 from robacc.io.files import sha256_of
 from robacc.modelling.robot_file import read_robot
-from robacc.render.text.robot import render_robot
+from robacc.render.views.elements import lines_of
+from robacc.render.views.robot import robot_view
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.library import Reach, find_reach, low_discrepancy, summarise
@@ -28,9 +27,7 @@ CONFIGS = PROJECT / "configs" / "robots"
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
-    stream = io.StringIO()
-    Console(file=stream, width=width, color_system=None).print(render_robot(summarise(robot)))
-    return stream.getvalue()
+    return "\n".join(line.text for line in lines_of(robot_view(summarise(robot)), width))
 
 
 def row(text: str, heading: str, name: str) -> list[str]:

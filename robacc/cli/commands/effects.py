@@ -41,7 +41,8 @@ def effects(
     from robacc.errors import UsageError
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
-    from robacc.render.text.robot import draw_effects
+    from robacc.render.views.elements import draw
+    from robacc.render.views.robot import effects_view
 
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
@@ -59,7 +60,7 @@ def effects(
     emit(
         outlets.form,
         outlets.output,
-        table=lambda stream: draw_effects(entries, effect is not None, stream),
+        table=lambda stream: draw(effects_view(entries, effect is not None), stream),
         document=lambda: results.envelope("effects", document(entries), options=options, inputs=inputs, seed=None),
     )
 

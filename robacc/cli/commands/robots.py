@@ -23,7 +23,8 @@ def robots(
     from robacc.documents import envelope as results
     from robacc.documents.descriptions import ROBOTS
     from robacc.errors import InputError, Problem
-    from robacc.render.text.robot import draw_robots
+    from robacc.render.views.elements import draw
+    from robacc.render.views.robot import robots_view
     from robacc.robots.library import library, similar_arms
 
     wanted = (name or "").lower()
@@ -35,7 +36,7 @@ def robots(
     emit(
         outlets.form,
         outlets.output,
-        table=lambda stream: draw_robots(arms, stream),
+        table=lambda stream: draw(robots_view(arms), stream),
         document=lambda: results.envelope(
             "robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None
         ),

@@ -24,8 +24,8 @@ def show(
     from robacc.documents import envelope as results
     from robacc.documents.descriptions import SHOW
     from robacc.effects.specification import coefficients
-    from robacc.render.text.console import console_for
-    from robacc.render.text.robot import render_robot
+    from robacc.render.views.elements import draw
+    from robacc.render.views.robot import robot_view
     from robacc.robots.library import summarise
 
     arm, record = load_robot(robot, base_link, tip_link)
@@ -34,6 +34,6 @@ def show(
     emit(
         outlets.form,
         outlets.output,
-        table=lambda stream: console_for(stream).print(render_robot(summary)),
+        table=lambda stream: draw(robot_view(summary), stream),
         document=lambda: results.envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
     )

@@ -31,8 +31,10 @@ def heading(text: str) -> TextLine:
     return TextLine(text, "bold")
 
 
-def columns(header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2) -> list[TextLine]:
-    """Return a table without rules, its first column aligned left and the others right.
+def columns(
+    header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2, left: Sequence[int] = (0,)
+) -> list[TextLine]:
+    """Return a table without rules, its columns at the places ``left`` aligned left and the others right.
 
     Rows may be shorter than the header. A header of empty cells is omitted.
     """
@@ -40,8 +42,7 @@ def columns(header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2) 
     widths = [max(map(len, cells)) for cells in zip_longest(*table, fillvalue="")]
     lines = []
     for number, row in enumerate(table):
-        first, others = f"{row[0]:<{widths[0]}}", zip(row[1:], widths[1:], strict=False)
-        cells = (first, *(f"{cell:>{width}}" for cell, width in others))
+        cells = (f"{cell:{'<' if place in left else '>'}{widths[place]}}" for place, cell in enumerate(row))
         lines.append(TextLine((" " * gap).join(cells).rstrip(), "dim" if number == 0 else ""))
     return lines if any(header) else lines[1:]
 
@@ -55,8 +56,10 @@ def items(texts: Iterable[str], width: int) -> list[TextLine]:
 
 
 def wrapped(text: str, width: int) -> list[TextLine]:
-    """Return a paragraph wrapped to ``width`` columns."""
-    return [TextLine(line) for line in textwrap.wrap(text, width, break_long_words=False, break_on_hyphens=False)]
+    """Return a paragraph wrapped to ``width`` columns, all of its lines indented like its first."""
+    indent = text[: len(text) - len(text.lstrip())]
+    lines = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return [TextLine(line) for line in lines]
 
 
 # Numbers as text: as many digits as the uncertainty supports.

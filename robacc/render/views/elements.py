@@ -57,6 +57,10 @@ class Grid:
     """True if the cells are text rather than numbers; the last one may be long."""
     note: str = ""
     """Below the table of a chart: which rows are omitted."""
+    left: Sequence[int] = (0,)
+    """Places of the columns of numbers that a text aligns left."""
+    is_ruled: bool = False
+    """True if a text has a rule below the header."""
     kind: str = "grid"
 
 
@@ -128,8 +132,14 @@ def _lines(block: Block, width: int) -> Iterator[TextLine]:
         yield from items(block.items, width)
     elif isinstance(block, Grid):
         rows = [[str(cell) for cell in row] for row in block.rows]
-        if rows:
-            yield from _texts_in_columns([block.header, *rows], width) if block.is_text else columns(block.header, rows)
+        if block.is_ruled:
+            head, *lines = columns(block.header, rows, 3, block.left)
+            rule = "─" * max(len(line.text) for line in (head, *lines))
+            yield from (BLANK, TextLine(f" {head.text}", "bold"), TextLine(f" {rule}"))
+            yield from (TextLine(f" {line.text}") for line in lines)
+        elif rows:
+            texts = _texts_in_columns([block.header, *rows], width)
+            yield from texts if block.is_text else columns(block.header, rows, left=block.left)
     elif isinstance(block, Text) and block.wraps:
         yield from (TextLine(line.text, "dim" if block.is_note else "") for line in wrapped(block.text, width))
     else:
@@ -140,6 +150,8 @@ def _texts_in_columns(rows: Sequence[Sequence[str]], width: int) -> Iterator[Tex
     """Return a table aligned left, its last column wrapped."""
     widths = [max(map(len, cells)) for cells in zip(*(row[:-1] for row in rows), strict=True)]
     for number, row in enumerate(rows):
+        if not any(row):
+            continue
         label = "".join(f"{cell:<{longest}}  " for cell, longest in zip(row, widths, strict=False))
         for text in textwrap.wrap(row[-1], max(width - len(label), 30), break_long_words=False) or [""]:
             yield TextLine(f"{label}{text}".rstrip(), "" if number else "dim")

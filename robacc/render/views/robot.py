@@ -1,0 +1,237 @@
+"""A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from robacc.effects.catalogue import CatalogueEntry
+from robacc.render.text.console import PLAIN_WIDTH
+from robacc.render.text.layout import IN_DEGREES, IN_MM, table_unit
+from robacc.render.views.elements import Grid, Listing, Section, Text
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
+from robacc.robots.library import LibraryArm, Summary
+
+_CHAINS = {
+    "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
+    "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
+    "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
+}
+
+
+_GAP = 3
+"""Blanks between columns."""
+_TEXTS = ("joint", "type", "follows", "axis")
+"""Heads of columns of text."""
+_MOST = 40
+"""Coefficients of effects that are listed."""
+
+
+def robot_view(summary: Summary) -> Iterator[Section]:
+    """Return the report of ``robacc show``."""
+    robot = summary.robot
+    ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
+    count = len(robot.variables)
+    yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
+    yield from _geometry(robot)
+    yield _drives(robot)
+    if robot.has_masses or any(joint.mass is not None for joint in robot.joints):
+        yield _links(robot)
+    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary)])
+
+
+def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+    left = tuple(place for place, head in enumerate(header) if head in _TEXTS)
+    return Section(title, [Grid(header, rows, left=left, is_ruled=True)])
+
+
+def _geometry(robot: Robot) -> Iterator[Section]:
+    """Yield the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
+    is_urdf = robot.convention == "urdf"
+    # Empty columns are omitted: beta of most DH tables, offsets of most URDFs.
+    columns = {
+        f"{name}{'' if name == 'offset' else ' mm' if name in LENGTH_PARAMETERS else '°'}": [
+            _parameter(joint, name) for joint in robot.joints
+        ]
+        for name in (ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS)
+        if name not in ("beta", "offset") or any(joint.parameters.get(name) for joint in robot.joints)
+    }
+    if is_urdf:
+        columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
+    names = [joint.name for joint in robot.joints]
+    width = sum(max(map(len, cells)) + _GAP for cells in (["joint", *names], *([h, *c] for h, c in columns.items())))
+    tables = {"Geometry": [*columns]}
+    if width > PLAIN_WIDTH:
+        lengths = [head for head in columns if head.removesuffix(" mm") in LENGTH_PARAMETERS]
+        tables = {"Geometry: lengths": lengths, "Geometry: angles": [head for head in columns if head not in lengths]}
+    for title, heads in tables.items():
+        yield _table(title, ("joint", *heads), [*zip(names, *(columns[head] for head in heads), strict=True)])
+
+
+def _axis(axis: Sequence[float]) -> str:
+    """Return ``z`` or ``-y`` for an axis of the frame, else its components."""
+    for name, place in zip("xyz", range(3), strict=True):
+        if abs(axis[place]) == 1.0:
+            return name if axis[place] > 0 else f"-{name}"
+    return _numbers(axis, 1.0)
+
+
+def _drives(robot: Robot) -> Section:
+    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
+    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
+    rows = []
+    for joint in robot.joints:
+        if joint.type != "fixed":
+            factor, unit = table_unit("m" if joint.type == "prismatic" else "rad")
+            limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
+            gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
+            rows.append([joint.name, joint.type, *limits, unit, f"{joint.sign:+d}", gear, _drive_rule(joint)])
+    return _table("Drives", header, [row[: len(header)] for row in rows])
+
+
+def _drive_rule(joint: Joint) -> str:
+    """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
+    if joint.mimic is not None:
+        return f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}"
+    text = "" if joint.is_passive or not joint.coupling else joint.name
+    for name, ratio in joint.coupling.items():
+        factor = "" if abs(ratio) == 1 else f"{_number(abs(ratio))} "
+        text += f" {'-' if ratio < 0 else '+'} {factor}{name}"
+    return text.strip().removeprefix("+ ")
+
+
+def _links(robot: Robot) -> Section:
+    links = [(joint.name, joint) for joint in robot.joints]
+    for branch in robot.branches:
+        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
+        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
+    rows = [
+        [name, "-", "", "", ""]
+        if joint.mass is None
+        else [name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0))]
+        for name, joint in links
+    ]
+    return _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), rows)
+
+
+def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
+    robot = summary.robot
+    yield "base", _frame(robot.base)
+    for name, frame in robot.targets.items():
+        yield "target", f"{name}: {_frame(frame)}"
+    if not robot.targets:
+        yield "tool", _frame(robot.tool)
+    if robot.payload_com is not None:
+        yield "payload", f"at ({_numbers(robot.payload_com, IN_MM)}) mm in the last link's frame"
+    yield "gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"
+    for name, reach in summary.reach.items():
+        extent = "unknown: a prismatic joint has no limits"
+        if reach.sampled is not None and reach.bound is not None:
+            extent = (
+                f"{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
+                f"{reach.bound * IN_MM:.0f} mm"
+            )
+        yield "reach", f"{name}: {extent}" if len(summary.reach) > 1 else extent
+    yield "masses", "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"
+    counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
+    yield "effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"
+    listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
+    for name, value, unit in listed:
+        yield "", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}"
+    if len(listed) < len(summary.coefficients):
+        yield "", f"… and {len(summary.coefficients) - len(listed)} more coefficients, in the robot file"
+    campaign = robot.campaign
+    for effect in (*robot.effects, *(campaign.effects if campaign else ())):
+        ranges = [f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in effect.get("validity", {}).items()]
+        if ranges:
+            yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}"
+    if campaign is not None:
+        frames = [name for name, frame in (("base", campaign.base), ("tool", campaign.tool)) if frame is not None]
+        frames += [f"target {name}" for name in campaign.targets]
+        if frames:
+            yield "campaign", f"registered in it: {', '.join(frames)}"
+        if campaign.effects:
+            names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+            yield "campaign", f"effects {names}, for its own poses only"
+    for digest in robot.fitted_to:
+        yield "fitted", f"to the poses of SHA-256 {digest[:16]}…"
+
+
+def _parameter(joint: Joint, name: str) -> str:
+    """Return a parameter's value, for the joint variable's offset as ``q + offset``."""
+    is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
+    value = _number(joint.parameters.get(name, 0.0) * (IN_MM if is_length else IN_DEGREES))
+    if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
+        return value
+    variable = "q" if joint.sign > 0 else "-q"
+    return variable if value == "0" else f"{variable} {'-' if value.startswith('-') else '+'} {value.lstrip('-')}"
+
+
+def _frame(frame: Frame) -> str:
+    return f"({_numbers(frame.xyz, IN_MM)}) mm, rpy ({_numbers(frame.rpy, IN_DEGREES)})°"
+
+
+def _numbers(values: Sequence[float], factor: float) -> str:
+    return ", ".join(_number(value * factor) for value in values)
+
+
+def _number(value: float) -> str:
+    """Return up to four decimals (0.1 µm, 0.0001°) without trailing zeros."""
+    text = f"{value:.4f}".rstrip("0").rstrip(".")
+    return "0" if text in ("-0", "") else text
+
+
+# The arms that come with the package, as a table.
+
+_USE = (
+    "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init NAME "
+    "writes a copy to which you add the tool or several targets"
+)
+
+
+def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
+    """Return a line per arm, and how to use them."""
+    rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
+    yield Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))])
+    yield Section("", [Listing([_USE])])
+
+
+# The catalogue of effects as text to read.
+
+_COEFFICIENTS_SHOWN = 12
+
+
+def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator[Section]:
+    """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
+    if in_detail:
+        about, facts = entries[0].effect.about, [(f"  {label:<14}", text) for label, text in _effect_facts(entries[0])]
+        yield Section(entries[0].effect.name, [Text(f"  {about.summary}"), Grid(("", ""), facts, is_text=True)])
+        return
+    rows = [
+        (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
+        for entry in entries
+    ]
+    yield Section("", [Grid(("", ""), rows, is_text=True)])
+    text = "robacc effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+    yield Section("", [Text(text, is_note=True)])
+
+
+def _effect_facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
+    about = entry.effect.about
+    yield "equation", about.equation
+    yield "unit", about.unit
+    yield "usual size", about.usual_size
+    yield "needs", about.needs
+    yield "confused with", about.confused_with
+    yield "source", about.source
+    yield "in a file", about.example
+    if not entry.for_robot:
+        return
+    if entry.why is not None:
+        yield "this robot", f"not applicable: {entry.why}"
+        return
+    joints = f" to {', '.join(entry.joints)}" if entry.joints else ""
+    yield "this robot", f"applicable{joints}"
+    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
+    more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
+    yield "coefficients", ", ".join(names[:_COEFFICIENTS_SHOWN]) + more

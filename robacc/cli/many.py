@@ -326,10 +326,10 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     """Write the table of all files and the requested files."""
     from robacc.cli.output import page_text, write
     from robacc.io.files import write_text
-    from robacc.render.text.gate import markdown
     from robacc.render.text.parameter_names import as_options
     from robacc.render.views.elements import draw
     from robacc.render.views.estimate import many_annotations, many_view
+    from robacc.render.views.gate import markdown
 
     options = tasks[0].options
 
@@ -337,9 +337,9 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
         draw(many_view(outcomes, options["robot"], options["align"]), stream)
 
     if outlets.junit is not None:
-        from robacc.render.text.gate import junit_of_files
+        from robacc.render.views.gate import junit
 
-        write_text(outlets.junit, junit_of_files("estimate", outcomes, clock.started()))
+        write_text(outlets.junit, junit("estimate", outcomes, clock.started()))
     if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
         write_text(outlets.report, _page(outcomes, tasks))
     output = outlets.output if folder is None else "-"

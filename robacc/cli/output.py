@@ -166,9 +166,12 @@ def conclude(
     with warnings_below(warnings):
         if outlets.junit is not None:
             from robacc.io.files import write_text
-            from robacc.render.text.gate import junit
+            from robacc.outcomes import FileOutcome
+            from robacc.render.views.gate import junit
 
-            write_text(outlets.junit, junit(command, document["gate"], clock.started(), clock.elapsed()))
+            gate = document["gate"]
+            checked = FileOutcome(gate["name"], outcome.exit_status, gate=gate, seconds=clock.elapsed())
+            write_text(outlets.junit, junit(command, [checked], clock.started()))
         write_result(
             outlets,
             command,
@@ -178,7 +181,7 @@ def conclude(
             warnings=warnings,
         )
         if outcome.exit_status and (outlets.form == "json" or outlets.output != "-"):
-            from robacc.render.text.gate import say_gate
+            from robacc.render.views.gate import say_gate
 
             say_gate(document["gate"])
     if outcome.exit_status:
@@ -189,16 +192,17 @@ def with_gate(
     table: Callable[[TextIO], None] | None, gate: Mapping[str, Any], form: Format
 ) -> Callable[[TextIO], None]:
     """Return a function that draws a result and, for a table, its gate below; other forms write the gate themselves."""
-    from robacc.render.text.gate import draw_gate
+    from robacc.render.views.elements import draw
+    from robacc.render.views.gate import gate_view
 
-    def draw(stream: TextIO) -> None:
+    def drawn(stream: TextIO) -> None:
         if table is not None:
             table(stream)
         if form == "table":
             stream.write("\n" if table is not None else "")
-            draw_gate(gate, stream)
+            draw(gate_view(gate), stream)
 
-    return draw
+    return drawn
 
 
 def write_result(
@@ -231,11 +235,11 @@ def write_result(
 
     texts = tuple(map(as_options, warnings))
     if outlets.form == "markdown":
-        from robacc.render.text.gate import markdown
+        from robacc.render.views.gate import markdown
 
         write(outlets.output, (markdown(command, page_text(table), gate, texts),))
     elif outlets.form == "github":
-        from robacc.render.text.gate import github_annotations
+        from robacc.render.views.gate import github_annotations
 
         write(outlets.output, (github_annotations(command, page_text(table), gate, texts),))
     else:

@@ -13,7 +13,10 @@ from robacc.documents.gate import gate_document
 from robacc.gates.decision_rules import Decision, Outcome
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
 from robacc.gates.gate_file import Gate, GateCriterion
-from robacc.render.text.gate import draw_gate, github_annotations, junit, limit, markdown, probability, sentence, title
+from robacc.outcomes import FileOutcome
+from robacc.render.views.elements import draw
+from robacc.render.views.gate import gate_view, github_annotations, limit, markdown, probability, sentence, title
+from robacc.render.views.gate import junit as suites
 
 
 def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:
@@ -113,7 +116,7 @@ def test_limits_that_are_words_and_probabilities_that_are_no_certainty() -> None
 
 def test_a_terminal_shows_each_criterion_within_80_columns() -> None:
     stream = io.StringIO()
-    draw_gate(ALL, stream)
+    draw(gate_view(ALL), stream)
     lines = stream.getvalue().splitlines()
     assert lines[0] == title(ALL)
     assert [line for line in lines if re.match(r"\S", line)][1:] == [
@@ -223,11 +226,15 @@ def faults(element: ElementTree.Element) -> list[str]:
     return found + [fault for child in element for fault in faults(child)]
 
 
+def junit(outcome: dict[str, Any], started: float = 0.0, seconds: float = 0.0) -> str:
+    return suites("estimate", [FileOutcome(outcome["name"], 0, gate=outcome, seconds=seconds)], started)
+
+
 @pytest.mark.parametrize(
     "outcome", [ALL, gate(evaluation()), gate(evaluation("fail", "<&>\"'", "]]> \x07 \ud800"), name="ä\x00")]
 )
 def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
-    text, outcomes = junit("estimate", outcome), [criterion["outcome"] for criterion in outcome["criteria"]]
+    text, outcomes = junit(outcome), [criterion["outcome"] for criterion in outcome["criteria"]]
     root = ElementTree.fromstring(text.encode())
     assert faults(root) == []
     (suite,) = root
@@ -235,11 +242,11 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
     assert len(suite.findall("testcase/failure")) == int(suite.get("failures", "")) == outcomes.count("fail")
     undecision = outcomes.count("inconclusive") + outcomes.count("not_evaluated")
     assert len(suite.findall("testcase/error")) == int(suite.get("errors", "")) == undecision
-    assert text == junit("estimate", outcome)
+    assert text == junit(outcome)
 
 
 def test_junit_has_the_start_and_the_elapsed_time_shared_by_the_cases() -> None:
-    text = junit("estimate", ALL, started=86400.0 * 365, seconds=6.0)
+    text = junit(ALL, started=86400.0 * 365, seconds=6.0)
     root = ElementTree.fromstring(text.encode())
     assert faults(root) == []
     (suite,) = root
@@ -249,7 +256,7 @@ def test_junit_has_the_start_and_the_elapsed_time_shared_by_the_cases() -> None:
 
 
 def test_the_schemas_rules_see_faults() -> None:
-    good = junit("estimate", ALL)
+    good = junit(ALL)
     for wrong, fault in (
         (good.replace(' id="0"', ""), "testsuite without id"),
         (good.replace('tests="4"', 'tests="four"'), "testsuite tests='four'"),
@@ -263,7 +270,7 @@ def test_the_schemas_rules_see_faults() -> None:
 
 
 def test_junit_carries_the_numbers_and_the_reason() -> None:
-    suite = ElementTree.fromstring(junit("estimate", ALL).encode())[0]
+    suite = ElementTree.fromstring(junit(ALL).encode())[0]
     failure = suite.find("testcase[@name='second']/failure")
     assert failure is not None
     assert failure.get("message", "").startswith("fail: position.rms 0.800 mm (0.700 mm to 1.20 mm")

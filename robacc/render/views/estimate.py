@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.outcomes import FileOutcome
-from robacc.render.text.gate import OUTCOME_LABELS, annotation, sentence, title
 from robacc.render.text.layout import (
     IN_DEGREES,
     IN_MM,
@@ -32,6 +31,7 @@ from robacc.render.views.elements import (
     percent,
 )
 from robacc.render.views.fit import parameter_tables
+from robacc.render.views.gate import OUTCOME_LABELS, annotation, sentence, title
 from robacc.statistics.confidence_curves import ASSURANCE
 
 _MIN_PROBABILITY = 0.005

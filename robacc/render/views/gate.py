@@ -1,13 +1,183 @@
-"""The outcome of a gate in a page."""
+"""The outcome of a gate: for a terminal, as Markdown, as annotations of a workflow, and as JUnit XML."""
 
 from __future__ import annotations
 
-from robacc.render.text.gate import HEADER, OUTCOME_LABELS, cells, explained, title
-from robacc.render.text.layout import Document
-from robacc.render.views.elements import Block, Grid, Listing, Section
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
+from typing import Any, Literal
+from xml.sax.saxutils import escape, quoteattr
+
+from robacc.gates.decision_rules import Outcome
+from robacc.outcomes import FileOutcome
+from robacc.render.text.console import GREEN, RED, YELLOW, say
+from robacc.render.text.layout import Style, table_unit, three_digits, with_table_unit
+from robacc.render.text.parameter_names import as_options
+from robacc.render.views.elements import Block, Grid, Listing, Section, Text
+from robacc.statistics.confidence_curves import ASSURANCE
+
+# Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
+
+OUTCOME_LABELS: dict[Outcome, str] = {
+    "pass": "pass",
+    "fail": "fail",
+    "inconclusive": "inconclusive",
+    "not_evaluated": "not evaluated",
+}
+HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
+
+Part = Mapping[str, Any]
+"""A gate or a criterion as in the JSON document."""
 
 
-def gate_section(document: Document) -> Section | None:
+def title(gate: Part) -> str:
+    """Return the gate's name and outcome, and the number of criteria with each outcome."""
+    outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
+    counts = [f"{outcomes.count(kind)} {label}" for kind, label in OUTCOME_LABELS.items() if kind in outcomes]
+    return f"Gate {gate['name']}: {OUTCOME_LABELS[gate['outcome']].upper()} ({', '.join(counts)})"
+
+
+def cells(criterion: Part) -> tuple[str, ...]:
+    """Return the cells of a criterion below :data:`HEADER`."""
+    return (
+        criterion["name"],
+        criterion["key"],
+        value(criterion),
+        limit(criterion),
+        (bounds(criterion) or "–").strip("()"),
+        _amount(criterion["margin"], criterion),
+        probability(criterion) or "–",
+    )
+
+
+def _amount(size: float | None, criterion: Part) -> str:
+    """Return a value of a criterion in mm, degrees or without unit, three digits; a dash for None."""
+    factor, unit = table_unit(criterion["unit"])
+    return "–" if size is None else with_table_unit(three_digits(factor * size), unit)
+
+
+def limit(criterion: Part) -> str:
+    """Return the limit with its direction."""
+    given, baseline = criterion["limit"], criterion["baseline"]
+    if isinstance(given, str):
+        return f"{given} or better"
+    if isinstance(given, list):
+        return " or ".join(given)
+    factor, unit = table_unit(criterion["unit"])
+    size = with_table_unit(f"{factor * abs(given or 0.0):.6g}", unit)
+    if baseline is None:
+        return f"at least {size}" if criterion["at_least"] else f"at most {size}"
+    if not given:
+        return f"no {'less' if criterion['at_least'] else 'more'} than in {baseline['file']}"
+    # A limit on a difference has a sign and a direction.
+    is_increase = given > 0.0
+    extent = "at most" if is_increase != criterion["at_least"] else "at least"
+    return f"{extent} {size} {'more' if is_increase else 'less'} than in {baseline['file']}"
+
+
+def value(criterion: Part) -> str:
+    """Return the measured value; for a comparison, also the baseline's value."""
+    size, baseline = criterion["value"], criterion["baseline"] or {}
+    if size is None:
+        return "missing"
+    if isinstance(size, str):
+        return size
+    if baseline.get("value") is None:
+        return _amount(size, criterion)
+    difference = f"{_amount(abs(size), criterion)} {'more' if size > 0.0 else 'less'} than"
+    relation = "same as" if size == 0.0 else difference
+    measured = _amount(size + baseline["value"], criterion)
+    return f"{measured}, {relation} the {_amount(baseline['value'], criterion)} in {baseline['file']}"
+
+
+def bounds(criterion: Part) -> str | None:
+    """Return the bounds that the rule used, None if it used none."""
+    ends = (criterion["lower_bound"], criterion["upper_bound"])
+    if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
+        return None
+    suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
+    interval = " to ".join(_amount(end, criterion) for end in ends)
+    return f"({interval}{suffix}, each bound at {100 * criterion['confidence']:g} % confidence)"
+
+
+def probability(criterion: Part) -> str | None:
+    """Return the conformity probability in percent, between ``< 0.1 %`` and ``> 99.9 %``."""
+    if criterion["conformity_probability"] is None:
+        return None
+    percent = 100.0 * criterion["conformity_probability"]
+    return "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
+
+
+def _poses_needed(criterion: Part) -> str | None:
+    """Return the number of poses or visits that would decide an inconclusive criterion, None where unknown."""
+    if criterion["outcome"] != "inconclusive":
+        return None
+    needed, needed_if_true = criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
+    if needed is None:
+        # The distance to the limit is unknown without bounds or without a number of poses.
+        too_close = needed_if_true is None and criterion["why"] is None and criterion["n_poses"] is not None
+        return "the value is too close to the limit for any number of poses to decide" if too_close else None
+    # ISO 9283 results count visits of a few commanded poses.
+    counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
+    text = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
+    if needed_if_true is None or needed_if_true == needed:
+        return text
+    return f"{text}, {needed_if_true} if the measured value is the true one"
+
+
+def sentence(criterion: Part) -> str:
+    """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
+    statement = " ".join(text for text in (criterion["key"], value(criterion), bounds(criterion)) if text)
+    parts = [f"{statement}, expected {limit(criterion)}"]
+    if criterion["margin"] is not None:
+        parts.append(f"margin {_amount(criterion['margin'], criterion)}")
+    if (chance := probability(criterion)) is not None:
+        parts.append(f"conforms with probability {chance}")
+    return "; ".join([*parts, *_explanations(criterion)])
+
+
+def explained(criterion: Part) -> str:
+    """Return the outcome, its reason and the number of poses that would decide, then the reason for the limit."""
+    parts = [OUTCOME_LABELS[criterion["outcome"]], *_explanations(criterion)]
+    return f"{'; '.join(parts)}. Reason: {criterion['reason']}"
+
+
+def _explanations(criterion: Part) -> list[str]:
+    why = None if criterion["why"] is None else as_options(criterion["why"])
+    return [text for text in (why, _poses_needed(criterion)) if text]
+
+
+_INDENT = 15
+"""Columns: the longest outcome and two spaces."""
+_STYLES: dict[Outcome, Style] = {
+    "pass": "green",
+    "fail": "bold red",
+    "inconclusive": "bold yellow",
+    "not_evaluated": "bold yellow",
+}
+_COLOURS: dict[Outcome, str] = {"pass": GREEN, "fail": RED, "inconclusive": YELLOW, "not_evaluated": YELLOW}
+
+
+def say_gate(gate: Part) -> None:
+    """Write the outcome, and each criterion that does not pass, to standard error: for a log without the table."""
+    say(title(gate), _COLOURS[gate["outcome"]])
+    for criterion in gate["criteria"]:
+        if criterion["outcome"] != "pass":
+            label = OUTCOME_LABELS[criterion["outcome"]]
+            say(f"{label}: {criterion['name']}: {sentence(criterion)}", _COLOURS[criterion["outcome"]])
+
+
+def gate_view(gate: Part) -> Iterator[Section]:
+    """Return the outcome of the gate and of each criterion as text."""
+    yield Section(title(gate), [], _STYLES[gate["outcome"]])
+    for criterion in gate["criteria"]:
+        label = f"{OUTCOME_LABELS[criterion['outcome']]:<{_INDENT}}{criterion['name']}"
+        indent, reason = " " * _INDENT, f"Reason: {criterion['reason']}"
+        texts = [Text(indent + sentence(criterion)), Text(indent + reason, is_note=True)]
+        yield Section(label, texts, _STYLES[criterion["outcome"]])
+
+
+def gate_section(document: Part) -> Section | None:
     """Return each criterion with outcome, value, limit and bounds, and the reasons; None without a gate."""
     gate = document.get("gate")
     if not gate:
@@ -21,3 +191,173 @@ def gate_section(document: Document) -> Section | None:
     if gate["warnings"]:
         blocks.append(Listing(gate["warnings"], "warning"))
     return Section(title(gate), blocks)
+
+
+# Gate outcomes as JUnit XML: one suite per gate, one case per criterion.
+#
+# The output is valid under both common schemas, that of Jenkins' xUnit plug-in and that derived from Ant's report.
+# Ant's schema requires a host, which is a constant. The cases of a suite have equal shares of its time: readers add
+# them up.
+
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -> str:
+    """Return one suite per file; a failed criterion is a failure, an undecided criterion is an error and never passes.
+
+    Args:
+        command: Name of the command.
+        outcomes: Outcomes of files by their gates; a file without a result has an error instead of its criteria.
+        started: Start of the command, seconds since 1970.
+    """
+    suites = [line for number, outcome in enumerate(outcomes) for line in _suite(command, number, outcome, started)]
+    document = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *suites, "</testsuites>")
+    return "".join(f"{line}\n" for line in document)
+
+
+def _suite(command: str, number: int, outcome: FileOutcome, started: float) -> Iterator[str]:
+    gate = outcome.gate
+    if gate is None:
+        cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
+        out, error = "", "\n".join(as_options(str(problem)) for problem in outcome.problems)
+    else:
+        cases = [
+            (
+                criterion["name"],
+                criterion["outcome"],
+                f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}",
+                f"Reason for the limit: {criterion['reason']}",
+            )
+            for criterion in gate["criteria"]
+        ]
+        out, error = title(gate), "\n".join(gate["warnings"])
+    kinds = [kind for _, kind, _, _ in cases]
+    suite = _attributes(
+        id=str(number),
+        package=f"robacc.{command}",
+        name=outcome.name,
+        timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+        hostname="localhost",
+        tests=str(len(cases)),
+        failures=str(kinds.count("fail")),
+        errors=str(len(kinds) - kinds.count("fail") - kinds.count("pass")),
+        time=f"{outcome.seconds:.3f}",
+    )
+    yield f"  <testsuite{suite}>\n    <properties/>"
+    for name, kind, message, reason in cases:
+        case = _attributes(
+            name=name,
+            classname=f"robacc.{command}.{outcome.name}",
+            time=f"{outcome.seconds / max(1, len(cases)):.3f}",
+        )
+        if kind == "pass":
+            yield f"    <testcase{case}/>"
+            continue
+        tag = "failure" if kind == "fail" else "error"
+        yield f"    <testcase{case}>"
+        yield f"      <{tag}{_attributes(message=message, type=kind)}>{_xml_text(reason)}</{tag}>"
+        yield "    </testcase>"
+    yield f"    <system-out>{_xml_text(out)}</system-out>"
+    yield f"    <system-err>{_xml_text(error)}</system-err>"
+    yield "  </testsuite>"
+
+
+def _attributes(**values: str) -> str:
+    return "".join(f" {name}={quoteattr(_clean(value))}" for name, value in values.items())
+
+
+def _xml_text(value: str) -> str:
+    return escape(_clean(value))
+
+
+def _clean(value: str) -> str:
+    """Replace the characters that XML does not allow."""
+    return _NOT_XML.sub("\ufffd", value)
+
+
+# A result as workflow commands of GitHub Actions, which shows them as annotations of the run.
+
+_LEVELS: dict[Outcome, Literal["error", "warning", "notice"]] = {
+    "pass": "notice",
+    "fail": "error",
+    "inconclusive": "warning",
+    "not_evaluated": "warning",
+}
+
+
+def github_annotations(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
+    """Return one line per annotation: warnings, criteria and the gate; without a gate the report's first part.
+
+    Args:
+        command: The command that made the result.
+        table: The report as plain text; the part before its first empty line is used.
+        gate: The gate's outcome, if a gate was checked.
+        warnings: The command's warnings.
+    """
+    head = f"robacc {command}"
+    lines = [annotation("warning", head, warning) for warning in warnings]
+    for criterion in gate["criteria"] if gate is not None else ():
+        said = f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}"
+        text = f"{said}. Reason for the limit: {criterion['reason']}"
+        lines.append(annotation(_LEVELS[criterion["outcome"]], f"{gate['name']}: {criterion['name']}", text))
+    level, text = (
+        ("notice", table.strip().partition("\n\n")[0]) if gate is None else (_LEVELS[gate["outcome"]], title(gate))
+    )
+    return "".join(f"{line}\n" for line in (*lines, annotation(level, head, text)))
+
+
+def annotation(level: str, head: str, text: str) -> str:
+    """Return ``::level title=HEAD::TEXT``, escaped as actions/toolkit does."""
+    for sign, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
+        head, text = head.replace(sign, code), text.replace(sign, code)
+    head = head.replace(":", "%3A").replace(",", "%2C")
+    return f"::{level} title={head}::{text}"
+
+
+# A result and its gate's outcome as Markdown, for a job summary or a comment on a pull request.
+
+_SIGNS: dict[Outcome, str] = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not_evaluated": "⚠️"}
+
+
+def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
+    """Return the gate's table, the warnings and the report, which is collapsed below a gate.
+
+    Args:
+        command: The command that made the result.
+        table: The report as plain text; empty if there is only the gate's outcome.
+        gate: The gate's outcome, if a gate was checked.
+        warnings: The command's warnings.
+    """
+    lines = [f"## robacc {_escaped(command)}", ""]
+    if gate is not None:
+        lines += [*_gate(gate), ""]
+    for warning in warnings:
+        lines += [f"> **Warning:** {_escaped(warning)}", ""]
+    if not table:
+        return "\n".join(lines[:-1]) + "\n"
+    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", table)), default=0))
+    body = [f"{fence}text", table.rstrip("\n"), fence]
+    if gate is not None:
+        body = ["<details><summary>Full result</summary>", "", *body, "", "</details>"]
+    return "\n".join([*lines, *body]) + "\n"
+
+
+def _gate(gate: Part) -> Iterator[str]:
+    yield f"### {_SIGNS[gate['outcome']]} {_escaped(title(gate))}"
+    yield ""
+    yield _row(("", *HEADER))
+    yield _row(["---"] * (1 + len(HEADER)))
+    for criterion in gate["criteria"]:
+        yield _row((_SIGNS[criterion["outcome"]], *map(_escaped, cells(criterion))))
+    yield ""
+    for criterion in gate["criteria"]:
+        yield f"- **{_escaped(criterion['name'])}**: {_escaped(explained(criterion))}"
+
+
+def _row(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _escaped(text: str) -> str:
+    """Return the text escaped for Markdown and its tables."""
+    return re.sub(r"([\\`*_\[\]<>|#~])", r"\\\1", " ".join(text.split()))

@@ -226,18 +226,21 @@ def difference_to_baseline(
         raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
         raise NoValueError(f"{key} has different units in the result and in the baseline")
-    sample, reference_sample = both = sample_at(document, key), sample_at(baseline, key)
+    sample, reference_sample = sample_at(document, key), sample_at(baseline, key)
     statistic = key.rpartition(".")[2]
     if sample is not None and reference_sample is not None and statistic in _PAIRABLE:
         if pairs := _matching_rows(sample, reference_sample, criterion.paired):
             seed, groups = document.get("seed") or 0, np.unique(sample.groups[pairs[0]], return_inverse=True)[1]
-            samples = [ErrorSample(each.errors[:, rows], groups) for each, rows in zip(both, pairs, strict=True)]
+            own, other = (
+                ErrorSample(errors[:, rows], groups)
+                for errors, rows in zip((sample.errors, reference_sample.errors), pairs, strict=True)
+            )
             differences = [
-                difference(statistic, samples[1], samples[0], paired=True, confidence=level, seed=seed)
+                difference(statistic, other, own, paired=True, confidence=level, seed=seed)
                 for level in _levels(confidence)
             ]
             curve = BoundCurve.through(each.interval for each in differences)
-            return GateFigure(differences[0].value, figure.dimension, curve, samples[0].n_groups), reference.value
+            return GateFigure(differences[0].value, figure.dimension, curve, own.n_groups), reference.value
     elif criterion.paired:
         raise NoValueError("paired: true needs the error of every pose, which the result or the baseline does not list")
     independent = None

@@ -11,7 +11,7 @@ import robacc
 from robacc.cli.output import page_of_document
 from robacc.render.html.page import command_line
 from robacc.render.plots.catalogue import charts_of
-from robacc.render.plots.plan import effect_families
+from robacc.render.views.elements import effect_families
 
 ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
 
@@ -48,8 +48,8 @@ def test_limits_are_those_of_the_joints(calibration: dict[str, object]) -> None:
         own = [e for e in calibration["detection_limits"] if e["effect"] == family.name]  # type: ignore[attr-defined]
         known = [e["limit"] for e in own if e["limit"] is not None]
         if known:
-            assert (family.limits[0], family.limits[-1]) == (min(known), max(known))
-    assert [family.power for family in families] == sorted((family.power for family in families), reverse=True)
+            assert (family.known[0]["limit"], family.known[-1]["limit"]) == (min(known), max(known))
+        assert family.power == pytest.approx(sum(e["power"] for e in own) / len(own))
 
 
 def test_the_page_says_what_to_do(calibration: dict[str, object]) -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from robacc.render.plots.canvas import CUBE, SPACE, Array, Axis, Chart, Panel, Series, numbers, scene, vectors
 from robacc.render.plots.workspace import arm_of
 from robacc.render.text.layout import Document, length_unit
-from robacc.render.views.elements import Grid
+from robacc.render.views.elements import EffectFamily, Grid, effect_families
 
 # The poses of a plan in space, by their role, with the route of the visits.
 
@@ -25,8 +25,7 @@ def plan_charts(document: Document) -> Iterator[Chart]:
     accuracy = document["accuracy"]
     if accuracy is not None and len(accuracy["curve"]) > 1:
         yield _accuracy_chart(accuracy)
-    families = effect_families(document)
-    if families:
+    if families := sorted(effect_families(document), key=lambda family: -family.power):
         yield _limits_chart(families)
 
 
@@ -146,56 +145,21 @@ def _accuracy_chart(accuracy: Mapping[str, Any]) -> Chart:
     )
 
 
-class EffectFamily(NamedTuple):
-    """Detection limits of one effect over its joints and forms."""
-
-    name: str
-    unit: str
-    usual: float
-    limits: Array
-    """Limits that exist, ascending; empty where no form of the effect is ever found."""
-    power: float
-    """Mean probability that the usual size is found."""
-
-
-def effect_families(document: Document) -> list[EffectFamily]:
-    """Return the detection limits by effect, those found most surely first."""
-    by_name: dict[str, list[Mapping[str, Any]]] = {}
-    for limit in document["detection_limits"] or ():
-        by_name.setdefault(limit["effect"], []).append(limit)
-    families = [
-        EffectFamily(
-            name,
-            entries[0]["unit"],
-            entries[0]["usual_size"],
-            np.sort(numbers(entry["limit"] for entry in entries if entry["limit"] is not None)),
-            float(np.mean([entry["power"] for entry in entries])),
-        )
-        for name, entries in by_name.items()
-    ]
-    return sorted(families, key=lambda family: -family.power)
-
-
 def _limits_chart(families: Sequence[EffectFamily]) -> Chart:
-    detectable = [family for family in families if family.limits.size]
+    detectable = [family for family in families if family.known]
     sure = sum(family.power >= 0.5 for family in families)
-    series = []
+    series, rows = [], []
     for place, family in enumerate(detectable):
         role = "after" if family.power >= 0.5 else "before"
-        ends = family.limits[[0, -1]] / family.usual
+        ends = numbers(family.known[end]["limit"] for end in (0, -1)) / family.entries[0]["usual_size"]
         series.append(
             Series((ends, [place] * 2), role, marker="o", line="-", size=4, width=1.6, hollow=role == "before")
         )
-    rows = [
-        [
-            family.name,
-            *(f"{family.limits[end]:.1e}" if family.limits.size else "–" for end in (0, -1)),
-            family.unit,
-            f"{family.usual:.1e}",
-            f"{100 * family.power:.0f} %",
-        ]
-        for family in families
-    ]
+    for family in families:
+        limits = [f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)]
+        first = family.entries[0]
+        usual, power = f"{first['usual_size']:.1e}", f"{100 * family.power:.0f} %"
+        rows.append([family.name, *limits, first["unit"], usual, power])
     return Chart(
         "detection-limits",
         "Detection limits",

@@ -5,6 +5,7 @@ The page shows them through its template, :func:`lines_of` as text.
 
 from __future__ import annotations
 
+import statistics
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -105,6 +106,35 @@ class Section:
     blocks: Iterable[Block]
     style: Style = "bold"
     """Of the heading on a terminal."""
+
+
+@dataclass(frozen=True, slots=True)
+class EffectFamily:
+    """Detection limits of one effect over its joints and forms."""
+
+    name: str
+    entries: Sequence[Mapping[str, Any]]
+    """All entries, also those that are never found."""
+    known: Sequence[Mapping[str, Any]]
+    """Entries with a limit, the least first."""
+    power: float
+    """Mean probability that the usual size is found."""
+
+
+def effect_families(document: Document) -> list[EffectFamily]:
+    """Return the detection limits of a result by effect."""
+    by_name: dict[str, list[Mapping[str, Any]]] = {}
+    for limit in document["detection_limits"] or ():
+        by_name.setdefault(limit["effect"], []).append(limit)
+    return [
+        EffectFamily(
+            name,
+            entries,
+            sorted((each for each in entries if each["limit"] is not None), key=lambda each: each["limit"]),
+            statistics.mean(each.get("power") or 0.0 for each in entries),
+        )
+        for name, entries in by_name.items()
+    ]
 
 
 def draw(sections: Iterable[Section], stream: TextIO) -> None:

@@ -22,7 +22,18 @@ from robacc.render.text.layout import (
     three_digits,
     with_table_unit,
 )
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Number, Section, Text, number, with_unit
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Grid,
+    Listing,
+    Number,
+    Section,
+    Text,
+    effect_families,
+    number,
+    with_unit,
+)
 from robacc.tracing.findings import HIDDEN_NOISE
 
 Part = Mapping[str, Any]
@@ -583,28 +594,22 @@ def _parts_of(unexplained: Part) -> str:
 
 def _detection(document: Document) -> Iterator[Block]:
     """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
-    families: dict[str, list[Part]] = {}
-    for limit in document["detection_limits"]:
-        families.setdefault(limit["effect"], []).append(limit)
     rows: list[Sequence[Cell]] = []
-    undetectable: list[str] = []
-    for name, family in families.items():
-        found = sorted((each for each in family if each["limit"] is not None), key=lambda each: each["limit"])
-        undetectable += [effect_label(each["effect"], each["joints"], {}) for each in family if each["limit"] is None]
-        if found:
+    undetectable: dict[str, None] = {}
+    for family in effect_families(document):
+        labels = [effect_label(family.name, each["joints"], {}) for each in family.entries if each["limit"] is None]
+        undetectable |= dict.fromkeys(labels)
+        if found := family.known:
             motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-            sizes = [f"{each['limit'] * table_unit(each['unit'])[0]:.1e}" for each in (found[0], found[-1])]
+            factor, unit = table_unit(found[0]["unit"])
             ends = [
-                f"{size} {','.join(each['joints'])}".rstrip()
-                for size, each in zip(sizes, (found[0], found[-1]), strict=True)
+                f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
             ]
-            highest, unit = ends[1] if len(found) > 1 else "", table_unit(found[0]["unit"])[1]
-            rows.append((name, ends[0], highest, unit, number(motion, IN_MM)))
+            rows.append((family.name, ends[0], ends[1] * (len(found) > 1), unit, number(motion, IN_MM)))
     yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
     yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
     if undetectable:
-        names = ", ".join(dict.fromkeys(undetectable))
-        yield Text(f"not identifiable on these poses: {names}", is_note=True)
+        yield Text(f"not identifiable on these poses: {', '.join(undetectable)}", is_note=True)
 
 
 def _next_poses(document: Document) -> Iterator[Block]:

@@ -296,14 +296,15 @@ def github_annotations(command: str, table: str, gate: Part | None, warnings: tu
     """
     head = f"robacc {command}"
     lines = [annotation("warning", head, warning) for warning in warnings]
-    for criterion in gate["criteria"] if gate is not None else ():
-        said = f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}"
-        text = f"{said}. Reason for the limit: {criterion['reason']}"
-        lines.append(annotation(_LEVELS[criterion["outcome"]], f"{gate['name']}: {criterion['name']}", text))
-    level, text = (
-        ("notice", table.strip().partition("\n\n")[0]) if gate is None else (_LEVELS[gate["outcome"]], title(gate))
-    )
-    return "".join(f"{line}\n" for line in (*lines, annotation(level, head, text)))
+    if gate is None:
+        lines.append(annotation("notice", head, table.strip().partition("\n\n")[0]))
+    else:
+        for criterion in gate["criteria"]:
+            said = f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}"
+            text = f"{said}. Reason for the limit: {criterion['reason']}"
+            lines.append(annotation(_LEVELS[criterion["outcome"]], f"{gate['name']}: {criterion['name']}", text))
+        lines.append(annotation(_LEVELS[gate["outcome"]], head, title(gate)))
+    return "".join(f"{line}\n" for line in lines)
 
 
 def annotation(level: str, head: str, text: str) -> str:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.planning.campaign import CampaignPlan
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label, fixed, table_unit, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number
+from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, effect_families, number
 
 PURPOSES = {
     "calibrate": "calibration",
@@ -206,25 +205,21 @@ def _coefficients(entries: Sequence[Part]) -> Section:
 
 
 def _detectability(document: Document, most: int) -> Iterator[Block]:
-    families: dict[str, list[Part]] = {}
-    for limit in document["detection_limits"]:
-        families.setdefault(limit["effect"], []).append(limit)
     rows: list[Sequence[Cell]] = []
     hidden: dict[str, None] = {}
-    for name, family in families.items():
-        known = sorted((limit for limit in family if limit["limit"] is not None), key=lambda limit: limit["limit"])
-        shown = [limit["joints"] for limit in known]
+    for family in effect_families(document):
+        known, shown = family.known, [limit["joints"] for limit in family.known]
         hidden |= {
-            effect_label(name, each["joints"], {}): None
-            for each in family
+            effect_label(family.name, each["joints"], {}): None
+            for each in family.entries
             if each["limit"] is None and each["joints"] not in shown
         }
         if known:
             factor, unit = table_unit(known[0]["unit"])
-            lowest, highest = (f"{factor * limit['limit']:.1e}" for limit in (known[0], known[-1]))
-            power = fixed(statistics.mean(limit["power"] for limit in family), 2)
-            usual = f"{factor * known[0]['usual_size']:.1e}"
-            rows.append((name, lowest, highest if len(known) > 1 else "", unit, usual, power))
+            lowest, highest, usual = (
+                f"{factor * size:.1e}" for size in (known[0]["limit"], known[-1]["limit"], known[0]["usual_size"])
+            )
+            rows.append((family.name, lowest, highest * (len(known) > 1), unit, usual, fixed(family.power, 2)))
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = []
     if (power := document["power"]) is not None:

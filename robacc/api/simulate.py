@@ -6,7 +6,6 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from robacc.api.inputs import checked_poses, load_robot, pose_path, record_of, require_poses
@@ -87,12 +86,9 @@ class Simulated(Result, Simulation):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys: a summary of the file, without the poses."""
-        return {
-            "n_poses": self.data.n,
-            "effects": [str(effect.get("effect")) for effect in self.robot.effects],
-            "outlier_lines": self.outlier_lines,
-            "file_sha256": sha256(self.csv().encode()).hexdigest(),
-        }
+        from robacc.documents.descriptions import SIMULATE
+
+        return SIMULATE.write(self)
 
 
 @call

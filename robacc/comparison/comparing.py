@@ -8,7 +8,7 @@ from itertools import combinations
 from typing import Literal
 
 from robacc.accuracy.error_statistics import error_statistics
-from robacc.accuracy.grade import Grade, Scale, default_scale, grade
+from robacc.accuracy.grade import Scale, default_scale, grade
 from robacc.comparison.differences import (
     NO_TEST_OF_MAXIMUM,
     RESAMPLED,
@@ -153,6 +153,12 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
     met = assessed.grade in names and names.index(assessed.grade) <= rank
     probability = assessed.probability_within(names[rank])
     position_grade, angle = assessed.position, assessed.orientation
+    missing = [
+        f"no upper bound of {name}: {quantity.why}"
+        for name, quantity in (("position", position_grade), ("orientation", angle))
+        if quantity is not None and quantity.why
+    ]
+    why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
     return GradeStatus(
         result.name,
         "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
@@ -161,7 +167,7 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
         EstimatedValue(position_grade.value, position_grade.interval),
         None if angle is None else EstimatedValue(angle.value, angle.interval),
         assessed.poses_needed(rank) if met and not confirmed else None,
-        None if confirmed or not met else _why_not_confirmed(assessed),
+        None if confirmed or not met else why,
     )
 
 
@@ -172,14 +178,6 @@ def _statistics(result: ComparedResult, quantity: str, scale: Scale, seed: int) 
     return error_statistics(
         sample.vectors, _UNITS[quantity], groups=sample.groups, share=share, confidence=scale.confidence, seed=seed
     )
-
-
-def _why_not_confirmed(assessed: Grade) -> str:
-    quantities = (("position", assessed.position), ("orientation", assessed.orientation))
-    missing = [
-        f"no upper bound of {name}: {quantity.why}" for name, quantity in quantities if quantity and quantity.why
-    ]
-    return "; ".join(missing) or f"the upper {100 * assessed.scale.confidence:g} % bound is beyond the limit"
 
 
 def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
@@ -318,7 +316,11 @@ class Ranking:
             return ("ordered by the figure; no difference could be tested",)
         neighbours = [pair for pair in self.pairs if self.names.index(pair.worse) == self.names.index(pair.better) + 1]
         lines = [f"{pair.better} is better than {pair.worse}" for pair in neighbours if pair.different]
-        lines += [f"{_listed(group)} do not differ significantly" for group in self.groups if len(group) > 1]
+        lines += [
+            f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly"
+            for group in self.groups
+            if len(group) > 1
+        ]
         untested = [pair for pair in self.pairs if pair.difference.p_value is None]
         return (*lines, *(f"{pair.better} and {pair.worse} could not be tested" for pair in untested))
 
@@ -498,7 +500,3 @@ def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
             for (i, j, pair_difference), p in zip(pairs, corrected, strict=True)
         ),
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"

@@ -358,7 +358,7 @@ def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[n
     same positions.
     """
     same_joints = first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
-    if first.n == second.n and _same_targets(first, second):
+    if first.n == second.n and np.array_equal(first.target, second.target):
         close = same_joints and _close(first.q, second.q, _SAME_JOINT)
         if close or _close(first.commanded, second.commanded, _SAME_POSITION):
             # A pose repeated in one result is one pose in both.
@@ -378,12 +378,6 @@ def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
         and first.shape == second.shape
         and bool(np.all(np.abs(first - second) <= tolerance))
     )
-
-
-def _same_targets(first: ComparedPoses, second: ComparedPoses) -> bool:
-    if first.target is None or second.target is None:
-        return first.target is second.target
-    return bool(np.array_equal(first.target, second.target))
 
 
 def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

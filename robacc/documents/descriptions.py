@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
 from robacc.documents.keys import (
+    LEFT_OUT,
     Key,
     array,
     choice,
@@ -16,8 +21,12 @@ from robacc.documents.keys import (
     table,
     text,
     vector3,
+    within,
 )
 from robacc.documents.parts import OUTSIDE_KEY
+
+if TYPE_CHECKING:
+    from robacc.effects.catalogue import CatalogueEntry
 
 FRAME = part(
     {
@@ -212,35 +221,66 @@ SHOW = part(
     about="Content of a robot file or URDF.",
 )
 
+
+def _with_robot(value: Callable[[CatalogueEntry], Any]) -> Callable[[CatalogueEntry], Any]:
+    """Return the source of a key of effects that were compared with a robot."""
+    return lambda entry: value(entry) if entry.for_robot else LEFT_OUT
+
+
 EFFECTS = part(
     {
         "effects": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name in files and results."),
-                        "summary": Key(text, "Description of the effect."),
-                        "equation": Key(text, "Equation of the effect."),
-                        "unit": Key(text, "Unit of the coefficients."),
-                        "usual_size": Key(text, "Usual size on industrial arms."),
-                        "usual_range": Key(
-                            array(size, 2),
-                            "Smallest and largest usual size on industrial arms, in the unit of the coefficients.",
-                            optional=True,
+                        "name": Key(text, "Name in files and results.", "effect.name"),
+                        **within(
+                            "effect.about",
+                            {
+                                "summary": Key(text, "Description of the effect."),
+                                "equation": Key(text, "Equation of the effect."),
+                                "unit": Key(text, "Unit of the coefficients."),
+                                "usual_size": Key(text, "Usual size on industrial arms."),
+                                "usual_range": Key(
+                                    array(size, 2),
+                                    (
+                                        "Smallest and largest usual size on industrial arms, in the unit of the "
+                                        "coefficients."
+                                    ),
+                                    optional=True,
+                                ),
+                                "needs": Key(text, "Requirements on the data and the robot file."),
+                                "confused_with": Key(text, "Effects that it can be confused with."),
+                                "source": Key(text, "Source of the equation."),
+                                "example": Key(text, "Example of an entry in a robot file."),
+                            },
                         ),
-                        "needs": Key(text, "Requirements on the data and the robot file."),
-                        "confused_with": Key(text, "Effects that it can be confused with."),
-                        "source": Key(text, "Source of the equation."),
-                        "example": Key(text, "Example of an entry in a robot file."),
-                        "per_joint": Key(flag, "True if the effect acts on each joint by itself."),
+                        "per_joint": Key(
+                            flag, "True if the effect acts on each joint by itself.", "effect.traits.per_joint"
+                        ),
                         "is_constant": Key(
-                            flag, "True if the effect can be absorbed into the constants of the robot file."
+                            flag,
+                            "True if the effect can be absorbed into the constants of the robot file.",
+                            "effect.traits.is_constant",
                         ),
                         "offered": Key(
-                            flag, "True if the effect can be fitted to these poses; only with a robot.", optional=True
+                            flag,
+                            "True if the effect can be fitted to these poses; only with a robot.",
+                            _with_robot(lambda entry: entry.why is None),
+                            optional=True,
                         ),
-                        "why": Key(text | None, "Reason why it cannot be fitted.", optional=True),
-                        "joints": Key(array(text), "Joints that it can act on.", optional=True),
+                        "why": Key(
+                            text | None,
+                            "Reason why it cannot be fitted.",
+                            _with_robot(lambda entry: entry.why),
+                            optional=True,
+                        ),
+                        "joints": Key(
+                            array(text),
+                            "Joints that it can act on.",
+                            _with_robot(lambda entry: entry.joints),
+                            optional=True,
+                        ),
                         "coefficients": Key(
                             array(
                                 part(
@@ -251,6 +291,9 @@ EFFECTS = part(
                                 )
                             ),
                             "Coefficients that would be fitted.",
+                            _with_robot(
+                                lambda entry: [{"name": name, "unit": unit} for name, unit in entry.coefficients]
+                            ),
                             optional=True,
                         ),
                     }
@@ -265,10 +308,16 @@ EFFECTS = part(
 SIMULATE = part(
     {
         "outside_validity": OUTSIDE_KEY,
-        "n_poses": Key(count, "Number of rows."),
-        "effects": Key(array(text), "Effects of the robot file."),
+        "n_poses": Key(count, "Number of rows.", "data.n"),
+        "effects": Key(
+            array(text),
+            "Effects of the robot file.",
+            lambda simulated: [str(effect.get("effect")) for effect in simulated.robot.effects],
+        ),
         "outlier_lines": Key(array(ordinal), "Lines of the simulated outliers."),
-        "file_sha256": Key(digest, "SHA-256 of the written file."),
+        "file_sha256": Key(
+            digest, "SHA-256 of the written file.", lambda simulated: sha256(simulated.csv().encode()).hexdigest()
+        ),
     },
     about="Properties of a file of simulated poses.",
 )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
-from typing import Any
 
 from robacc.effects.base import REGISTRY, Effect, effect_class
 from robacc.effects.specification import every_column
@@ -51,18 +49,3 @@ def catalogue(
         names = tuple((term.name, term.unit) for term in terms)
         entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
     return tuple(entries)
-
-
-def document(entries: tuple[CatalogueEntry, ...]) -> dict[str, Any]:
-    """Return the keys of ``robacc.effects/1``."""
-    records = []
-    for entry in entries:
-        traits = entry.effect.traits
-        record = {"name": entry.effect.name, **dataclasses.asdict(entry.effect.about)}
-        record |= {"per_joint": traits.per_joint, "is_constant": traits.is_constant}
-        if entry.for_robot:
-            coefficients = [{"name": name, "unit": unit} for name, unit in entry.coefficients]
-            record |= {"offered": entry.why is None, "why": entry.why}
-            record |= {"joints": list(entry.joints), "coefficients": coefficients}
-        records.append(record)
-    return {"effects": records}

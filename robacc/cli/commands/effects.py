@@ -37,7 +37,8 @@ def effects(
     from robacc import effects as registry
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
-    from robacc.effects.catalogue import catalogue, document
+    from robacc.documents.descriptions import EFFECTS
+    from robacc.effects.catalogue import catalogue
     from robacc.errors import UsageError
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
@@ -61,7 +62,9 @@ def effects(
         outlets.form,
         outlets.output,
         table=lambda stream: draw(effects_view(entries, effect is not None), stream),
-        document=lambda: results.envelope("effects", document(entries), options=options, inputs=inputs, seed=None),
+        document=lambda: results.envelope(
+            "effects", EFFECTS.write({"effects": entries}), options=options, inputs=inputs, seed=None
+        ),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from robacc.render.plots.errors import STAGE_LABELS
@@ -20,6 +20,8 @@ from robacc.render.views.elements import (
 )
 from robacc.render.views.fit import next_step
 from robacc.render.views.plan import PURPOSES
+
+_QUANTITIES = ("position", "orientation")
 
 # Headlines of the results of ``estimate``, ``predict`` and ``iso9283``.
 
@@ -102,15 +104,11 @@ def predict_headline(document: Document) -> ReportHeadline:
     ]
     if document["against"] is not None:
         facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
-    if document["coverage"] is not None:
-        facts.append(("Measured poses within their 95 % bound", _covered(document)))
+    if (coverage := document["coverage"]) is not None:
+        shares = [f"{name} {100 * coverage[name]['share']:.1f} %" for name in _QUANTITIES if coverage[name] is not None]
+        facts.append(("Measured poses within their 95 % bound", ", ".join(shares)))
     badge = Badge(f"grade {grade['grade']}, expected", "plain")
     return ReportHeadline(f"Predicted accuracy{of_robot(document)}", summary, tiles, (badge,), facts)
-
-
-def _covered(document: Document) -> str:
-    shares = [(name, document["coverage"][name]) for name in ("position", "orientation")]
-    return ", ".join(f"{name} {100 * part['share']:.1f} %" for name, part in shares if part is not None)
 
 
 def iso9283_headline(document: Document) -> ReportHeadline:
@@ -165,7 +163,10 @@ def _trace_summary(document: Document) -> str:
     structured = document["unexplained"]["structured"]
     start = f"With the declared effects fitted, the model predicts the measured poses to {length(before['rms_m'])} rms"
     arm = _arm_itself(document)
-    names = [_effect(finding) for finding in document["findings"]]
+    names = [
+        f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
+        for finding in document["findings"]
+    ]
     if not names:
         end = "the remaining error is structured, but no effect of the catalogue explains it"
         return f"{start} ({pose_set}). No effect was found; {end if structured else _UNSTRUCTURED}. {arm}"
@@ -184,11 +185,6 @@ def _arm_itself(document: Document) -> str:
     return (
         f"The arm itself keeps its error of {rms} rms, base and tool registered, until its controller uses the model."
     )
-
-
-def _effect(finding: Mapping[str, Any]) -> str:
-    where = f" on {', '.join(finding['joints'])}" if finding["joints"] else ""
-    return f"{finding['effect'].replace('_', ' ')}{where}"
 
 
 def calibrate_headline(document: Document) -> ReportHeadline:
@@ -247,17 +243,14 @@ _GATES = {
 
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command."""
-    make = _HEADLINES.get(document["command"], _any)
-    headline = make(document)
-    badges = [*headline.badges, *_gate_badge(document)]
+    headline = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", (), (), ())
+    if (make := _HEADLINES.get(document["command"])) is not None:
+        headline = make(document)
+    gate = document.get("gate")
+    badges = [*headline.badges, *([Badge(*_GATES[gate["outcome"]])] if gate else [])]
     # What a reader asks first: why, and what now.
     facts = sorted([*_facts(document), *headline.facts], key=lambda fact: fact[0] not in ("Why", "Next"))
     return ReportHeadline(headline.title, headline.summary, headline.tiles, badges, facts)
-
-
-def _gate_badge(document: Document) -> Sequence[Badge]:
-    gate = document.get("gate")
-    return () if not gate else (Badge(*_GATES.get(gate["outcome"], (str(gate["outcome"]), "open"))),)
 
 
 def _facts(document: Document) -> list[tuple[str, str]]:
@@ -304,11 +297,6 @@ def _compare(document: Document) -> ReportHeadline:
         ]
     facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
     return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
-
-
-def _any(document: Document) -> ReportHeadline:
-    command = document["command"]
-    return ReportHeadline(f"Result of robacc {command}{of_robot(document)}", "", (), (), ())
 
 
 def _correct(document: Document) -> ReportHeadline:

@@ -102,7 +102,7 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
         NoValueError: The result has no number there.
     """
     value, holder, name = value_at(document, key)
-    stored = [_mapping(holder.get("intervals")).get(name), holder.get("interval")]
+    stored = [(holder.get("intervals") or {}).get(name), holder.get("interval")]
     if isinstance(value, Mapping):
         stored, value = [value], value.get("value")
     number = _number(value)
@@ -112,7 +112,11 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
     n = next((int(count) for count in map(_number, counts) if count is not None), None)
     interval = next((_interval(entry) for entry in stored if isinstance(entry, Mapping)), None)
-    curve = None if interval is None else _stored_curve(interval, number, statistic)
+    curve = None
+    if interval is not None:
+        # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
+        two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
+        curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
     sample = sample_at(document, key)
     if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
         n = int(np.unique(sample.groups).size)
@@ -147,8 +151,8 @@ def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
             source, place = "holdout", document["poses_apart"]
         elif kind == "held_out" and stage != "nominal_unregistered":
             stage = f"held_out_{stage}"
-        listed, name = _mapping(place).get(name), stage
-    poses, errors = _mapping(place), _mapping(listed).get(name)
+        listed, name = (place or {}).get(name), stage
+    poses, errors = place or {}, (listed or {}).get(name)
     if errors is None or poses.get("group") is None:
         return None
     rows, groups = np.asarray(errors, dtype=float), np.asarray(poses["group"], dtype=np.int64)
@@ -167,33 +171,13 @@ def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
     )
 
 
-def _stored_curve(interval: Interval, value: float, statistic: str) -> BoundCurve:
-    """Return the curve through a stored interval, and through the value at level 1/2 if the interval is about it.
-
-    The 95th percentile of a small sample is biased low, so two bounds locate the median better than the value does.
-    """
-    two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
-    return BoundCurve.through([interval], None if two_sided and statistic == "p95" else value)
-
-
 def _interval(stored: Mapping[str, Any]) -> Interval:
-    def number(*names: str) -> float | None:
-        return next((value for name in names if (value := _number(stored.get(name))) is not None), None)
-
-    why, method = stored.get("why"), stored.get("method")
-    return Interval(
-        number("lower", "low"),
-        number("upper", "high"),
-        number("upper_bound"),
-        number("confidence") or 0.95,
-        method if isinstance(method, str) else "interval stored in the result",
-        why if isinstance(why, str) else None,
+    lower, upper, bound = (
+        _number(stored.get(name, stored.get(other)))
+        for name, other in (("lower", "low"), ("upper", "high"), ("upper_bound", ""))
     )
-
-
-def _mapping(value: Any) -> Mapping[str, Any]:
-    """Return a mapping as it is, and an empty one for anything else."""
-    return value if isinstance(value, Mapping) else {}
+    method = stored.get("method") or "interval stored in the result"
+    return Interval(lower, upper, bound, stored.get("confidence") or 0.95, method, stored.get("why"))
 
 
 def _number(value: Any) -> float | None:
@@ -408,7 +392,7 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Cri
         after = document.get("after")
         if isinstance(after, Mapping) and after.get("held_out") is None:
             decision = Decision("inconclusive", "the result has no held-out poses to confirm the verdict")
-        elif _mapping(document.get("noise")).get("source") == "residual":
+        elif (document.get("noise") or {}).get("source") == "residual":
             warnings = (
                 "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
                 "that no structure remains, not how large the remaining error is; add a limit on "

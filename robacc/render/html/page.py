@@ -298,20 +298,19 @@ def result_of(document: Document, place: int) -> ResultSection:
     return ResultSection(
         number,
         headline_of(document),
-        [_drawing(chart, f"{number}p{i}") for i, chart in enumerate(charts_of(document), 1)],
+        [
+            PageChart(
+                f"{number}p{i}",
+                chart,
+                as_part(chart.draw, chart.size, f"{number}p{i}"),
+                None if chart.scene is None else script_json(chart.scene._asdict()),
+                chart.kind in ("poses", "corrections", "planned-poses"),
+            )
+            for i, chart in enumerate(charts_of(document), 1)
+        ],
         [] if make is None else [*make(document)],
         [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
         reproduce(document),
-    )
-
-
-def _drawing(chart: Chart, number: str) -> PageChart:
-    return PageChart(
-        number,
-        chart,
-        as_part(chart.draw, chart.size, number),
-        None if chart.scene is None else script_json(chart.scene._asdict()),
-        chart.kind in ("poses", "corrections", "planned-poses"),
     )
 
 

@@ -359,8 +359,7 @@ def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[n
     """
     same_joints = first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
     # No targets are an array without axes.
-    targets = [np.array(poses.target) for poses in (first, second)]
-    if first.n == second.n and np.array_equal(*targets):
+    if first.n == second.n and np.array_equal(np.array(first.target), np.array(second.target)):
         close = same_joints and _close(first.q, second.q, _SAME_JOINT)
         if close or _close(first.commanded, second.commanded, _SAME_POSITION):
             # A pose repeated in one result is one pose in both.

@@ -41,6 +41,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.errors import Note
 from robacc.measurements import Measurements
 
 if TYPE_CHECKING:
@@ -158,6 +159,9 @@ def estimate(
     data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
+    if arm is not None and data.q is None and data.commanded_position is not None:
+        text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
+        arm, data = None, dataclasses.replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot
     grades, scale_record = load_grade_scale(scale)

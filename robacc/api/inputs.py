@@ -7,7 +7,9 @@ import json
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +21,7 @@ from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Note, Problem, UsageError
-from robacc.geometry import Array, rotation_from_quaternion
+from robacc.geometry import Array, Poses, rotation_from_quaternion
 from robacc.measurements import Measurements, commanded_groups
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.poses.reading import PoseFile, Reading, SupportsColumns, reading_of
@@ -195,16 +197,40 @@ def read_with_commands(
 ) -> tuple[Measurements, InputFile]:
     """Return measured poses with the commands of another file, and the record of that file.
 
-    Rows are joined by the names of their poses; without names in one of the files, by their order.
+    Rows are joined by the names of their poses; without names in one of the files, by their order. Joints of an open
+    unit are read in that under which the measured positions follow the arm.
 
     Raises:
         InputError: A file is wrong, has no commands, or does not fit the other.
     """
+    from robacc.poses.reshaped_tables import unit_of_positions
+
+    stated = reading_of(path)
+    read = partial(_read_with_commands, path, commands, robot, ordered=ordered, ignore_limits=ignore_limits)
+    try:
+        return read(stated)
+    except InputError:
+        readings = []
+        for unit in ("rad", "deg") if robot is not None and stated.units is None else ():
+            with suppress(InputError):
+                data, record = read(dataclasses.replace(stated, units=unit))
+                if data.q is not None and unit_of_positions(data.position, _nominal(robot, data.q)) == "m":
+                    text = f"{commands}: joints taken as {unit}: no other unit agrees with the motion of the arm"
+                    readings.append((dataclasses.replace(data, warnings=(*data.warnings, Note(text))), record))
+        if len(readings) != 1:
+            raise
+        return readings[0]
+
+
+def _read_with_commands(
+    path: str, commands: str, robot: Robot | None, stated: Reading, *, ordered: bool, ignore_limits: bool
+) -> tuple[Measurements, InputFile]:
+    """Return measured poses with commands, whose open units and angles are as ``stated``, and the record of these."""
     from robacc.poses.csv_file import read_poses
     from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
     from robacc.programs.reading import is_program
 
-    planned = _program(commands) if is_program(commands) else _table(commands, reading_of(path), robot, ignore_limits)
+    planned = _program(commands) if is_program(commands) else _table(commands, stated, robot, ignore_limits)
 
     def known_poses(names: NDArray[Any] | None, count: int) -> tuple[Array | None, Array | None]:
         try:
@@ -237,7 +263,13 @@ def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool
 
     path = PoseFile(path, units=reading.units, angles=reading.angles)
     if robot is not None:
-        return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
+        try:
+            return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
+        except InputError as error:
+            with suppress(InputError):
+                if (data := _table(path, reading, None, ignore_limits)).q is None:
+                    return data  # commanded poses
+            raise error from None
     data = read_poses(path, attained=False, commands=False)
     if data.commands is None and data.position.any():
         # A table of poses alone, such as a TUM trajectory: they are the commanded ones.
@@ -282,10 +314,15 @@ def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Ar
     """Return the commanded positions and orientations; None where the commands have none."""
     if planned.q is None or robot is None:
         return planned.commanded_position, planned.commanded_rotation
+    poses = _nominal(robot, planned.q)
+    return poses.translation, poses.rotation
+
+
+def _nominal(robot: Robot, q: Array) -> Poses:
+    """Return the nominal poses at joint variables ``(J, N)``."""
     from robacc.robots.arm import build_chain
 
-    poses = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q)
-    return poses.translation, poses.rotation
+    return build_chain(dataclasses.replace(robot, effects=())).forward(q)
 
 
 def _joined(

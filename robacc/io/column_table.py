@@ -210,12 +210,14 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
         lines = [line.strip() for line in text.splitlines() if line.strip()]
         if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
             document = [json.loads(line) for line in lines]
-        elif not file.lower().endswith((".yaml", ".yml")):
+        elif text.lstrip()[:1] in ("{", "[") and not file.lower().endswith((".yaml", ".yml")):
             document = json.loads(text)
         elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
             raise ValueError("it has aliases")  # they could stand for more records than the memory holds
         else:
-            document = yaml.load(text, Loader=yaml.CSafeLoader)
+            # Messages of ros2 topic echo are a document each.
+            documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
+            document = documents[0] if len(documents) == 1 else documents
     except (ValueError, RecursionError, yaml.YAMLError) as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(Problem(f"cannot be read as JSON or YAML ({reason})", file, fix="export it again")) from None
@@ -235,8 +237,13 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
 def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of each number and text in a record."""
     if isinstance(value, dict):
+        names = value.get("name")
         for key, item in value.items():
-            yield from _leaves(item, (*path, str(key)))
+            if isinstance(names, list) and isinstance(item, list) and item is not names and len(item) == len(names):
+                # Lists beside one of names, as in joint states of ROS, have a value for each name.
+                yield from ((f"{name}/{key}", entry) for name, entry in zip(names, item, strict=True))
+            else:
+                yield from _leaves(item, (*path, str(key)))
     elif isinstance(value, list):
         in_matrix = any(isinstance(item, list) for item in value) or (path and path[-1].isdecimal())
         for i, item in enumerate(value):

@@ -135,8 +135,8 @@ _STATISTIC = re.compile(
 """First field of a line below a table that sums it up."""
 _EXAMINED = 400
 """Lines that are examined; no instrument writes a longer preamble."""
-_SAMPLED = 8
-"""First lines of the table that are kept as a sample."""
+_SAMPLED = 100
+"""First lines of the table that are kept as a sample; of numbers without names they show the arm's motion."""
 _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
 _ABOVE = 3
@@ -301,7 +301,7 @@ def _with_header(
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
     for i in above:
         # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
-        line = _uncommented(lines[i], dialect)
+        line = lines[i] if _split(dialect, lines[i])[:1] == ["#"] else _uncommented(lines[i], dialect)
         fields = _split(dialect, line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
         if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
             # Words of the first name, or a last column that every row leaves out.

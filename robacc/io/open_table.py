@@ -21,7 +21,6 @@ SIGNATURES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 _RECORDINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"#ROSBAG V")
 """First bytes of an MCAP file, of a ROS 2 bag in SQLite, and of a ROS 1 bag."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
-_RECORD = "record the topics in a bag (ros2 bag record), which is read as it is"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
     b"\x1f\x8b": ("compressed by gzip", _UNPACK),
@@ -32,8 +31,6 @@ _OTHER_FILES = {
     b"<!doctype": ("an HTML page", _EXPORT),
     b"<html": ("an HTML page", _EXPORT),
     b"<?xml": ("an XML document", _EXPORT),
-    b"header:": ("a text of ROS messages", _RECORD),
-    b"---\nheader:": ("a text of ROS messages", _RECORD),
 }
 """What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
 _LONGEST = 16
@@ -96,7 +93,7 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
 
         return WorkbookTable(stream, file, options)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if re.match(rb"\{|\[\s*[\[{]", text) or file.lower().endswith((".yaml", ".yml")):
+    if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
         from robacc.io.column_table import records_table
 
         return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)

@@ -258,7 +258,7 @@ class TextTable(Table):
         encoding = "" if self._reader.encoding == "UTF-8" else self._reader.encoding
         units = f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else ""
         below = f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else ""
-        return ", ".join(filter(None, (self.dialect.description(), grouped, encoding, units, below)))
+        return ", ".join(filter(None, (self.dialect.description(), grouped, encoding, units, below, self.remark)))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
@@ -371,7 +371,7 @@ class TextTable(Table):
         lines: list[int] = []
         for number, line in rows:
             fields = self._fields(number, line)
-            if fields is None or self._is_lost(number, fields, numbers):
+            if fields is None or self._is_lost(number, fields, numbers, texts):
                 continue
             values.append([self._number(fields[i], number, i) for i in numbers])
             columns.append([self.text(fields[i], number, self.labels[i]) for i in texts])
@@ -409,10 +409,11 @@ class TextTable(Table):
             self.log.add(f"found {clip(cell)} without the unit {expected}", line, self.labels[index], fix)
         return number
 
-    def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int]) -> bool:
-        """Return whether the status of a row says that its missing values were not measured; it is then left out."""
+    def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int], texts: Sequence[int]) -> bool:
+        """Return whether a row is left out: every value is missing, or one is and the status says not measured."""
         status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
-        is_lost = bool(status & _FAILED) and any(fields[i].lower() in GAPS for i in numbers)
+        missing = [fields[i].lower() in GAPS for i in numbers]
+        is_lost = (bool(status & _FAILED) and any(missing)) or (not texts and len(missing) > 1 and all(missing))
         self.gaps |= {number} if is_lost else set()
         return is_lost
 

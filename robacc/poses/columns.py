@@ -121,7 +121,11 @@ _REFUSED = frozenset(
     ]
 )
 """Words that make a name none of a pose's: a deviation from the nominal value, a velocity, a force."""
-_JOINT_WORDS = frozenset(["q", "j", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"])
+_JOINT_WORDS = frozenset(
+    ["q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"]
+)
+_MOTOMAN = ("s", "l", "u", "r", "b", "t")
+"""Yaskawa's letters of the six axes, from the base."""
 _SPREAD = frozenset(["sigma", "std", "stdev", "stddev", "sd"])
 _UNCERTAIN = frozenset(["u", "uncertainty", "unc", "unsicherheit"])
 _TEXT_NAMES = {
@@ -191,6 +195,9 @@ def heading_of(name: str) -> Heading:
     """Return the parts of a column's name."""
     # Signals of RobotStudio have a path: System1\ROB_1\J1; fields of rostopic begin with field.
     stem, unit = name.strip().strip("'\"").rpartition("\\")[2].removeprefix("field."), None
+    words = tuple(_TOKEN.findall(stem.lower()))
+    if " ".join(words) in _TIME_NAMES:  # seconds of a stamp, not a stamp in seconds
+        return Heading(name, words, None)
     if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES) or (
         (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES and len(match[2]) > 1
     ):
@@ -216,6 +223,8 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         siblings: Texts of all headings of the file, which make single letters unambiguous.
     """
     words = heading.words
+    if heading.text in _MOTOMAN and {*_MOTOMAN} <= siblings:
+        return Meaning(f"q{_MOTOMAN.index(heading.text) + 1}")
     if key := {**_TEXT_NAMES, **_TIME_NAMES, **_CIRCUMSTANCES}.get(heading.text):
         return Meaning(key)
     if _REFUSED & set(words) or not words:
@@ -231,6 +240,11 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     if joint := _joint(core):
         return Meaning(joint, commanded, si=is_of_ros(heading))
     return _coordinate(heading, core, commanded, siblings)
+
+
+def is_pose_word(word: str) -> bool:
+    """Return whether a word of a name has a meaning here, and so is no name of a body."""
+    return word in _COMMANDED | _ATTAINED | _FILLERS | _REFUSED | _SPREAD | _UNCERTAIN | _JOINT_WORDS
 
 
 def is_point_name(name: str) -> bool:
@@ -285,6 +299,9 @@ def _coordinate(
         return Meaning(f"q{joined}", commanded) if quaternion else Meaning(f"r{joined}", commanded, "axes")
     if joined in ("x", "y", "z"):
         return Meaning(joined, commanded, si=si)
+    if joined.isdecimal() and not oriented:  # pos_1, pos_2, pos_3
+        places = sorted(text for text in siblings if text.rpartition(" ")[0] == heading.text.rpartition(" ")[0])
+        return Meaning(AXES[places.index(heading.text)], commanded) if len(places) == len(AXES) else None
     if joined in ("tx", "ty", "tz") or joined in ("px", "py", "pz"):
         return Meaning(joined[1], commanded)
     if joined in ("qx", "qy", "qz", "qw"):

@@ -128,7 +128,7 @@ def read_poses(
         table: Table = source
         log, named = table.log, []
         if reading.columns is None:
-            table = reshaped(table, robot.targets_in_columns)
+            table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
             if not commands or len(robot.joint_names or ()) != len(QUATERNION):
                 named = with_named_quaternion(table)

@@ -24,6 +24,7 @@ from robacc.poses.columns import (
     Names,
     heading_of,
     is_of_ros,
+    is_pose_word,
     meaning_of,
 )
 from robacc.poses.reading import Reading
@@ -45,6 +46,16 @@ def single_point(texts: Iterable[str]) -> Mapping[str, Meaning]:
     if len({match[3] for match in matches}) != 1 or positions != list(AXES) or texts & set(AXES):
         return {}
     return {match[0]: Meaning(f"r{match[2]}", family="axes") if match[1] else Meaning(match[2]) for match in matches}
+
+
+def without_body(headings: Sequence[Heading]) -> list[Heading]:
+    """Return headings without the name of the only body that is measured, as in ``Model1 Tx``, ``Model1 Qw``."""
+    bodies = {item.words[:-1] for item in headings if item.words and item.words[-1] in (*AXES, "tx", "ty", "tz")}
+    body = min(bodies) if len(bodies) == 1 else ()
+    if not body or len(body[0]) == 1 or any(map(is_pose_word, body)):
+        return [*headings]
+    n = len(body)
+    return [replace(item, words=item.words[n:]) if item.words[:n] == body else item for item in headings]
 
 
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
@@ -79,7 +90,7 @@ class _Candidate(NamedTuple):
 
 def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
     """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
-    headings = [heading_of(name) for name in table.names]
+    headings = without_body([heading_of(name) for name in table.names])
     siblings = frozenset(heading.text for heading in headings)
     numbered = single_point(siblings)
     for i, heading in enumerate(headings):
@@ -182,6 +193,8 @@ def find_columns(table: Table, known: Mapping[str, Column], names: Names, readin
     """
     result = ForeignColumns(dict(known))
     chosen = _chosen(table, known, names)
+    open_keys = [key for key, item in chosen.items() if item.meaning.expanded and reading.coverage is None]
+    expanded = dict.fromkeys(chosen.pop(key).heading.name for key in open_keys)
     of_preamble, remark = _unit_of_preamble(table)
     nameless: list[Column] = []
     for key, candidate in chosen.items():
@@ -205,14 +218,12 @@ def find_columns(table: Table, known: Mapping[str, Column], names: Names, readin
         result.remarks.append(f"{text} taken as {unit}, the unit of {result.columns['x'].name}; `units` states another")
         nameless = [column for column in nameless if column not in sigmas]
     result.without_unit = tuple(nameless)
-    expanded = [item.heading.name for item in chosen.values() if item.meaning.expanded]
-    if expanded and reading.coverage is None:
-        message = "an uncertainty U may be a standard uncertainty or an expanded one"
-        fix = "give `coverage`: 1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
-        table.log.add(message, table.line, compact(expanded), fix)
     taken = {column.index for column in result.columns.values()}
     result.unused = [name for i, name in enumerate(table.names) if i not in taken and name]
     result.remarks += [remark] if remark else []
+    if expanded:
+        ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
+        result.remarks.append(f"to use the uncertainties {compact([*expanded])}, give `coverage`: {ways}")
     return result
 
 

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import quaternion_from_rotation
-from robacc.io.dialect import PLAIN, TableDialect
+from robacc.geometry import Array, Poses, quaternion_from_rotation
+from robacc.io.dialect import PLAIN, TableDialect, number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import AXES, QUATERNION, axis_and_label, heading_of, is_point_name
+from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name
+from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
 
@@ -26,18 +27,41 @@ _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _UNIT_LENGTH = 1e-3
 _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
+_COUNTED_FROM_1, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
+_JOINT_UNITS = (("rad", "m"), ("deg", "mm"))
+_LENGTHS = {"m": 1.0, "mm": 1e3, "in": 1 / 0.0254}
+"""Lengths in a metre."""
+_FEWEST_ROWS = 8
+"""24 coordinates, well above the 15 parameters of the affine fit."""
+_MOST_COLUMNS = 40
+"""Columns without names that are tried."""
+_SCALE = 0.05
+"""Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more."""
+_RESIDUAL = 0.01
+"""Largest remaining error as a share of the arm's motion: worse than any arm, and far below an unrelated motion's."""
 
 
-def with_known_names(table: Table, required: bool = True) -> tuple[str, ...]:
+def with_known_names(
+    table: Table, required: bool = True, robot: KnownRobot = UNKNOWN_ROBOT, attained: bool = True, commands: bool = True
+) -> tuple[str, ...]:
     """Return the names of a table, or those that the rows of a table without names show.
 
+    Args:
+        table: The table; a remark on it says how columns without names were read.
+        required: Rows of no known form are an error; else their columns stay numbered.
+        robot: The arm, whose motion shows which columns are joints and which are positions.
+        attained: As in :func:`robacc.poses.csv_file.read_poses`.
+        commands: As in :func:`robacc.poses.csv_file.read_poses`.
+
     Raises:
-        InputError: The rows have no known form; where names are not ``required``, their columns stay numbered.
+        InputError: The rows have no known form, or several forms fit.
     """
     dialect = table.dialect
     if dialect is PLAIN or dialect.names:
         return table.names
     names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
+    if names is None and required and (names := _of_numbers(table, robot, attained, commands)) is not None:
+        return names
     if names is None and required:
         fix = (
             "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
@@ -78,6 +102,84 @@ def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
     if numbers == 3:
         return (*labels, *_POINT)
     return (*labels, *_POINT, *_UNCERTAINTY) if numbers == 6 else None
+
+
+def _of_numbers(table: Table, robot: KnownRobot, attained: bool, commands: bool) -> tuple[str, ...] | None:
+    """Return names of columns of numbers where one reading is left; the remark of the table says which.
+
+    In a file of joints and positions the motion of the arm shows which are which. In a file of either alone, their
+    number does, with a count or a name before them.
+    """
+    width = len(table.names)
+    cells = [fields for fields in table.dialect.sample if len(fields) == width]
+    parsed = [[number_of(text, table.dialect.decimal_comma) for text in fields] for fields in cells]
+    rows = np.array(parsed, dtype=float).reshape(-1, width)
+    texts = np.isnan(rows).all(axis=0)
+    rows = rows[np.isfinite(rows[:, ~texts]).all(axis=1)]
+    joints = len(robot.joint_names or ())
+    lead = int(texts[:1].any() or (len(rows) > 1 and np.all(np.diff(rows[:, 0]) == 1)))
+    found: dict[int, str]
+    if not attained and joints:
+        found = {lead + i: f"J{i + 1}" for i in range(joints)} if width == lead + joints else {}
+    elif not (commands and attained):
+        found = dict(enumerate(_POINT, lead)) if width - lead in (3, 6, 7) else {}
+    else:
+        readings = _readings(rows, robot)
+        found = readings[0] if len(readings) == 1 else {}
+    if not found:
+        return None
+    for i in [i + 1 for i, name in found.items() if name.startswith("Z")]:
+        # An orientation follows the position.
+        is_unit = np.abs(np.linalg.norm(rows[:, i : i + 4], axis=1) - 1) < _UNIT_LENGTH
+        angles = _COUNTED_FROM_1 if is_unit.any() and is_unit.all() else _ANGLES
+        if {*range(i, i + len(angles))} <= {*range(width)} - {*found}:
+            found |= dict(enumerate(angles, i))
+    named = [found.get(i, "Name" if texts[i] else f"column {i + 1}") for i in range(width)]
+    reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
+    columns = f"columns {min(found) + 1} to {max(found) + 1}"
+    table.remark = f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}"
+    return tuple(named)
+
+
+def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
+    """Return the names of columns, by index, under which positions follow the motion of the arm."""
+    joints, result = len(robot.joint_names or ()), []
+    if robot.pose_at is None or not joints or rows.shape[1] > _MOST_COLUMNS:
+        return []
+    turns = np.array([kind != "prismatic" for kind in robot.joint_types or ["revolute"] * joints])[:, None]
+    for first, (angle, length) in itertools.product(range(rows.shape[1] - joints + 1), _JOINT_UNITS):
+        q = rows[:, first : first + joints].T
+        q = np.where(turns, q / UNITS[angle][1], q / UNITS[length][1])
+        if not np.isfinite(q).all():
+            continue
+        poses = robot.pose_at(q)
+        for place in {*range(rows.shape[1] - 2)} - {*range(first - 2, first + joints)}:
+            if unit := unit_of_positions(rows[:, place : place + 3].T, poses):
+                units = [angle if turn else length for turn in turns.ravel()]
+                names = {first + i: f"q{i + 1}_{unit}" for i, unit in enumerate(units)}
+                result.append(names | {place + i: f"{AXES[i].upper()} [{unit}]" for i in range(3)})
+    return result
+
+
+def unit_of_positions(position: Array, poses: Poses) -> str | None:
+    """Return the unit in which positions ``(3, N)`` follow the nominal poses of an arm; None where they do not.
+
+    A target at c of the tool, measured in another frame and unit, is at A p + s = t + R c in the frame of the arm,
+    which is linear in A, s and c.
+    """
+    n, eye = position.shape[1], np.eye(3)
+    centred = position - position.mean(axis=1, keepdims=True)
+    if n < _FEWEST_ROWS or not np.isfinite(centred).all() or not np.ptp(poses.translation, axis=1).any():
+        return None
+    of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
+    design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(poses.rotation, 2, 0).reshape(3 * n, 3)))
+    wanted = poses.translation - poses.translation.mean(axis=1, keepdims=True)
+    solution, _, rank, _ = np.linalg.lstsq(design, wanted.T.ravel(), rcond=None)
+    remaining = np.sum((design @ solution - wanted.T.ravel()) ** 2) / (3 * n - rank)
+    if 3 * n * remaining >= _RESIDUAL**2 * np.sum(wanted**2):
+        return None
+    scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
+    return next((unit for unit, count in _LENGTHS.items() if abs(scale * count - 1) < _SCALE), None)
 
 
 def _numbers(fields: Sequence[str]) -> list[float] | None:
@@ -146,14 +248,16 @@ _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert",
 _NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
 
 
-def reshaped(table: Table, target_names: Sequence[str] | None) -> Table:
+def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) -> Table:
     """Return a table with one row a measured target; the given one where it has this shape.
 
     Args:
         table: Table whose rows were not read yet.
-        target_names: Targets of the robot file; None: any label of columns is a target.
+        robot: The arm: its targets, and the motion that shows what columns without names are.
+        attained: As in :func:`robacc.poses.csv_file.read_poses`.
+        commands: As in :func:`robacc.poses.csv_file.read_poses`.
     """
-    table.names = with_known_names(table)
+    table.names = with_known_names(table, True, robot, attained, commands)
     if table.dialect.sample:
         # rostopic prints the names of joints in columns; messages list joints in any order.
         first = dict(zip(table.names, table.dialect.sample[0], strict=False))
@@ -164,7 +268,7 @@ def reshaped(table: Table, target_names: Sequence[str] | None) -> Table:
             for name in table.names
         )
     table = with_poses_of_matrices(table)
-    return _axes_in_rows(table) or _targets_in_rows(table, target_names) or table
+    return _axes_in_rows(table) or _targets_in_rows(table, robot.targets_in_columns) or table
 
 
 def with_named_quaternion(table: Table) -> list[Note]:

@@ -204,13 +204,161 @@ def trajectories(c: Campaign) -> dict[str, str]:
     }
 
 
+def mm(c: Campaign) -> dict[str, str]:
+    return {"points.csv": lines(c.position * MM, ",", "X,Y,Z\n")}
+
+
+def degrees(c: Campaign) -> dict[str, str]:
+    return {"joints.csv": lines(named(np.degrees(c.q), "p{}"), ",", "Name,J1,J2,J3,J4,J5,J6\n")}
+
+
+def bare_degrees_and_mm(c: Campaign) -> dict[str, str]:
+    return {"poses.txt": lines(np.hstack((np.degrees(c.q), c.position * MM)), " ")}
+
+
+def bare_points_and_joints(c: Campaign) -> dict[str, str]:
+    return {"points.csv": lines(named(c.position * MM, "{}")), "joints.csv": lines(c.q)}
+
+
+def bare_position_first(c: Campaign) -> dict[str, str]:
+    return {"poses.csv": lines(np.hstack((c.position, c.q)))}
+
+
+def bare_quaternions(c: Campaign) -> dict[str, str]:
+    return {"poses.csv": lines(np.hstack((np.degrees(c.q), c.position * MM, c.turn.as_quat())))}
+
+
+def bare_with_rows_of_nan(c: Campaign) -> dict[str, str]:
+    return {"m.csv": lines(with_nan(np.hstack((c.q, c.position))))}
+
+
+def with_nan(values: np.ndarray) -> list[list[Any]]:
+    rows: list[list[Any]] = values.tolist()
+    nan = ["NaN"] * len(rows[0])
+    return [*rows[:3], nan, *rows[3:10], nan, *rows[10:]]
+
+
+def matlab(c: Campaign) -> dict[str, str]:
+    names = ",".join(f"{stem}_{i}" for stem, n in (("joint", 6), ("pos", 3)) for i in range(1, n + 1))
+    return {"out.csv": lines(with_nan(np.hstack((c.q, c.position))), ",", names + "\n")}
+
+
+def radian_tracker(c: Campaign) -> dict[str, str]:
+    head = "API Radian Pro\nSerial: 40211\nUnits: in\n\n#\tName\tX\tY\tZ\tStd X\tStd Y\tStd Z\tTime\n"
+    rows = [[i, *row] for i, row in enumerate(named(c.position / 0.0254, "p{}"), 1)]
+    stamped = [[*row, 0.0004, 0.0004, 0.0004, f"11/22/2026 2:{row[0]:02d}:17 PM"] for row in rows]
+    return {"radian.txt": lines(stamped, "\t", head)} | degrees(c)
+
+
+def target_report(c: Campaign) -> dict[str, str]:
+    head = "Target Report\nJob: Cell 3,Date: 11/22/2026\nUnits: in\n\nCollection,Target,X,Y,Z,Ux,Uy,Uz,Timestamp\n"
+    rows = [["A", *row, 0.001, 0.001, 0.0012, "11/22/2026 2:05:17 PM"] for row in named(c.position / 0.0254, "p{}")]
+    return {"report.csv": lines(rows, ",", head)} | degrees(c)
+
+
+def creaform(c: Campaign) -> dict[str, str]:
+    names = [f"Model1 {name}" for name in ("Tx (mm)", "Ty (mm)", "Tz (mm)", "Qx", "Qy", "Qz", "Qw")]
+    head = "VXelements 10.1;;;;;;;;\n" + ";".join(["Time (s)", *names, "Status"]) + "\n"
+    rows = [[*row, "OK"] for row in named(np.hstack((c.position * MM, c.turn.as_quat())), "{}")]
+    return {"vxtrack.csv": lines(rows, ";", head)} | degrees(c)
+
+
+def nikon(c: Campaign) -> dict[str, str]:
+    head = "Nikon Metrology K-CMM\nOperator  J. Meier\n\n  ID      X[mm]      Y[mm]      Z[mm]   LEDs\n"
+    return {"k.txt": lines([[*row, 3] for row in named(c.position * MM, "  {}")], "   ", head)} | degrees(c)
+
+
+def optitrack(c: Campaign) -> dict[str, str]:
+    head = [
+        "Format Version,1.23,Take Name,Take,Capture Frame Rate,120.0,Rotation Type,Quaternion,Length Units,Meters\n",
+        *(",Type" + 8 * ",Rigid Body", ",Name" + 8 * ",Tool", ",ID" + 8 * ",1"),
+        "," + 4 * ",Rotation" + 3 * ",Position" + ",Mean Marker Error",
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n",
+    ]
+    values = np.hstack((np.arange(N)[:, None] / 120, c.turn.as_quat(), c.position, np.full((N, 1), 2e-4)))
+    return {"take.csv": lines(named(values, "{}"), ",", "\n".join(head))} | degrees(c)
+
+
+def qualisys(c: Campaign) -> dict[str, str]:
+    head = "NO_OF_FRAMES\t24\nFREQUENCY\t100\nMARKER_NAMES\tTool\nFrame\tTime\tTool X\tTool Y\tTool Z\n"
+    values = np.hstack((np.arange(N)[:, None] / 100, c.position * MM))
+    return {"qtm.tsv": lines(named(values, "{}"), "\t", head)} | degrees(c)
+
+
+def qualisys_bodies(c: Campaign) -> dict[str, str]:
+    names = ["Frame", *"XYZ", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{i}]" for i in range(9))]
+    columns = c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9)
+    angles = c.turn.as_euler("xyz", degrees=True)
+    values = np.hstack((c.position * MM, angles, np.full((N, 1), 0.1), columns))
+    head = "NO_OF_FRAMES\t24\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n" + "\t".join(names) + "\n"
+    return {"qtm6d.tsv": lines(named(values, "{}"), "\t", head)} | degrees(c)
+
+
+def kawasaki(c: Campaign) -> dict[str, str]:
+    head = "Robot log RS010N\n   No.   JT1     JT2     JT3     JT4     JT5     JT6\n"
+    return mm(c) | {"as.log": lines(named(np.degrees(c.q), "  {}"), "  ", head)}
+
+
+def yaskawa(c: Campaign) -> dict[str, str]:
+    head = "\t".join(["Pos", *(f"{letter} [deg]" for letter in "SLURBT")]) + "\n"
+    return mm(c) | {"pos.txt": lines(named(np.degrees(c.q), "C{}"), "\t", head)}
+
+
+UR_JOINTS = [f"{name}_joint" for name in ("elbow", "shoulder_lift", "shoulder_pan", "wrist_1", "wrist_2", "wrist_3")]
+
+
+def ros_echo(c: Campaign) -> dict[str, str]:
+    messages = []
+    for i, q in enumerate(c.q[:, [2, 1, 0, 3, 4, 5]].tolist()):
+        header = {"stamp": {"sec": 1763800000 + i, "nanosec": 5}, "frame_id": ""}
+        messages.append({"header": header, "name": UR_JOINTS, "position": q, "velocity": [0.0] * 6, "effort": []})
+    return mm(c) | {"joints.txt": "---\n".join(yaml.safe_dump(item, sort_keys=False) for item in messages) + "---\n"}
+
+
+def plotjuggler(c: Campaign) -> dict[str, str]:
+    names = ["__time", *(f"/joint_states/{name}/position" for name in UR_JOINTS), "/joint_states/elbow_joint/velocity"]
+    rows = np.hstack((1763800000.5 + np.arange(N)[:, None], c.q[:, [2, 1, 0, 3, 4, 5]], np.zeros((N, 1))))
+    return mm(c) | {"joints.csv": lines(rows, ",", ",".join(names) + "\n")}
+
+
+def two_header_lines(c: Campaign) -> dict[str, str]:
+    head = "Point;Joint angles;;;;;;Measured position;;\n;J1;J2;J3;J4;J5;J6;X;Y;Z\n;[deg];;;;;;[mm];;\n"
+    return {"sheet.csv": lines(named(np.hstack((np.degrees(c.q), c.position * MM))), ";", head)}
+
+
+def german(c: Campaign) -> dict[str, str]:
+    names = ["Punkt", *(f"Gelenk {i} [Grad]" for i in range(1, 7)), "X-Ist [mm]", "Y-Ist [mm]", "Z-Ist [mm]", "Datum"]
+    rows = [[*row, "22#11#2026 14:05"] for row in named(np.hstack((np.degrees(c.q), c.position * MM)))]
+    return {"messung.csv": lines(rows, ";", ";".join(names) + "\n").replace(".", ",").replace("#", ".")}
+
+
+def comments_below(c: Campaign) -> dict[str, str]:
+    values, names = np.hstack((np.degrees(c.q), c.position * MM)), "A1\tA2\tA3\tA4\tA5\tA6\tX\tY\tZ"
+    return {"log.tsv": lines(values, "\t", f"% cell 3\n{names}\n", "% end of data\n% 24 points, rms 0.012\n")}
+
+
+def side_by_side(c: Campaign) -> dict[str, str]:
+    head = ",Joints,,,,,,Commanded,,,Measured,,\nPoint,J1,J2,J3,J4,J5,J6,X,Y,Z,X,Y,Z\n"
+    return {"both.csv": lines(named(np.hstack((np.degrees(c.q), c.commanded * MM, c.position * MM))), ",", head)}
+
+
+def commanded_and_read_joints(c: Campaign) -> dict[str, str]:
+    head = "Point,Commanded,,,,,,Actual,,,,,,Measured,,\n,J1,J2,J3,J4,J5,J6,J1,J2,J3,J4,J5,J6,X,Y,Z\n"
+    values = np.hstack((np.degrees(c.q), np.degrees(c.q) + 1e-3, c.position * MM))
+    return {"both.csv": lines(named(values), ",", head)}
+
+
 Form = Callable[[Campaign], dict[str, str]]
 POSITIONS: tuple[Form, ...] = (
     *(polyworks, cam2_and_kuka, kuka_points_alone, rtde_and_leica, fanuc_in_inches, robodk, laboratory),
     *(spatial_analyzer_and_rapid, yaml_records, json_columns, trials),
+    *(bare_degrees_and_mm, bare_points_and_joints, bare_position_first, bare_with_rows_of_nan, matlab),
+    *(radian_tracker, target_report, nikon, qualisys, kawasaki, yaskawa, ros_echo, plotjuggler),
+    *(two_header_lines, german, comments_below, side_by_side, commanded_and_read_joints),
 )
 POSES: tuple[Form, ...] = (
     *(vicon, counted_quaternion, json_lines, json_records, bare_matrices),
+    *(bare_quaternions, creaform, optitrack, qualisys_bodies),
     *(hand_eye_matrices, hand_eye_transforms, trajectories),
 )
 WITHOUT_ROBOT = (hand_eye_matrices, hand_eye_transforms, trajectories)
@@ -237,13 +385,13 @@ def test_a_form_gives_the_figures_of_the_plain_file(form: Form, campaign: Campai
     plain = np.hstack((campaign.q, campaign.position, *([campaign.turn.as_quat()] if form in POSES else [])))
     head = f"{joints},x,y,z{',qx,qy,qz,qw' if form in POSES else ''}\n"
     expected = figures([*written({"plain.csv": lines(plain, ",", head)}, tmp_path), "--robot", ROBOT])
-    robot = [] if form in WITHOUT_ROBOT else ["--robot", ROBOT]
-    found = figures([*written(form(campaign), tmp_path), *robot])
     assert expected["position"]["rms_m"] < 1e-4
-    for key in ("rms_m", "p95_m", "max_m"):
-        assert found["position"][key] == pytest.approx(expected["position"][key], rel=2e-3)
-    if form in POSES:
-        assert found["orientation"]["rms_rad"] == pytest.approx(expected["orientation"]["rms_rad"], rel=2e-3)
+    for robot in (["--robot", ROBOT], *([[]] if form in WITHOUT_ROBOT else [])):
+        found = figures([*written(form(campaign), tmp_path), *robot])
+        for key in ("rms_m", "p95_m", "max_m"):
+            assert found["position"][key] == pytest.approx(expected["position"][key], rel=2e-3)
+        if form in POSES:
+            assert found["orientation"]["rms_rad"] == pytest.approx(expected["orientation"]["rms_rad"], rel=2e-3)
 
 
 def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campaign, tmp_path: Path) -> None:

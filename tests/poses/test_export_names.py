@@ -83,9 +83,13 @@ def test_two_columns_for_the_same_are_asked_for(read: Reader) -> None:
     assert "found several columns for x: 'X [mm]' or 'X act [mm]'; choose with `columns`" in problem
 
 
-def test_coverage_of_uncertainties_is_asked_for(read: Reader) -> None:
-    (problem,) = problem_texts(read, "J1 [deg];X [mm];Y [mm];Z [mm];Ux [mm];Uy [mm];Uz [mm]\n1;2;3;4;0.1;0.1;0.1\n")
-    assert "Ux [mm], Uy [mm], Uz [mm]: an uncertainty U may be a standard uncertainty or an expanded one" in problem
+def test_uncertainties_of_an_unknown_coverage_are_not_used(read: Reader) -> None:
+    text = "J1 [deg];X [mm];Y [mm];Z [mm];Ux [mm];Uy [mm];Uz [mm]\n1;2;3;4;0.1;0.1;0.1\n"
+    data = read(text)
+    assert data.sigma_position is None
+    warnings = "\n".join(data.warnings)
+    assert "not used: 'Ux [mm]', 'Uy [mm]', 'Uz [mm]'" in warnings
+    assert "to use the uncertainties Ux [mm], Uy [mm], Uz [mm], give `coverage`: 1 for a standard" in warnings
 
 
 def test_joints_counted_from_zero(read: Reader) -> None:

@@ -7,7 +7,6 @@ import hashlib
 import io
 import os
 import stat
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -17,7 +16,7 @@ from robacc.errors import InputError, Problem
 MAX_LINE = 1 << 20
 """Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
 _PIECE = 1 << 22
-"""Bytes read at a time; a thread hashes them while their lines are parsed."""
+"""Bytes read at a time."""
 _BLOCK = 1 << 18
 """Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
 _BOM = b"\xef\xbb\xbf"
@@ -49,7 +48,7 @@ class LineReader:
         """Windows-1252 where a line is not UTF-8."""
         self.not_text: list[Problem] = []
         """Lines with bytes that Windows-1252 does not have either, up to :data:`_MOST_LINES`."""
-        self._digest = _Digest()
+        self._digest = hashlib.sha256()
         self._size = 0
         """Size of a plain file, bytes; 0 for any other stream."""
         with contextlib.suppress(OSError):  # a stream in memory has no descriptor
@@ -142,28 +141,3 @@ class LineReader:
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self.not_text.append(Problem(message, self._file, number, fix="save the file as UTF-8"))
             return line.decode("cp1252", errors="replace")
-
-
-class _Digest:
-    """SHA-256 of bytes that arrive in pieces; a thread hashes a large piece while the caller continues."""
-
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-        self._running: threading.Thread | None = None
-
-    def update(self, data: bytes) -> None:
-        self._wait()
-        if len(data) < _PIECE:
-            self._hash.update(data)
-        else:
-            self._running = threading.Thread(target=self._hash.update, args=(data,))
-            self._running.start()
-
-    def hexdigest(self) -> str:
-        self._wait()
-        return self._hash.hexdigest()
-
-    def _wait(self) -> None:
-        if self._running is not None:
-            self._running.join()
-            self._running = None

@@ -242,9 +242,10 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     return _coordinate(heading, core, commanded, siblings)
 
 
-def is_pose_word(word: str) -> bool:
-    """Return whether a word of a name has a meaning here, and so is no name of a body."""
-    return word in _COMMANDED | _ATTAINED | _FILLERS | _REFUSED | _SPREAD | _UNCERTAIN | _JOINT_WORDS
+def is_pose_word(text: str) -> bool:
+    """Return whether a word of a text has a meaning here, so that the text is no name of a body."""
+    known = _COMMANDED | _ATTAINED | _FILLERS | _REFUSED | _SPREAD | _UNCERTAIN | _JOINT_WORDS
+    return bool(known & set(text.split()))
 
 
 def is_point_name(name: str) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -29,33 +29,23 @@ from robacc.poses.columns import (
 )
 from robacc.poses.reading import Reading
 
-# Coordinates of a table that numbers its only point: ``x1, y1, z1``, and angles ``phix1, phiy1, phiz1``.
+# Coordinates of a table that names or numbers its only body: ``Model1 Tx``, ``x1``, and angles ``phix1``.
 
-_NUMBERED = re.compile(r"(phi)?([xyz]) (\d+)")
-
-
-def single_point(texts: Iterable[str]) -> Mapping[str, Meaning]:
-    """Return what numbered coordinates stand for, by text of the heading; empty for no such point or for several.
-
-    Args:
-        texts: Texts of the headings of a table, such as ``x 1`` of ``X1``.
-    """
-    texts = frozenset(texts)
-    matches = [match for text in texts if (match := _NUMBERED.fullmatch(text))]
-    positions = sorted(match[2] for match in matches if not match[1])
-    if len({match[3] for match in matches}) != 1 or positions != list(AXES) or texts & set(AXES):
-        return {}
-    return {match[0]: Meaning(f"r{match[2]}", family="axes") if match[1] else Meaning(match[2]) for match in matches}
+_NUMBERED = re.compile(r"(?P<axis>(?:phi)?[xyz]) (?P<body>\d+)")
+_OF_BODY = re.compile(r"(?P<body>.*\w\w.*) (?P<axis>t?[xyz]|q[wxyz])")
 
 
 def without_body(headings: Sequence[Heading]) -> list[Heading]:
-    """Return headings without the name of the only body that is measured, as in ``Model1 Tx``, ``Model1 Qw``."""
-    bodies = {item.words[:-1] for item in headings if item.words and item.words[-1] in (*AXES, "tx", "ty", "tz")}
-    body = min(bodies) if len(bodies) == 1 else ()
-    if not body or len(body[0]) == 1 or any(map(is_pose_word, body)):
-        return [*headings]
-    n = len(body)
-    return [replace(item, words=item.words[n:]) if item.words[:n] == body else item for item in headings]
+    """Return headings without the name or number of the only body that is measured."""
+    texts = [item.text for item in headings]
+    for form in (_NUMBERED, _OF_BODY):
+        matches = [match for text in texts if (match := form.fullmatch(text))]
+        axes = sorted(match["axis"][-1] for match in matches if match["axis"] in (*AXES, "tx", "ty", "tz"))
+        bodies = {match["body"] for match in matches}
+        if len(bodies) == 1 and axes == [*AXES] and not {*texts} & {*AXES} and not any(map(is_pose_word, bodies)):
+            axis_of = {match[0]: match["axis"].replace("phi", "r") for match in matches}
+            return [replace(item, words=(axis_of[item.text],)) if item.text in axis_of else item for item in headings]
+    return [*headings]
 
 
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
@@ -92,15 +82,13 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
     """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
     headings = without_body([heading_of(name) for name in table.names])
     siblings = frozenset(heading.text for heading in headings)
-    numbered = single_point(siblings)
     for i, heading in enumerate(headings):
         unit = table.cell_units.get(i, heading.unit)
         if heading.unit not in (None, unit):
             message = f"the cells are in {unit}, but the name is of {heading.unit}"
             table.log.add(message, table.line, heading.name)
         joint = _named_joint(heading, names)
-        known = meaning_of(heading, siblings) or numbered.get(heading.text)
-        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else known
+        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
         is_command = meaning.commanded and meaning.key in FIXED_KINDS and f"cmd_{meaning.key}" in FIXED_KINDS

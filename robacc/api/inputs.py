@@ -21,7 +21,7 @@ from robacc.api.result import Result
 from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Note, Problem, UsageError
-from robacc.geometry import Array, Poses, rotation_from_quaternion
+from robacc.geometry import Array, rotation_from_quaternion
 from robacc.measurements import Measurements, commanded_groups
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.poses.reading import PoseFile, Reading, SupportsColumns, reading_of
@@ -214,7 +214,7 @@ def read_with_commands(
         for unit in ("rad", "deg") if robot is not None and stated.units is None else ():
             with suppress(InputError):
                 data, record = read(dataclasses.replace(stated, units=unit))
-                if data.q is not None and unit_of_positions(data.position, _nominal(robot, data.q)) == "m":
+                if unit_of_positions(data.position, *_poses(data, robot)) == "m":
                     text = f"{commands}: joints taken as {unit}: no other unit agrees with the motion of the arm"
                     readings.append((dataclasses.replace(data, warnings=(*data.warnings, Note(text))), record))
         if len(readings) != 1:
@@ -314,15 +314,10 @@ def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Ar
     """Return the commanded positions and orientations; None where the commands have none."""
     if planned.q is None or robot is None:
         return planned.commanded_position, planned.commanded_rotation
-    poses = _nominal(robot, planned.q)
-    return poses.translation, poses.rotation
-
-
-def _nominal(robot: Robot, q: Array) -> Poses:
-    """Return the nominal poses at joint variables ``(J, N)``."""
     from robacc.robots.arm import build_chain
 
-    return build_chain(dataclasses.replace(robot, effects=())).forward(q)
+    poses = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q)
+    return poses.translation, poses.rotation
 
 
 def _joined(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
@@ -14,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array, Poses, quaternion_from_rotation
-from robacc.io.dialect import PLAIN, TableDialect, number_of
+from robacc.geometry import Array, quaternion_from_rotation
+from robacc.io.dialect import PLAIN, number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
 from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name
@@ -27,7 +26,7 @@ _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _UNIT_LENGTH = 1e-3
 _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
-_COUNTED_FROM_1, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
+_QUATERNION, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
 _JOINT_UNITS = (("rad", "m"), ("deg", "mm"))
 _LENGTHS = {"m": 1.0, "mm": 1e3, "in": 1 / 0.0254}
 """Lengths in a metre."""
@@ -56,12 +55,21 @@ def with_known_names(
     Raises:
         InputError: The rows have no known form, or several forms fit.
     """
-    dialect = table.dialect
+    dialect, width = table.dialect, len(table.names)
     if dialect is PLAIN or dialect.names:
         return table.names
-    names = _tum(dialect) or _matrix(dialect) or _spatial_analyzer(dialect)
-    if names is None and required and (names := _of_numbers(table, robot, attained, commands)) is not None:
-        return names
+    cells = [[number_of(text, dialect.decimal_comma) for text in row] for row in dialect.sample if len(row) == width]
+    rows = np.array(cells, dtype=float).reshape(-1, width)
+    texts = np.isnan(rows).all(axis=0)
+    rows = rows[np.isfinite(rows[:, ~texts]).all(axis=1)]
+    names: tuple[str, ...] | None = None
+    if rows.size and dialect.separator is None and width == len(_TUM) and _are_unit(rows[:, 4:]):
+        names = _TUM
+    elif rows.size and width >= 16 and (rows[:, -4:] == (0, 0, 0, 1)).all():
+        joints = tuple(f"J{i + 1}" for i in range(width - 16))
+        names = (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
+    elif required or texts.any():
+        names = _of_numbers(table, rows, texts, robot, attained, commands)
     if names is None and required:
         fix = (
             "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
@@ -71,70 +79,37 @@ def with_known_names(
     return names or table.names
 
 
-def _tum(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a TUM trajectory: eight numbers, the last four a unit quaternion with w last."""
-    rows = [_numbers(fields) for fields in dialect.sample]
-    if not rows or dialect.separator is not None or any(row is None or len(row) != len(_TUM) for row in rows):
-        return None
-    lengths = [math.hypot(*row[4:]) for row in rows if row is not None]
-    return _TUM if all(abs(length - 1) < _UNIT_LENGTH for length in lengths) else None
+def _are_unit(vectors: Array) -> bool:
+    """Return whether vectors ``(N, K)`` are of unit length."""
+    return bool((np.abs(np.linalg.norm(vectors, axis=1) - 1) < _UNIT_LENGTH).all())
 
 
-def _matrix(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a homogeneous matrix, row by row, at the end of each row; joints stand before it."""
-    rows = [_numbers(fields) for fields in dialect.sample]
-    if not rows or any(row is None or len(row) < 16 or row[-4:] != [0, 0, 0, 1] for row in rows):
-        return None
-    return (
-        *(f"J{i + 1}" for i in range(len(dialect.sample[0]) - 16)),
-        *(f"m_{row}{column}" for row in range(4) for column in range(4)),
-    )
-
-
-def _spatial_analyzer(dialect: TableDialect) -> tuple[str, ...] | None:
-    """Return the names of a point list: collection, group and point, of which some may be missing, then x, y, z."""
-    first = dialect.sample[0] if dialect.sample else ()
-    texts = next((i for i, text in enumerate(first) if dialect.is_number(text)), 0)
-    numbers = len(first) - texts
-    if not 1 <= texts <= 3 or not any("spatialanalyzer" in line.lower().replace(" ", "") for line in dialect.preamble):
-        return None
-    labels = ("Collection", "Group", "Point")[3 - texts :]
-    if numbers == 3:
-        return (*labels, *_POINT)
-    return (*labels, *_POINT, *_UNCERTAINTY) if numbers == 6 else None
-
-
-def _of_numbers(table: Table, robot: KnownRobot, attained: bool, commands: bool) -> tuple[str, ...] | None:
+def _of_numbers(
+    table: Table, rows: Array, texts: NDArray[np.bool_], robot: KnownRobot, attained: bool, commands: bool
+) -> tuple[str, ...] | None:
     """Return names of columns of numbers where one reading is left; the remark of the table says which.
 
     In a file of joints and positions the motion of the arm shows which are which. In a file of either alone, their
-    number does, with a count or a name before them.
+    number does, with a count or texts before them.
     """
-    width = len(table.names)
-    cells = [fields for fields in table.dialect.sample if len(fields) == width]
-    parsed = [[number_of(text, table.dialect.decimal_comma) for text in fields] for fields in cells]
-    rows = np.array(parsed, dtype=float).reshape(-1, width)
-    texts = np.isnan(rows).all(axis=0)
-    rows = rows[np.isfinite(rows[:, ~texts]).all(axis=1)]
-    joints = len(robot.joint_names or ())
-    lead = int(texts[:1].any() or (len(rows) > 1 and np.all(np.diff(rows[:, 0]) == 1)))
-    found: dict[int, str]
+    width, joints = texts.size, len(robot.joint_names or ())
+    lead = int(texts.argmin()) or int(len(rows) > 1 and np.all(np.diff(rows[:, 0]) == 1))
+    found: dict[int, str] = {}
     if not attained and joints:
         found = {lead + i: f"J{i + 1}" for i in range(joints)} if width == lead + joints else {}
-    elif not (commands and attained):
-        found = dict(enumerate(_POINT, lead)) if width - lead in (3, 6, 7) else {}
-    else:
-        readings = _readings(rows, robot)
+    elif (readings := _readings(rows, robot)) or (commands and attained and not texts.any()):
         found = readings[0] if len(readings) == 1 else {}
+    elif width - lead in (3, 6, 7):
+        found = dict(enumerate(_POINT, lead))
     if not found:
         return None
     for i in [i + 1 for i, name in found.items() if name.startswith("Z")]:
-        # An orientation follows the position.
-        is_unit = np.abs(np.linalg.norm(rows[:, i : i + 4], axis=1) - 1) < _UNIT_LENGTH
-        angles = _COUNTED_FROM_1 if is_unit.any() and is_unit.all() else _ANGLES
+        # An orientation follows the position, or, in a list of SpatialAnalyzer, its uncertainty.
+        is_list = texts.any() and (rows[:, i : i + 3] > 0).all()
+        angles = _QUATERNION if rows.size and _are_unit(rows[:, i : i + 4]) else _UNCERTAINTY if is_list else _ANGLES
         if {*range(i, i + len(angles))} <= {*range(width)} - {*found}:
             found |= dict(enumerate(angles, i))
-    named = [found.get(i, "Name" if texts[i] else f"column {i + 1}") for i in range(width)]
+    named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
     columns = f"columns {min(found) + 1} to {max(found) + 1}"
     table.remark = f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}"
@@ -154,39 +129,32 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
             continue
         poses = robot.pose_at(q)
         for place in {*range(rows.shape[1] - 2)} - {*range(first - 2, first + joints)}:
-            if unit := unit_of_positions(rows[:, place : place + 3].T, poses):
+            if unit := unit_of_positions(rows[:, place : place + 3].T, poses.translation, poses.rotation):
                 units = [angle if turn else length for turn in turns.ravel()]
                 names = {first + i: f"q{i + 1}_{unit}" for i, unit in enumerate(units)}
                 result.append(names | {place + i: f"{AXES[i].upper()} [{unit}]" for i in range(3)})
     return result
 
 
-def unit_of_positions(position: Array, poses: Poses) -> str | None:
-    """Return the unit in which positions ``(3, N)`` follow the nominal poses of an arm; None where they do not.
+def unit_of_positions(position: Array, translation: Array | None, rotation: Array | None) -> str | None:
+    """Return the unit in which positions ``(3, N)`` follow the poses of an arm; None where they do not.
 
     A target at c of the tool, measured in another frame and unit, is at A p + s = t + R c in the frame of the arm,
     which is linear in A, s and c.
     """
     n, eye = position.shape[1], np.eye(3)
     centred = position - position.mean(axis=1, keepdims=True)
-    if n < _FEWEST_ROWS or not np.isfinite(centred).all() or not np.ptp(poses.translation, axis=1).any():
+    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.isfinite(centred).all():
         return None
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
-    design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(poses.rotation, 2, 0).reshape(3 * n, 3)))
-    wanted = poses.translation - poses.translation.mean(axis=1, keepdims=True)
+    design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
+    wanted = translation - translation.mean(axis=1, keepdims=True)
     solution, _, rank, _ = np.linalg.lstsq(design, wanted.T.ravel(), rcond=None)
     remaining = np.sum((design @ solution - wanted.T.ravel()) ** 2) / (3 * n - rank)
     if 3 * n * remaining >= _RESIDUAL**2 * np.sum(wanted**2):
         return None
     scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
     return next((unit for unit, count in _LENGTHS.items() if abs(scale * count - 1) < _SCALE), None)
-
-
-def _numbers(fields: Sequence[str]) -> list[float] | None:
-    try:
-        return [float(text) for text in fields]
-    except ValueError:
-        return None
 
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.

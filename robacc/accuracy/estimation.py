@@ -130,7 +130,7 @@ _STILL = 1e-6
 _TURNED = np.deg2rad(5.0)
 """Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
 _REGISTERED = (
-    'the frames of robot and instrument do not agree ({:.3g} mm rms), so they were registered; `align="none"` keeps '
+    'the frames of robot and instrument do not agree ({:.4g} mm rms), so they were registered; `align="none"` keeps '
     "the errors as they are"
 )
 

@@ -125,6 +125,8 @@ _NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
 _DECIMAL = re.compile(r"[+-]?\d*[.,]\d+")
 """Number that is no name of a column, as a plain 1 may be."""
 _COMMENTS = ("#", "//", "%", "!")
+_MARK = re.compile(r"^\s*(#+|//+|%+|!+)\s*")
+"""Beginning of a comment."""
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
 """None: one or more blanks. Of separators that fit equally well the first is taken."""
 _STATISTIC = re.compile(
@@ -301,7 +303,9 @@ def _with_header(
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
     for i in above:
         # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
-        line = lines[i] if _split(dialect, lines[i])[:1] == ["#"] else _uncommented(lines[i], dialect)
+        line, marked = lines[i], _split(dialect, lines[i])
+        if len(marked) != width or marked[0] != "#":  # else the name of a count
+            line = _MARK.sub("", line).strip() if _MARK.match(line) else line
         fields = _split(dialect, line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
         if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
             # Words of the first name, or a last column that every row leaves out.
@@ -369,23 +373,12 @@ def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDia
     return names
 
 
-def _uncommented(line: str, dialect: TableDialect) -> str:
-    stripped = line.strip()
-    for mark in dialect.comments:
-        if stripped.startswith(mark):
-            return stripped.lstrip("".join(set(mark))).strip()
-    return line
-
-
 def _has_decimal_comma(lines: Sequence[str], separator: str | None) -> bool:
     dialect = TableDialect(separator, comments=_COMMENTS)
-    commas = points = 0
-    for line in lines:
-        for text in _split(dialect, line) if dialect.is_row(line) else ():
-            number = split_cell(text)[0]
-            commas += bool(_NUMBER_COMMA.fullmatch(number))
-            points += bool(NUMBER_POINT.fullmatch(number)) and "." in number
-    return commas > points
+    fields = (text for line in lines if dialect.is_row(line) for text in _split(dialect, line))
+    numbers = [split_cell(text)[0] for text in fields]
+    points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in numbers)
+    return sum(_NUMBER_COMMA.fullmatch(text) is not None for text in numbers) > points
 
 
 def _split(dialect: TableDialect, line: str) -> list[str]:

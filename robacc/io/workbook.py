@@ -75,12 +75,10 @@ def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:
 
 def _has_numbers(sheet: Any) -> bool:
     """Return whether a sheet has a row with three numbers among its first ones, as poses have."""
-    for row in itertools.islice(sheet.iter_rows(), _EXAMINED):
-        texts = [_cell_text(cell) for cell in row if not isinstance(cell, bool)]
-        numbers = [text for text in texts if number_of(text, decimal_comma="," in text) is not None]
-        if len(numbers) >= _FEWEST_NUMBERS:
-            return True
-    return False
+    rows = itertools.islice(sheet.iter_rows(), _EXAMINED)
+    texts = ([_cell_text(cell) for cell in row if not isinstance(cell, bool)] for row in rows)
+    counts = (sum(number_of(text, decimal_comma="," in text) is not None for text in row) for row in texts)
+    return any(count >= _FEWEST_NUMBERS for count in counts)
 
 
 def _cell_text(value: Any) -> str:

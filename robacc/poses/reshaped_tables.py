@@ -32,7 +32,9 @@ _LENGTHS = {"m": 1.0, "mm": 1e3, "in": 1 / 0.0254}
 """Lengths in a metre."""
 _FEWEST_ROWS = 8
 """24 coordinates, well above the 15 parameters of the affine fit."""
-_MOST_COLUMNS = 40
+_FARTHEST = 1e9
+"""Largest coordinate in any unit: the Earth is 4e7 m round."""
+_MOST_COLUMNS = 24
 """Columns without names that are tried."""
 _SCALE = 0.05
 """Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more."""
@@ -144,7 +146,7 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
     """
     n, eye = position.shape[1], np.eye(3)
     centred = position - position.mean(axis=1, keepdims=True)
-    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.isfinite(centred).all():
+    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.abs(position).max() < _FARTHEST:
         return None
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))

@@ -394,6 +394,30 @@ def test_a_form_gives_the_figures_of_the_plain_file(form: Form, campaign: Campai
             assert found["orientation"]["rms_rad"] == pytest.approx(expected["orientation"]["rms_rad"], rel=2e-3)
 
 
+@pytest.mark.parametrize(
+    "rows",
+    [
+        lambda c: np.hstack((c.q, c.commanded, c.position)),  # two columns of positions follow the arm
+        lambda c: np.hstack((c.q, c.position))[:7],  # too few rows
+        lambda c: np.hstack((c.q, c.position[::-1])),  # no position does
+    ],
+    ids=["two", "few", "none"],
+)
+def test_numbers_without_one_reading_stay_a_question(
+    rows: Callable[[Campaign], np.ndarray], campaign: Campaign, tmp_path: Path
+) -> None:
+    path = written({"bare.csv": lines(rows(campaign))}, tmp_path)[0]
+    with pytest.raises(InputError, match="found numbers, expected a header row"):
+        robacc.read_poses(path, robot=ROBOT)
+
+
+def test_one_note_says_how_numbers_were_read(campaign: Campaign, tmp_path: Path) -> None:
+    path = written(bare_degrees_and_mm(campaign), tmp_path)[0]
+    joints = ", ".join(f"q{i}_deg" for i in range(1, 7))
+    (note,) = [text for text in robacc.read_poses(path, robot=ROBOT).warnings if "no header" in text]
+    assert f"columns 1 to 9 read as {joints}, X [mm], Y [mm], Z [mm], only this reading agrees with the motion" in note
+
+
 def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campaign, tmp_path: Path) -> None:
     arguments = ["estimate", *written(laboratory(campaign), tmp_path), "--robot", ROBOT]
     spoken = CliRunner().invoke(app, arguments).stderr.splitlines()

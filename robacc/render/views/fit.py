@@ -59,7 +59,7 @@ _POSE_SETS = (
     ("fitted_inliers", "calibration poses without outliers"),
 )
 _VERDICTS = {
-    "clean": "clean: no effect beyond the declared effects",
+    "clean": "no effect found beyond the declared effects",
     "explained": "explained",
     "partly_explained": "partly explained",
     "unexplained": "unexplained: the residual is structured and no candidate explains it",
@@ -117,7 +117,9 @@ def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Sec
 
 def next_step(document: Document) -> str:
     """Return what to do after a trace or a calibration."""
-    before, after = (document[stage]["fitted"]["position"]["rms_m"] for stage in ("nominal", "after"))
+    is_held_out = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
+    poses = "held_out" if is_held_out else "fitted"
+    before, after = (document[stage][poses]["position"]["rms_m"] for stage in ("nominal", "after"))
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if after > _WORTH_CORRECTING * before:

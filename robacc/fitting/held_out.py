@@ -181,7 +181,7 @@ class _Reduced:
     ) -> _Reduced:
         """Reduce a fit to the coefficients ``kept`` ``(K,)`` of ``theta`` ``(P,)``; ``root`` ``(K, K)`` scales them."""
         absent = np.linalg.qr(root[:, ~kept])[0]
-        whole = np.linalg.solve(root.T, np.where(kept, theta[fit.identifiability.columns], 0.0))
+        whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, theta[fit.identifiability.columns], 0.0)))
         error = fit.residual if kept.all() else residuals(data, poses)
         return cls(absent, whole, error, poses.translation.copy(), poses.rotation.copy())
 

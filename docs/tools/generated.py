@@ -43,15 +43,17 @@ def _effects() -> str:
 
 def _commands() -> str:
     """Return every command: its purpose, synopsis and options, as ``--help`` prints them."""
-    from robacc.cli.main import COMMANDS
+    from robacc.cli.main import COMMANDS, FORMS
 
-    return "\n\n".join(f"## {name}\n\n{_command(name)}" for name in COMMANDS)
+    names = (name for head in COMMANDS for name in (head, *(form for form in FORMS if form.split()[0] == head)))
+    return "\n\n".join(f"## {name}\n\n{_command(name)}" for name in names)
 
 
 def _command(name: str) -> str:
     from robacc.cli.command import load
+    from robacc.cli.main import FORMS
 
-    command = load(name)
+    command = load(name, FORMS.get(name))
     context = command.make_context(f"robacc {name}", [], resilient_parsing=True)
     arguments = [p for p in command.params if p.param_type_name == "argument"]
     options = [p for p in command.params if p.param_type_name == "option"]

@@ -56,7 +56,7 @@ def calibrate(
     robot: NeededRobot,
     fit: Annotated[
         str | Sequence[str],
-        Help("Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc effects lists them.", "EFFECT,…"),
+        Help("Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc show effects lists them.", "EFFECT,…"),
     ],
     prior: Annotated[
         bool,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections import Counter
 from collections.abc import Sequence
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
+from robacc.api.estimate import estimate
 from robacc.api.inputs import (
     STDIN,
     load_grade_scale,
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource, RobotSource
 
 Source = StrPath | Result | StoredResult
+_START = 256
+"""Bytes of a file in which its first sign is looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -53,12 +57,19 @@ def compare(
     *results: Annotated[
         Source,
         Help(
-            "Results stored as JSON, or two CSVs with `paired`; - reads standard input.",
+            "Results stored as JSON, or files of poses, which are estimated first; two CSVs with `paired`; - reads a "
+            "result from standard input.",
             "RESULT RESULT …",
-            "Or results of calls. A stored result is named after its file, another after its command; equal names get "
-            "a number.",
+            "Or results of calls. A file gives its name, another result that of its command; equal names get a number.",
+            holds="measured poses",
         ),
     ],
+    robot: Annotated[
+        RobotSource | None, Help("Robot of the files of poses: robot file (YAML), URDF, or name of an arm.", "FILE")
+    ] = None,
+    align: Annotated[
+        str | Sequence[str] | None, Help("Frames to fit to each file of poses first, as in estimate.", "FRAME,…")
+    ] = None,
     baseline: Annotated[
         str | None, Help("Result that the others are compared with; default: the first.", "NAME")
     ] = None,
@@ -70,9 +81,9 @@ def compare(
     confidence: Confidence = 0.95,
     seed: Seed = 0,
 ) -> Compared:
-    """Compare results: every shared figure, the significant differences, and the grades that are confirmed.
+    """Compare results or files of poses: shared figures, significant differences, and the grades that are confirmed.
 
-    Differences are paired if the results have the same poses.
+    Differences are paired if the results have the same poses. A prediction is not ranked with measured arms.
 
     Returns:
         Every shared figure with its differences, the ranking, the grades, and other differences between the results.
@@ -91,7 +102,7 @@ def compare(
     arguments = locals()
     if scale is not None and grade is None:
         raise UsageError("`scale` needs `grade`, the grade to check the results for")
-    compared_results, inputs = _load(results)
+    compared_results, inputs, doubts = _load(results, robot=robot, align=align)
     grades, scale_record = load_grade_scale(scale)
     comparison = compare_results(
         compared_results,
@@ -102,35 +113,57 @@ def compare(
         confidence=confidence,
         seed=seed,
     )
+    comparison = dataclasses.replace(comparison, warnings=(*comparison.warnings, *doubts))
     options = options_of(compare, arguments, baseline=comparison.baseline, by=comparison.ranking.key)
     return Compared(**fields_of(comparison), made=Provenance(options, (*inputs, *scale_record), seed))
 
 
-def _load(results: Sequence[Source]) -> tuple[list[ComparedResult], list[InputFile]]:
-    """Return the results to compare and the record of their files.
+def _load(results: Sequence[Source], **options: Any) -> tuple[list[ComparedResult], list[InputFile], list[str]]:
+    """Return the results to compare, the records of their files, and the warnings of files that had to be estimated.
 
     Raises:
         InputError: A file cannot be used; with the problems of every file.
-        UsageError: Standard input is named twice, or there is one result only.
+        UsageError: Standard input is named twice, there is one result only, or ``options`` are for no file.
     """
     if len(results) < 2:
         raise UsageError("a comparison takes at least two results")
     if [path_of(source) for source in results].count(STDIN) > 1:
         raise UsageError("standard input can be read only once")
+    are_poses = [*map(_are_poses, results)]
+    for option in options if not any(are_poses) else ():
+        if options[option] is not None:
+            raise UsageError(f"`{option}` is for files of poses, and all files are results")
     problems: list[Problem] = []
     compared_results: list[ComparedResult] = []
     inputs: list[InputFile] = []
-    for source, name in zip(results, _names(results), strict=True):
+    warnings: list[str] = []
+    for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
         try:
-            result = load_result(source)
+            if is_poses:
+                made = estimate(_path(source), **options)
+                warnings += [type(text)(f"{name}: {text}") for text in made.warnings]
+                result = load_result(made)
+                inputs += [record for record in made.made.inputs if record not in inputs]
+            else:
+                result = load_result(source)
+                inputs.append(result.record)
             with understood(result.name, result.command):
                 compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
-            inputs.append(result.record)
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return compared_results, inputs
+    return compared_results, inputs, warnings
+
+
+def _are_poses(source: Source) -> bool:
+    """Return whether a source is a file of poses: a folder, or a file that is no JSON object."""
+    if isinstance(source, Result | StoredResult) or not os.path.exists(source):
+        return False
+    if not os.path.isfile(source):
+        return os.path.isdir(source)
+    with open(source, "rb") as file:
+        return not file.read(_START).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
 
 
 def _names(results: Sequence[Source]) -> list[str]:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from robacc.api.inputs import load_robot
 from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model
+from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model, known_ur_arm
 from robacc.documents.envelope import InputFile
-from robacc.errors import UsageError
+from robacc.errors import Note, UsageError
 from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
 
@@ -51,7 +51,9 @@ def export(
         StrPath | Robot, Help("Robot file (YAML), URDF, or name of an arm.", "MODEL", "Or a robot read before.")
     ],
     *,
-    format: Annotated[ExportFormatName, Help("Format of the text.")],
+    format: Annotated[
+        ExportFormatName | None, Help("Format of the text.", python="None is ur-calibration for an arm that it fits.")
+    ] = None,
     nominal: Annotated[
         StrPath | Robot | None,
         Help("joint-offsets: the model that the controller computes with.", "ROBOT"),
@@ -70,7 +72,7 @@ def export(
 
     Raises:
         InputError: A file cannot be used.
-        UsageError: The format cannot hold this arm, or the arguments contradict each other.
+        UsageError: The format cannot hold this arm, there is none, or the arguments contradict each other.
 
     Example:
         >>> import robacc
@@ -78,13 +80,19 @@ def export(
         >>> result.text.splitlines()[0], result.remaining.position_max < 1e-9
         ('robacc: 1', True)
     """
+    robot, record = load_robot(model, base_link, tip_link)
+    notes: tuple[str, ...] = ()
+    if format is None:
+        format, name = "ur-calibration", arm or known_ur_arm(robot)
+        if name is None:
+            raise UsageError(f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}")
+        notes = (Note(f"format {format}, which the controller of a {name} reads; `format` names another"),)
     if nominal is not None and format != "joint-offsets":
         raise UsageError("`nominal` belongs to `format` joint-offsets")
     if template is not None and format not in ("ur-calibration", "ur-kinematics"):
         raise UsageError("`template` belongs to `format` ur-calibration and ur-kinematics")
     if arm is not None and format != "ur-calibration":
         raise UsageError("`arm` belongs to `format` ur-calibration")
-    robot, record = load_robot(model, base_link, tip_link)
     controller, text, records = None, None, [record]
     if nominal is not None:
         controller, nominal_record = load_robot(nominal)
@@ -98,6 +106,6 @@ def export(
     body = export_model(robot, ControllerFormat(format), nominal=controller, arm=arm, template=text)
     options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
     fit = model_fit(robot)
-    warnings = () if fit is None else fit.warnings
+    warnings = notes if fit is None else (*notes, *fit.warnings)
     made = Provenance(options, tuple(records), None)
     return Exported(**fields_of(body), format=format, made=made, warnings=warnings)

@@ -1,4 +1,4 @@
-"""Call of ``robacc import``."""
+"""Call of ``robacc init --from``."""
 
 from __future__ import annotations
 

@@ -176,7 +176,9 @@ def count_or_path(_: str, text: str) -> int | str:
 # Parameters of several calls.
 
 CampaignUse = Literal["auto", "keep", "drop"]
-_ROBOT = Help("Robot file (YAML), URDF, or name of an arm that robacc robots lists.", "FILE", "Or a robot read before.")
+_ROBOT = Help(
+    "Robot file (YAML), URDF, or name of an arm that robacc show robots lists.", "FILE", "Or a robot read before."
+)
 Poses = Annotated[
     "PosesSource",
     Help(

@@ -220,7 +220,7 @@ class Result(ABC):
         """Return a chart of the report as a matplotlib figure, and write it if ``path`` is given.
 
         Args:
-            kind: Kind of chart, as ``robacc plot`` lists them; None for the first chart.
+            kind: Kind of chart, as ``robacc report --chart`` lists them; None for the first chart.
             number: Number of the chart among several of its kind.
             path: File to write, with the suffix .svg, .png or .pdf.
 

@@ -12,7 +12,6 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
-from keyword import iskeyword
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
@@ -43,9 +42,9 @@ class Declared(NamedTuple):
     """Parameter of the command's function that gets the value: ``call``, a group, or of its own name."""
 
 
-def load(name: str) -> Any:
+def load(name: str, module: str | None = None) -> Any:
     """Import the module of a command and return the command; the call's module is imported when it runs."""
-    module = f"{name}_" if iskeyword(name) else name.replace("-", "_")
+    module = module or name
     show = getattr(import_module(f"robacc.cli.commands.{module}"), module)
     options = declared_options(show, module)
     program = typer.Typer(add_completion=False, rich_markup_mode=None)

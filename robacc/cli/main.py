@@ -9,14 +9,13 @@ from __future__ import annotations
 import io
 import os
 import sys
-from collections.abc import Callable
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from robacc.errors import InputError, Problem, RobaccError, UsageError
-from robacc.render.text.console import say_error, say_interrupted
+from robacc.render.text.console import say, say_error, say_interrupted
 from robacc.threads import VARIABLE
 from robacc.version import __version__
 
@@ -27,23 +26,33 @@ COMMANDS = {
     "predict": "Predict covariances, error budget and grade from parameter tolerances or the fit of a model file.",
     "correct": "Compute the commands that make the real arm reach its targets, from a model of the arm.",
     "iso9283": "Compute the pose criteria of ISO 9283 from cycles of commanded poses.",
-    "iso9283-poses": "Plan the cube of ISO 9283 and its five poses for an arm, and write them as a CSV.",
     "check": "Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.",
-    "compare": "Compare stored results: significant differences, ranking and confirmed grades.",
-    "report": "Write stored results as an HTML page with charts and tables, to read, print and sign.",
-    "plot": "Write a chart of a stored result as SVG, PNG or PDF.",
-    "show": "Show the chain, joints, limits, reach and masses of a robot file or URDF.",
-    "robots": "List the arms that come with the package; every command takes one as --robot NAME.",
-    "effects": "List the effects; with a name, show its equation, unit, usual size, required data and similar effects.",
-    "init": "Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.",
+    "compare": "Compare stored results or files of poses: significant differences, ranking and confirmed grades.",
+    "report": "Write stored results as an HTML page with charts and tables, or one chart as SVG, PNG or PDF.",
+    "show": "Show a robot file or URDF; or the arms, effects and result schemas that robacc knows.",
+    "init": "Write files to start from: a commented robot file and a CSV of poses, or the map of an export.",
     "plan": "Plan a measurement: choose the poses worth measuring, order them, and predict the result.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",
-    "import": "Write a robot file from the kinematics of a controller or of its ROS driver.",
-    "schema": "Print the JSON Schema of a command's result: keys, units and required keys.",
 }
-"""Each command and its line in ``robacc --help``; its module and its function have the same name, with _ for -, and a
-trailing _ where Python reserves the name."""
+"""Each command and its line in ``robacc --help``; its module and its function have the same name."""
+FORMS = {
+    "show robots": "robots",
+    "show effects": "effects",
+    "show schema": "schema",
+    "plan --for iso9283": "iso9283_poses",
+    "init --from": "import_",
+}
+"""Forms of a command with arguments and options of their own: the words that choose them, and the module."""
+RENAMED: dict[str, tuple[str, list[str]]] = {
+    "robots": ("show robots", []),
+    "effects": ("show effects", []),
+    "schema": ("show schema", []),
+    "iso9283-poses": ("plan --for iso9283", ["--output", "-"]),
+    "plot": ("report --chart", ["--chart", ""]),
+    "import": ("init --from", []),
+}
+"""Names of commands in 0.2, which work until 0.4: the new name, and what was the default then."""
 
 INTERRUPTED = 130
 """Exit status of an interrupted program in a shell: 128 + SIGINT."""
@@ -64,11 +73,17 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """Return the name, the command with its options, and the remaining arguments."""
         name, command, arguments = super().resolve_command(ctx, args)
-        if name in COMMANDS:
-            from robacc.cli.command import load
+        if name is None:  # while a shell completes a name
+            return name, command, arguments
+        from robacc.cli.command import load
 
-            command = load(name)
-        return name, command, arguments
+        if name in RENAMED:
+            new, was_default = RENAMED[name]
+            say(f"note: robacc {name} is now robacc {new}; the old name works until 0.4")
+            name, arguments = new if new in FORMS else new.split()[0], [*was_default, *arguments]
+        else:
+            name, arguments = form_of(name, arguments)
+        return name, load(name, FORMS.get(name)), arguments
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command and report its error; no other function writes errors to the terminal."""
@@ -82,17 +97,25 @@ class Commands(TyperGroup):
             raise typer.Exit(INTERRUPTED) from interrupt
 
 
+def form_of(name: str, arguments: list[str]) -> tuple[str, list[str]]:
+    """Return the form of a command that its arguments choose, or its name, and the arguments without these words."""
+    for i, argument in enumerate(arguments):
+        rest = [*argument.split("=", 1), *arguments[i + 1 :]]
+        for form in FORMS:
+            head, *words = form.split()
+            if head == name and rest[: len(words)] == words:
+                return form, [*arguments[:i], *rest[len(words) :]]
+    return name, arguments
+
+
 def _version(is_requested: bool) -> None:
     if is_requested:
         print(f"robacc {__version__}")
         raise typer.Exit
 
 
-def _placeholder() -> Callable[[], None]:
-    def command() -> None:
-        """Stand for a command in ``robacc --help``; :class:`Commands` replaces it when it runs."""
-
-    return command
+def _placeholder() -> None:
+    """Stand for a command in ``robacc --help``; :class:`Commands` replaces it when it runs."""
 
 
 app = typer.Typer(name="robacc", cls=Commands, rich_markup_mode=None)
@@ -109,7 +132,9 @@ def robacc(
 
 for _name, _summary in COMMANDS.items():
     # click cuts a help at 45 characters; a short help is wrapped.
-    app.command(_name, help=_summary, short_help=_summary)(_placeholder())
+    app.command(_name, help=_summary, short_help=_summary)(_placeholder)
+for _name in RENAMED:
+    app.command(_name, hidden=True)(_placeholder)
 
 
 def main() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -64,6 +63,8 @@ def _outcome_of(task: FileTask) -> FileOutcome:
 
 
 def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
+    """Write the files of a result, as the command does for a single file."""
+    from robacc.cli.output import table_of, with_gate, write_result
     from robacc.documents.gate import read_gate
     from robacc.io.files import write_pieces, write_text
     from robacc.io.json_text import json_pieces
@@ -79,57 +80,33 @@ def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
         write_text(task.per_pose, result.per_pose_csv())
     if task.document is not None:
         write_pieces(task.document, json_pieces(document))
+    gate = document.get("gate")
     if task.result is not None:
-        _write_result(task, task.result, result, document, warnings)
+        table = table_of(result, task.path, task.options["robot"], task.full)
+        write_result(
+            Outlets(format=task.form, output=task.result),
+            "estimate",
+            document=lambda: document,
+            table=with_gate(table, gate, task.form) if gate else table,
+            gate=gate,
+            warnings=warnings,
+        )
+    position, orientation, grade = result.position, result.orientation, result.grade
     return FileOutcome(
         task.name,
         0 if outcome is None else outcome.exit_status,
-        _headline(result),
+        EstimateHeadline(
+            result.n_poses,
+            position.rms,
+            position.p95,
+            position.max,
+            None if orientation is None else orientation.rms,
+            grade.grade,
+            grade.demonstrated,
+        ),
         warnings=warnings,
-        gate=document.get("gate"),
-        written=None if task.result is None else PurePath(task.result).name,
-    )
-
-
-def _write_result(
-    task: FileTask,
-    path: str,
-    result: Estimate,
-    document: Mapping[str, Any],
-    warnings: tuple[str, ...],
-) -> None:
-    """Write the result as the command does for a single file."""
-    from robacc.cli.output import with_gate, write_result
-
-    def table(stream: TextIO) -> None:
-        from robacc.documents.estimate import payload
-        from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import estimate_view, short_estimate_view
-
-        view = estimate_view if task.full else short_estimate_view
-        draw(view(payload(result), task.path, task.options["robot"]), stream)
-
-    gate = document.get("gate")
-    write_result(
-        Outlets(format=task.form, output=path),
-        "estimate",
-        document=lambda: document,
-        table=with_gate(table, gate, task.form) if gate else table,
         gate=gate,
-        warnings=warnings,
-    )
-
-
-def _headline(result: Estimate) -> EstimateHeadline:
-    position, orientation = result.position, result.orientation
-    return EstimateHeadline(
-        result.n_poses,
-        position.rms,
-        position.p95,
-        position.max,
-        None if orientation is None else orientation.rms,
-        result.grade.grade,
-        result.grade.demonstrated,
+        written=None if task.result is None else PurePath(task.result).name,
     )
 
 
@@ -324,7 +301,7 @@ def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
 
 def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: Outlets, folder: str | None) -> None:
     """Write the table of all files and the requested files."""
-    from robacc.cli.output import page_text, write
+    from robacc.cli.output import emit, page_text, write
     from robacc.io.files import write_text
     from robacc.render.text.parameter_names import as_options
     from robacc.render.views.elements import draw
@@ -349,11 +326,8 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
         write(output, (markdown("estimate", page_text(table), None, tuple(map(as_options, _warnings(outcomes)))),))
     elif outlets.form == "github":
         write(output, (many_annotations(outcomes),))
-    elif output == "-":
-        table(sys.stdout)
-        sys.stdout.flush()
     else:
-        write(output, (page_text(table),))
+        emit("table", output, table=table, document=dict)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

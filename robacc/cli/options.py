@@ -17,7 +17,9 @@ _FORM = "Form of the output: github writes annotations of a run, markdown a job 
 _OUTPUT = Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
 
 Output = Annotated[str, _OUTPUT]
-RobotFile = Annotated[str | None, Help("Robot file (YAML), URDF, or name of an arm that robacc robots lists.", "FILE")]
+RobotFile = Annotated[
+    str | None, Help("Robot file (YAML), URDF, or name of an arm that robacc show robots lists.", "FILE")
+]
 SummaryFormat = Annotated[Format, Help(_FORM)]
 """Form of the summary of a command whose ``--output`` is a file of targets."""
 WriteModel = Annotated[str | None, Help("Robot file to write, with the fitted model.", "FILE", holds="output")]
@@ -62,7 +64,15 @@ class CsvOutlets(NamedTuple):
     """File of a command that writes a CSV, and form of the summary on standard output."""
 
     format: Annotated[PlainFormat, Help("Form of the output.")] = "table"
-    output: Output = "-"
+    output: Annotated[
+        str | None,
+        Help(
+            "CSV to write; - is standard output, without the summary.",
+            "FILE",
+            names=("output", "o"),
+            holds="output",
+        ),
+    ] = None
 
     def check(self) -> None:
         """Refuse a JSON document where the CSV would go to standard output too.

@@ -11,9 +11,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TextIO
 
 from robacc.cli import clock
-from robacc.cli.options import Format, Outlets, PlainFormat
+from robacc.cli.options import CsvOutlets, Format, Outlets, PlainFormat
 
 if TYPE_CHECKING:
+    from robacc.api.estimate import Estimate
     from robacc.api.fitting import FitResult
     from robacc.api.result import Result
     from robacc.documents.read_result import StoredResult
@@ -265,6 +266,30 @@ def emit(
         sys.stdout.flush()
     else:
         write(output, (page_text(table),))
+
+
+def write_plan(
+    outlets: CsvOutlets, csv: str, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
+) -> None:
+    """Write the CSV of planned poses if it has a file, then the summary unless the CSV is on standard output.
+
+    Raises:
+        InputError: the file cannot be written.
+    """
+    if outlets.output is not None:
+        write(outlets.output, (csv,))
+    if outlets.output != "-":
+        emit(outlets.format, "-", table=table, document=document)
+
+
+def table_of(result: Estimate, path: str, robot: str | None, full: bool) -> Callable[[TextIO], None]:
+    """Return what draws an estimate onto a stream, in one screen unless ``full``."""
+    from robacc.documents.estimate import payload
+    from robacc.render.views.elements import draw
+    from robacc.render.views.estimate import estimate_view, short_estimate_view
+
+    view = estimate_view if full else short_estimate_view
+    return lambda stream: draw(view(payload(result), path, robot), stream)
 
 
 def page_text(table: Callable[[TextIO], None]) -> str:

@@ -309,11 +309,14 @@ class Ranking:
     groups: tuple[tuple[str, ...], ...]
     """Largest groups of results without a significant difference; without any test, no groups and no letters."""
     pairs: tuple[RankedPair, ...]
+    predicted: tuple[str, ...]
+    """Predictions, which are not ranked with measured results."""
 
     def sentences(self) -> tuple[str, ...]:
-        """Return the ranking as text: neighbours that differ, groups that do not, pairs without a test."""
+        """Return the ranking as text: neighbours that differ, groups that do not, pairs without a test, predictions."""
+        unranked = [f"{name} is a prediction, which is not ranked with measured arms" for name in self.predicted]
         if not self.groups:
-            return ("ordered by the figure; no difference could be tested",)
+            return (*["ordered by the figure; no difference could be tested"] * (len(self.names) > 1), *unranked)
         neighbours = [pair for pair in self.pairs if self.names.index(pair.worse) == self.names.index(pair.better) + 1]
         lines = [f"{pair.better} is better than {pair.worse}" for pair in neighbours if pair.different]
         lines += [
@@ -322,7 +325,8 @@ class Ranking:
             if len(group) > 1
         ]
         untested = [pair for pair in self.pairs if pair.difference.p_value is None]
-        return (*lines, *(f"{pair.better} and {pair.worse} could not be tested" for pair in untested))
+        lines += [f"{pair.better} and {pair.worse} could not be tested" for pair in untested]
+        return (*lines, *unranked)
 
 
 @dataclass(frozen=True, slots=True)
@@ -479,7 +483,8 @@ class _PairwiseDifferences:
 
 def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
     results = differences.results
-    order = sorted(range(len(results)), key=lambda i: (abs(results[i].figures[key].value), i))
+    ranked = [i for i, result in enumerate(results) if result.measured] or range(len(results))
+    order = sorted(ranked, key=lambda i: (abs(results[i].figures[key].value), i))
     pairs = [(i, j, differences.difference(key, order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
     level = 1.0 - differences.confidence
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
@@ -499,4 +504,5 @@ def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
             RankedPair(names[i], names[j], pair_difference, p, (i, j) in different)
             for (i, j, pair_difference), p in zip(pairs, corrected, strict=True)
         ),
+        predicted=tuple(result.name for i, result in enumerate(results) if i not in ranked),
     )

@@ -268,6 +268,14 @@ def ur_arm_of(frames: JointFrames) -> str:
     return arm
 
 
+def known_ur_arm(robot: Robot) -> str | None:
+    """Return the name of the arm of Universal Robots that a robot is; None if it is none."""
+    try:
+        return ur_arm_of(joint_frames(kinematic_part(robot).robot))
+    except UsageError:
+        return None
+
+
 def _distance(first: Poses, second: Poses) -> float:
     """Return the distance of a frame's origin from the z axis of another."""
     between = second.translation - first.translation

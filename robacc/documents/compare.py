@@ -156,7 +156,7 @@ COMPARE = part(
                                 }
                             )
                         ),
-                        "Results, the smallest value first.",
+                        "Results, the smallest value first; predictions only where nothing is measured.",
                         lambda ranking: [
                             {"name": name, "value": value, "letters": letters}
                             for name, value, letters in zip(ranking.names, ranking.values, ranking.letters, strict=True)

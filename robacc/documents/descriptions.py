@@ -1,4 +1,4 @@
-"""Keys of ``robacc robots``, ``show``, ``effects`` and ``simulate``."""
+"""Keys of ``robacc show``, of its forms ``robots`` and ``effects``, and of ``simulate``."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def _check_name(name: str) -> None:
     from robacc.robots.library import similar_arms
 
     near = " or ".join(similar_arms(name))
-    fix = f"did you mean {near}?" if near else f"robacc robots lists the arms; {_EXPECTED}"
+    fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
     raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
 
 

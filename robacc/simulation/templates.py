@@ -59,7 +59,7 @@ _OPTIONAL = """\
     # tolerance: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}   # standard deviations, for robacc predict
 """
 _TAIL = """
-# Known effects of this arm, for example findings of robacc trace (robacc effects lists all effects):
+# Known effects of this arm, for example findings of robacc trace (robacc show effects lists all effects):
 # effects:
 #   - {effect: joint_compliance, joints: [j2], values: {j2: 5e-5}}
 """
@@ -123,7 +123,7 @@ def urdf_template(robot: Robot, urdf: str, file: str, poses: str) -> str:
         "          added to its variable q1, q2, …; limits are optional; mass and com are those of the moved link",
         "Optional keys of a joint: sign: -1 (opposite direction), gear_ratio (motor turns per turn),",
         "tolerance: {x: 1e-4, …, yaw: 1e-4, offset: 1e-4} (standard deviations, for robacc predict).",
-        "Optional keys of the robot: payload, targets (instead of tool), effects (see robacc effects).",
+        "Optional keys of the robot: payload, targets (instead of tool), effects (see robacc show effects).",
     )
     return robot_to_yaml(robot, comments)
 

@@ -274,6 +274,36 @@ def test_a_prediction_has_a_grade_and_demonstrates_nothing(fits: dict[str, str])
     assert found["statistics"][0]["differences"][0]["p_value"] is None
 
 
+def test_a_prediction_is_not_ranked_with_an_arm(fits: dict[str, str]) -> None:
+    found = document(fits["predict"], fits["estimate"], fits["frames"])["ranking"]
+    assert {one["name"] for one in found["order"]} == {"estimate", "frames"}
+    assert found["text"][-1] == "predict is a prediction, which is not ranked with measured arms"
+    alone = document(fits["predict"], fits["estimate"])["ranking"]
+    assert [one["name"] for one in alone["order"]] == ["estimate"]
+    assert (alone["pairs"], len(alone["text"])) == ([], 1)
+    assert len(document(fits["predict"], fits["predict"])["ranking"]["order"]) == 2
+
+
+def test_files_of_poses_are_estimated_first(fits: dict[str, str], tmp_path: Path) -> None:
+    poses = str(Path(fits["estimate"]).with_name("poses.csv"))
+    apart = Path(poses).with_name("holdout.csv")
+    other = str(tmp_path / "other.json")
+    output("estimate", apart, "--robot", ROBOT, "--output", other)
+    stored, files = document(fits["estimate"], other), document(poses, str(apart), "--robot", str(ROBOT))
+    figures, expected = (
+        [[one["value"] for one in row["values"]] + [one["p_value"] for one in row["differences"]] for row in found]
+        for found in (files["statistics"], stored["statistics"])
+    )
+    assert figures == expected
+    assert [one["name"] for one in files["inputs"]] == ["poses.csv", ROBOT.name, "holdout.csv"]
+    assert [one["name"] for one in files["results"]] == ["poses", "holdout"]
+    mixed = document(fits["estimate"], str(apart), "--robot", str(ROBOT))
+    assert mixed["ranking"]["order"][0]["value"] == stored["ranking"]["order"][0]["value"]
+    aligned = document(poses, str(apart), "--robot", str(ROBOT), "--align", "base_frame")
+    assert aligned["results"][0]["made"]["alignment"] == "base_frame registered"
+    assert "--robot is for files of poses" in refused(fits["estimate"], other, "--robot", ROBOT)
+
+
 def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
     paths = []
     for seed in ("1", "2"):

@@ -8,7 +8,6 @@ import pty
 import subprocess
 import sys
 from importlib import import_module
-from keyword import iskeyword
 from pathlib import Path
 
 import commands
@@ -16,7 +15,7 @@ import pytest
 from commands import missing, refused
 
 import robacc
-from robacc.cli.main import COMMANDS
+from robacc.cli.main import COMMANDS, RENAMED
 from robacc.errors import MAX_PROBLEMS, InputError, Problem, UsageError
 from robacc.render.text.console import say_error
 
@@ -40,14 +39,36 @@ def run(*arguments: str, code: str = "", **environment: str) -> subprocess.Compl
 def test_version_and_help() -> None:
     done = run("--version")
     assert (done.returncode, done.stdout, done.stderr) == (0, f"robacc {robacc.__version__}\n", "")
-    assert missing(commands.output("--help"), *COMMANDS) == []
+    shown = commands.output("--help")
+    assert missing(shown, *COMMANDS) == []
+    assert not [name for name in RENAMED if f"\n  {name} " in shown]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
-    own = name.replace("-", "_") + "_" * iskeyword(name)
-    function = getattr(import_module(f"robacc.cli.commands.{own}"), own)
+    function = getattr(import_module(f"robacc.cli.commands.{name}"), name)
     assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("robots ur5 --format json", "show robots ur5 --format json"),
+        ("effects backlash --robot {0}/robot.yaml", "show --robot={0}/robot.yaml effects backlash"),
+        ("schema robots", "show schema robots"),
+        ("iso9283-poses {0}/robot.yaml --edge 300mm", "plan --edge 300mm {0}/robot.yaml --for=iso9283 -o -"),
+        ("iso9283-poses {0}/robot.yaml -o {1}/five.csv", "plan {0}/robot.yaml --for iso9283"),
+        ("import {2} --arm ur10e -o -", "init --from {2} --arm ur10e -o -"),
+        ("import {2} --arm ur10e -o -", "init --arm ur10e --from={2} -o -"),
+    ],
+)
+def test_names_of_0_2_do_what_the_new_ones_do_with_one_note(old: str, new: str, tmp_path: Path) -> None:
+    files = ROOT / "sample_data", tmp_path, ROOT / "tests" / "controllers" / "samples" / "calibration.conf"
+    before, now = (commands.run(*text.format(*files).split()) for text in (old, new))
+    assert (before.exit_code, now.exit_code, now.stderr) == (0, 0, "")
+    assert before.stdout == now.stdout != ""
+    name = old.split()[0]
+    assert before.stderr == f"note: robacc {name} is now robacc {RENAMED[name][0]}; the old name works until 0.4\n"
 
 
 def test_unknown_command_names_the_nearest() -> None:

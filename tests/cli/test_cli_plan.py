@@ -20,7 +20,7 @@ SMALL = ("--candidates", "200")
 
 def test_the_plan_is_a_file_that_simulate_and_calibrate_take(tmp_path: Path) -> None:
     path, check, program = tmp_path / "plan.csv", tmp_path / "validation.csv", tmp_path / "plan.src"
-    options = ("--program", program, "--validation", 5, "--validation-output", check)
+    options = ("--full", "--program", program, "--validation", 5, "--validation-output", check)
     assert "Predicted standard errors" in plan(ROBOT, "--poses", 14, *SMALL, "-o", path, *options)
     poses = read_poses(path, attained=False)
     assert np.unique(poses.groups()).size == 14
@@ -41,14 +41,18 @@ def test_json_and_csv_agree(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.array(found["visits"]["q"]).T, read_poses(path, attained=False).q)
     assert min(position[2] for position in found["visits"]["target_in_base_m"]) >= 0.1
     assert found["accuracy"]["planned"]["rms_m"] < found["accuracy"]["planned"]["random_rms_m"]
-    assert plan(*words) == path.read_text()
+    assert plan(*words, "-o", "-") == path.read_text()
+    summary = plan(*words).splitlines()
+    assert len(summary) <= 25
+    assert summary[0] == "Plan for the calibration of sample arm: 12 poses, 15 visits"
+    assert summary[-1].endswith("the poses: --output")
 
 
 def test_enough_or_the_next_ten(tmp_path: Path) -> None:
     measured = (ROBOT, *SMALL, "--already", ROOT / "sample_data" / "poses.csv", "-o", tmp_path / "next.csv")
     fit = ("--fit", "base_frame,joint_offset")
     assert "Enough" in plan(*measured, *fit)
-    strict = plan(*measured, *fit, "--target-error", "1um")
+    strict = plan(*measured, *fit, "--target-error", "1um", "--full")
     told = ("Not enough: measure the next 10", "rows measured already: fit them together with the new rows")
     assert (missing(one_line(strict), *told), strict.count("more poses  ")) == ([], 1)
     assert read_poses(tmp_path / "next.csv", attained=False).n == 10

@@ -1,4 +1,4 @@
-"""``robacc report``, ``robacc plot`` and ``--report`` on the command line."""
+"""``robacc report`` and ``--report`` on the command line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ import pytest
 import results
 from commands import missing, output, refused, run
 from pages import parsed
+from typer.testing import CliRunner
+
+from robacc.cli.main import app
 
 MAGIC = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
@@ -30,6 +33,29 @@ def test_a_stored_result_becomes_a_page(stored: Path, tmp_path: Path) -> None:
     assert found.all("h1")[0].text.startswith("ISO 9283 pose criteria")
     again = run("report", str(stored), "-o", "-")
     assert again.stdout == page.read_text(encoding="utf-8")
+
+
+def test_without_a_name_the_page_is_beside_the_result(
+    stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = results.run("report", str(stored))
+    assert (done.exit_code, done.stdout, done.stderr) == (0, f"wrote {stored.with_suffix('.html')}\n", "")
+    assert stored.with_suffix(".html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["report", str(stored), str(stored)]).stdout == "wrote report.html\n"
+    assert Path("report.html").exists()
+
+
+def test_a_picture_without_a_kind_is_the_main_chart(stored: Path, tmp_path: Path) -> None:
+    picture, old = tmp_path / "a.svg", tmp_path / "b.svg"
+    done = results.run("report", str(stored), "-o", str(picture))
+    note = "note: drew the main chart, iso9283; other charts by --chart: iso9283-cloud\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", note)
+    done = results.run("plot", str(stored), "--kind", "iso9283", "-o", str(old))
+    renamed = "note: robacc plot is now robacc report --chart; the old name works until 0.4\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", renamed)
+    assert old.read_bytes() == picture.read_bytes()
+    assert results.run("report", str(stored), str(stored), "--chart", "iso9283", "-o", str(old)).exit_code == 2
 
 
 @pytest.mark.parametrize("command", ["iso9283", pytest.param("estimate", marks=pytest.mark.slow)])
@@ -60,12 +86,12 @@ def test_several_results_of_one_name_are_told_apart(stored: Path, tmp_path: Path
 @pytest.mark.parametrize("form", ["svg", "png", "pdf"])
 def test_a_picture_becomes_a_file(form: str, stored: Path, tmp_path: Path) -> None:
     picture = tmp_path / f"x.{form}"
-    done = run("plot", str(stored), "--kind", "iso9283", "--output", str(picture))
+    done = run("report", str(stored), "--chart", "iso9283", "--output", str(picture))
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
     data = picture.read_bytes()
     assert data.startswith(MAGIC[form])
     assert len(data) > 5000
-    output("plot", stored, "--kind", "iso9283", "--output", picture)
+    output("report", stored, "--chart", "iso9283", "--output", picture)
     assert picture.read_bytes() == data
 
 
@@ -74,20 +100,19 @@ def test_plot_says_what_it_can_do(stored: Path, tmp_path: Path) -> None:
         ("poses", "x.gif", "ends in .svg, .png or .pdf"),
         ("budget", "x.png", "it has iso9283, iso9283-cloud"),
     ):
-        assert message in refused("plot", stored, "--kind", kind, "-o", tmp_path / name)
+        assert message in refused("report", stored, "--chart", kind, "-o", tmp_path / name)
     assert not list(tmp_path.glob("x.*"))
 
 
-@pytest.mark.parametrize("command", ["report", "plot"])
+@pytest.mark.parametrize("more", [(), ("--chart", "poses")])
 def test_without_the_extra_the_way_to_it_is_said(
-    command: str, stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    more: tuple[str, ...], stored: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     real = importlib.util.find_spec
     monkeypatch.setattr(
         "robacc.render.plots.canvas.find_spec", lambda name: None if name == "matplotlib" else real(name)
     )
-    more = ("--kind", "poses") if command == "plot" else ()
-    told = refused(command, stored, *more, "-o", tmp_path / "x.png")
+    told = refused("report", stored, *more, "-o", tmp_path / "x.png")
     assert "pip install '.[report]' in a checkout" in told
     # Said before anything is computed, too.
     assert "matplotlib" in refused("estimate", "no such file", "--report", tmp_path / "x.html")

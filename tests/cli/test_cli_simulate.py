@@ -1,4 +1,4 @@
-"""``robacc simulate``, ``robacc effects``, ``robacc export`` and ``robacc import`` from the command line."""
+"""``robacc simulate``, ``robacc show effects``, ``export`` and ``init --from`` from the command line."""
 
 from __future__ import annotations
 
@@ -172,8 +172,8 @@ def test_every_file_of_the_sample_data_has_a_line_in_their_readme() -> None:
 
 
 def test_the_catalogue_lists_every_effect() -> None:
-    table = run("effects").stdout
-    found = document("effects")
+    table = run("show", "effects").stdout
+    found = document("show", "effects")
     assert (found["schema"], [effect["name"] for effect in found["effects"]]) == ("robacc.effects/1", list(REGISTRY))
     for effect in found["effects"]:
         assert f"\n{effect['name']} " in f"\n{table}"
@@ -182,22 +182,22 @@ def test_the_catalogue_lists_every_effect() -> None:
     assert max(map(len, table.splitlines())) <= 80
     assert len(table.splitlines()) < 3 * len(REGISTRY)
     for name in ("step", "read_back"):
-        detail = run("effects", name).stdout
+        detail = run("show", "effects", name).stdout
         for label in ("equation", "unit", "usual size", "needs", "confused with"):
             assert detail.count(f"\n  {label:<16}") == 1
 
 
 def test_one_effect_in_detail_and_one_that_is_none() -> None:
-    text = run("effects", "backlash", "--robot", PUMA).stdout
+    text = run("show", "effects", "backlash", "--robot", PUMA).stdout
     told = ("{effect: backlash, joints: [j2], values: {j2: -1e-4}}", "applicable to j1, j2, j3, j4, j5, j6")
     assert missing(text, *told, "backlash.j2 (rad)", "Ruderman") == []
-    assert "36 more" in run("effects", "joint_correction", "--robot", PUMA).stdout
-    assert "no effect 'backlsh', did you mean 'backlash'?" in refused("effects", "backlsh")
+    assert "36 more" in run("show", "effects", "joint_correction", "--robot", PUMA).stdout
+    assert "no effect 'backlsh', did you mean 'backlash'?" in refused("show", "effects", "backlsh")
 
 
 def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     def offers(*options: object) -> dict[str, str | None]:
-        found = document("effects", *options)
+        found = document("show", "effects", *options)
         assert all(effect["offered"] == (effect["why"] is None) for effect in found["effects"])
         return {effect["name"]: effect["why"] for effect in found["effects"]}
 
@@ -210,13 +210,13 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
     assert offers(*no_motion)["approach_lag"] == "no speed_q columns, and `ordered` is not set"
     assert offers(*no_motion, "--ordered")["approach_lag"] is None
-    text = run("effects", "--robot", SCARA).stdout
+    text = run("show", "effects", "--robot", SCARA).stdout
     assert "not applicable: no masses in the robot file" in one_line(text)
 
 
 def test_poses_without_a_robot_cannot_be_judged() -> None:
     message = "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"
-    assert message in refused("effects", "--poses", SAMPLES / "poses.csv")
+    assert message in refused("show", "effects", "--poses", SAMPLES / "poses.csv")
 
 
 def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
@@ -253,7 +253,7 @@ CONF = ROOT / "tests" / "controllers" / "samples" / "calibration.conf"
 
 def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
     arm, conf, document = tmp_path / "arm.yaml", tmp_path / "new.conf", tmp_path / "export.json"
-    output("import", CONF, "--arm", "ur10e", "--output", arm)
+    output("init", "--from", CONF, "--arm", "ur10e", "--output", arm)
     options = ("--format", "ur-calibration", "--template", CONF, "--output", conf, "--document", document)
     shown = output("export", arm, *options)
     assert shown.startswith("Export as ur-calibration of ur10e\n")
@@ -271,20 +271,30 @@ def test_standard_output_is_the_file_and_nothing_else(tmp_path: Path) -> None:
     assert result.stderr.startswith("Export as xarm")
     again = tmp_path / "links.yaml"
     again.write_text(result.stdout, encoding="utf-8")
-    assert output("import", again, "--output", "-").startswith("# Written by robacc")
+    assert output("init", "--from", again, "--output", "-").startswith("# Written by robacc")
+
+
+def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> None:
+    conf = tmp_path / "new.conf"
+    for model, name in ((UR10, "ur10"), ("ur10e", "ur10e"), ("ur3", "ur3")):
+        result = run("export", model, "--output", conf)
+        note = f"note: format ur-calibration, which the controller of a {name} reads; --format names another\n"
+        assert (result.exit_code, result.stderr) == (0, note)
+        assert result.stdout.startswith(f"Export as ur-calibration of {name}\n")
+        assert "delta_theta" in conf.read_text(encoding="ascii")
 
 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("export", UR10), "name the format of the file with --format: urdf, mdh, json"),
+        (("export", PUMA, "-o", "-"), "name the format of the file with --format: urdf, mdh, json"),
         (("export", UR10, "--format", "mdh"), "name the file to write with --output"),
         (("export", UR10, "--format", "mdh", "--urdf", "-"), "--urdf writes a URDF, --format mdh another file"),
         (("export", UR10, "--format", "mdh", "-o", "-", "--arm", "ur5"), "--arm belongs to --format ur-calibration"),
         (("export", UR10, "--format", "ur-calibration", "-o", "-", "--arm", "x"), "no arm 'x' of Universal Robots"),
         (("export", UR10, "--format", "mdh", "-o", "-", "--template", CONF), "--template belongs to"),
         (("export", UR10, "--format", "mdh", "-o", "-", "--nominal", UR10), "--nominal belongs to"),
-        (("import", CONF, "-o", "-"), "does not say which arm it belongs to"),
+        (("init", "--from", CONF, "-o", "-"), "does not say which arm it belongs to"),
     ],
 )
 def test_wrong_usage_of_exports_is_explained(words: tuple[object, ...], message: str) -> None:

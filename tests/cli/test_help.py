@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from commands import output, run
 
-from robacc.cli.main import COMMANDS
+from robacc.cli.main import COMMANDS, FORMS, form_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data"
@@ -48,7 +48,7 @@ def result(file: str) -> str:
 
 
 def example(name: str) -> str:
-    text = output(name, "--help")
+    text = output(*name.split(), "--help")
     assert max(map(len, text.splitlines())) <= 80
     description = re.split(r"^(?:Arguments|Options):$", text, flags=re.MULTILINE)[0]
     last_paragraph = " ".join(description.strip().split("\n\n")[-1].split())
@@ -57,10 +57,11 @@ def example(name: str) -> str:
     return match[1]
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", [*COMMANDS, *FORMS])
 def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = shlex.split(example(name))
-    assert words[:2] == ["robacc", name]
+    assert words[0] == "robacc"
+    assert form_of(words[1], words[2:])[0] == name
     monkeypatch.chdir(tmp_path)
     for file, source in FILES.items():
         shutil.copy(source, file)

@@ -7,14 +7,13 @@ import inspect
 import re
 from collections.abc import Iterator
 from importlib import import_module
-from keyword import iskeyword
 from pathlib import Path
 from types import FunctionType
 
 import pytest
 
 import robacc
-from robacc.cli.main import COMMANDS
+from robacc.cli.main import COMMANDS, FORMS
 from robacc.errors import InputError, Problem, UsageError
 from robacc.render.text.console import say_error
 from robacc.render.text.parameter_names import _MARKED, as_options
@@ -58,7 +57,7 @@ def test_no_text_of_the_library_has_an_option():
 
 def test_every_marked_name_is_a_parameter_of_a_call():
     functions = [call for call in (getattr(robacc, name) for name in robacc.__all__) if isinstance(call, FunctionType)]
-    modules = {f"{name}_" if iskeyword(name) else name.replace("-", "_") for name in COMMANDS}
+    modules = {*COMMANDS, *FORMS.values()}
     functions += [getattr(import_module(f"robacc.cli.commands.{name}"), name) for name in modules]
     parameters = {name for function in functions for name in inspect.signature(function).parameters}
     for name, path in library_files():

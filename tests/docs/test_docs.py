@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from robacc.cli.main import COMMANDS, app
+from robacc.cli.main import COMMANDS, FORMS, app
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -50,17 +50,17 @@ def test_every_command_and_effect_is_in_the_reference() -> None:
     from robacc.effects import REGISTRY
 
     reference = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
-    assert re.findall(r"^## ([\w-]+)$", reference, re.MULTILINE) == list(COMMANDS)
+    assert {*re.findall(r"^## ([\w -]+)$", reference, re.MULTILINE)} == {*COMMANDS, *FORMS}
     catalogue = (DOCS / "reference" / "effects.md").read_text(encoding="utf-8")
     assert re.findall(r"^## (\w+)$", catalogue, re.MULTILINE) == list(REGISTRY)
 
 
 def test_every_option_is_in_the_reference() -> None:
     reference = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
-    sections = dict(re.findall(r"^## ([\w-]+)\n(.*?)(?=^## |^<!-- end)", reference, re.MULTILINE | re.DOTALL))
-    for name in COMMANDS:
-        shown = CliRunner().invoke(app, [name, "--help"], terminal_width=200).stdout
-        options = set(re.findall(r"--[a-z][a-z-]+", shown)) - {"--help"}
+    sections = dict(re.findall(r"^## ([\w -]+)\n(.*?)(?=^## |^<!-- end)", reference, re.MULTILINE | re.DOTALL))
+    for name in [*COMMANDS, *FORMS]:
+        shown = CliRunner().invoke(app, [*name.split(), "--help"], terminal_width=200).stdout
+        options = set(re.findall(r"--[a-z][a-z-]+", shown)) - {"--help", "--from", "--for"}
         missing = {option for option in options if option not in sections[name]}
         assert not missing, f"{name}: {missing}"
         assert name != "estimate" or {"--robot", "--align", "--per-pose"} <= options
@@ -92,7 +92,7 @@ def test_the_architecture_names_files_that_exist() -> None:
 
 def test_a_difference_from_the_page_is_noticed(tmp_path: Path) -> None:
     session = Session(tmp_path, {})
-    output = session.run("robacc effects gear_ratio")
+    output = session.run("robacc show effects gear_ratio")
     first, *rest = output.splitlines()
     assert agrees((first, *rest), output)
     assert agrees((first, "…"), output)
@@ -122,9 +122,9 @@ def test_numbers_agree_within_their_last_digit(shown: str, actual: str, same: bo
 
 def test_a_failed_command_must_be_shown_as_failed(tmp_path: Path) -> None:
     session = Session(tmp_path, {})
-    session.run("robacc effects gear_ration")
+    session.run("robacc show effects gear_ration")
     with pytest.raises(AssertionError, match="status 2"):
-        session.run("robacc effects gear_ratio")
+        session.run("robacc show effects gear_ratio")
     assert session.run("echo $?") == "2\n"
 
 

@@ -58,7 +58,7 @@ def test_every_extra_for_users_is_named() -> None:
     assert set(re.findall(r"`(\w+)`", line)) == extras.keys() - {"docs", "dev"}
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", [*COMMANDS, "show robots", "show effects", "show schema"])
 def test_every_command_is_named(name: str) -> None:
     assert f"robacc {name}" in README
 

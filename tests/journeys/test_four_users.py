@@ -56,7 +56,7 @@ def test_technician_with_a_tracker_export(journey: Journey) -> None:
 
 
 def test_engineer_with_a_urdf(journey: Journey) -> None:
-    journey.robacc("robots", "ur5e")
+    journey.robacc("show", "robots", "ur5e")
     model = journey.robacc("init", "ur5e", "--folder", "cell")
     files = re.findall(r"wrote (\S+)", model.output) or [str(path) for path in Path("cell").iterdir()]
     assert files

@@ -263,7 +263,7 @@ def test_the_arm_stands_at_its_registered_base(tmp_path: Path) -> None:
 def test_plot_without_a_kind_draws_the_main_chart_and_names_the_others(tmp_path: Path) -> None:
     stored, image = tmp_path / "trace.json", tmp_path / "a.svg"
     stored.write_text(json.dumps(results.document("trace")), encoding="utf-8")
-    done = CliRunner().invoke(app, ["plot", str(stored), "-o", str(image)])
+    done = CliRunner().invoke(app, ["report", str(stored), "-o", str(image)])
     assert done.exit_code == 0
     assert done.stderr == (
         "note: drew the main chart, distribution; other charts by --kind: effect, candidates, poses, time, workspace\n"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Annotated
 
 from robacc.api.parameters import Help
@@ -18,55 +17,34 @@ def compare(
     noise: Annotated[str | None, Help("With `paired`: measurement noise along each axis.", "SIZE")] = None,
     outlets: Outlets,
 ) -> None:
-    """Compare stored results: significant differences, ranking and confirmed grades.
+    """Compare stored results or files of poses: significant differences, ranking and confirmed grades.
 
-    Differences are paired if the results have the same poses. --paired compares two CSVs of the same targets, measured
-    before and after a correction: the gain, what remains, and whether the correction was loaded.
+    Differences are paired if the results have the same poses. Files of poses are estimated first, as robacc estimate
+    does with --robot and --align. A prediction is not ranked with measured arms.
+
+    --paired compares two CSVs of the same targets, measured before and after a correction: the gain, what remains, and
+    whether the correction was loaded.
 
     Example: robacc compare arm1.json arm2.json --grade D
     """
     from robacc.api.compare import compare_paired
     from robacc.cli.output import deliver
+    from robacc.errors import UsageError
     from robacc.render.views.compare import comparison_view, paired_view
     from robacc.render.views.elements import draw
 
-    given = call.keywords
-    stored = {name: given.get(name) for name in ("baseline", "by", "grade", "scale")}
-    if _is_paired(
-        paired,
-        call.args,
-        {"model": model, "nominal": nominal, "noise": noise},
-        {**stored, "gate": outlets.gate, "report": outlets.report},
-    ):
-        names = call.args[0], call.args[1]
-        changes = compare_paired(*names, model=model, nominal=nominal, noise=noise)
-        deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), names), stream))
+    targets = {"model": model, "nominal": nominal, "noise": noise}
+    stored = {name: call.keywords.get(name) for name in ("baseline", "by", "grade", "scale", "robot", "align")}
+    stored |= {"gate": outlets.gate, "report": outlets.report}
+    for name, value in (stored if paired else targets).items():
+        if value is not None:
+            why = "compares stored results; leave it out with --paired" if paired else "needs --paired"
+            raise UsageError(f"--{name} {why}")
+    if paired:
+        if len(call.args) != 2:
+            raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(call.args)}")
+        changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
+        deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), call.args), stream))
         return
     result = call()
     deliver(outlets, result, lambda stream: draw(comparison_view(result.payload()), stream))
-
-
-def _is_paired(
-    paired: bool,
-    results: Sequence[str],
-    paired_options: Mapping[str, str | None],
-    stored_options: Mapping[str, str | None],
-) -> bool:
-    """Return whether the call compares targets before and after a correction.
-
-    Raises:
-        UsageError: The options do not fit together.
-    """
-    from robacc.errors import UsageError
-
-    if not paired:
-        for name, value in paired_options.items():
-            if value is not None:
-                raise UsageError(f"--{name} needs --paired")
-        return False
-    if len(results) != 2:
-        raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(results)}")
-    for name, value in stored_options.items():
-        if value is not None:
-            raise UsageError(f"--{name} compares stored results; leave it out with --paired")
-    return True

@@ -1,15 +1,11 @@
-"""``robacc effects``: the catalogue of effects."""
+"""``robacc show effects``: the catalogue of effects."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 from robacc.api.parameters import BaseLink, Help, IgnoreLimits, Ordered, TipLink
 from robacc.cli.options import PlainOutlets, RobotFile
-
-if TYPE_CHECKING:
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
 
 
 def effects(
@@ -32,16 +28,16 @@ def effects(
 ) -> None:
     """List the effects; with a name, show its equation, unit, usual size, required data and similar effects.
 
-    Example: robacc effects backlash --robot robot.yaml
+    Example: robacc show effects backlash --robot robot.yaml
     """
     from robacc import effects as registry
+    from robacc.api.inputs import load_optional_robot, load_poses
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
     from robacc.documents.descriptions import EFFECTS
     from robacc.effects.catalogue import catalogue
     from robacc.errors import UsageError
-    from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import robot_path
+    from robacc.render.text.console import say_warnings
     from robacc.render.views.elements import draw
     from robacc.render.views.robot import effects_view
 
@@ -49,13 +45,13 @@ def effects(
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
     if effect is not None:
         registry.effect_class(effect)
-    arm, data = _load(robot, poses, base_link, tip_link, ordered, ignore_limits)
+    arm, inputs = load_optional_robot(robot, base_link, tip_link, poses)
+    data = None
+    if poses is not None:
+        data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
+        inputs = (*inputs, record)
+        say_warnings(data.warnings)
     entries = catalogue(effect, arm, data)
-    inputs = []
-    if robot is not None:
-        inputs.append(results.InputFile.at(robot, sha256_of(robot_path(robot)), "robot"))
-    if data is not None:
-        inputs.append(results.InputFile.at(poses or "-", data.sha256 or "", "poses"))
     options = {"effect": effect, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
     options |= {"base_link": base_link, "tip_link": tip_link}
     emit(
@@ -66,25 +62,3 @@ def effects(
             "effects", EFFECTS.write({"effects": entries}), options=options, inputs=inputs, seed=None
         ),
     )
-
-
-def _load(
-    robot: str | None,
-    poses: str | None,
-    base_link: str | None,
-    tip_link: str | None,
-    ordered: bool,
-    ignore_limits: bool,
-) -> tuple[Robot | None, Measurements | None]:
-    from robacc.api.inputs import load_robot
-    from robacc.diagnostics.robot_poses import read_robot_poses
-    from robacc.render.text.console import say_warnings
-
-    if robot is None:
-        return None, None
-    arm, _ = load_robot(robot, base_link, tip_link, poses)
-    if poses is None:
-        return arm, None
-    data = read_robot_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
-    say_warnings(data.warnings)
-    return arm, data

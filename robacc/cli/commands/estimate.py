@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, TextIO
+from typing import Annotated
 
 from robacc.api.parameters import Help
 from robacc.cli.options import Call, Outlets
@@ -35,7 +35,7 @@ def estimate(
     Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
     """
     from robacc.api.result import effect_names
-    from robacc.cli.output import deliver
+    from robacc.cli.output import deliver, table_of
 
     options = call.keywords
     if options["align"] is not None:
@@ -47,16 +47,8 @@ def estimate(
         return
     result = call(poses[0])
 
-    def table(stream: TextIO) -> None:
-        from robacc.documents.estimate import payload
-        from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import estimate_view, short_estimate_view
-
-        view = estimate_view if full else short_estimate_view
-        draw(view(payload(result), poses[0], options["robot"]), stream)
-
     if per_pose is not None:
         from robacc.io.files import write_text
 
         write_text(per_pose, result.per_pose_csv())
-    deliver(outlets, result, table)
+    deliver(outlets, result, table_of(result, poses[0], options["robot"], full))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal
 
 from robacc.api.parameters import Help
 from robacc.cli.options import Call
@@ -15,7 +15,11 @@ def export(
     call: Call,
     *,
     format: Annotated[
-        ExportFormat | None, Help("Format of the file; with `urdf`: form of the summary, table or json.")
+        ExportFormat | None,
+        Help(
+            "Format of the file; default: ur-calibration for an arm of Universal Robots. With `urdf`: form of the "
+            "summary, table or json."
+        ),
     ] = None,
     output: Annotated[
         str | None, Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
@@ -38,6 +42,7 @@ def export(
 
     from robacc.errors import UsageError
     from robacc.io.files import write_text
+    from robacc.render.text.console import say_warnings
     from robacc.render.views.correct import write_export
 
     given = call.keywords
@@ -48,12 +53,12 @@ def export(
             raise UsageError(f"--urdf writes a URDF, --format {format} another file; use --output with --format")
         _write_urdf(given["model"], urdf, format == "json", given["base_link"], given["tip_link"])
         return
-    if format is None or format == "table":
-        names = ", ".join(name for name in get_args(ExportFormat) if name != "table")
-        raise UsageError(f"name the format of the file with --format: {names}")
+    if format == "table":
+        raise UsageError("--format table belongs to --urdf")
     if output is None:
         raise UsageError("name the file to write with --output; - is standard output")
     result = call(format=format)
+    say_warnings(result.warnings)
     write_text(output, result.text)
     if document is not None:
         write_text(document, result.to_json())

@@ -1,4 +1,4 @@
-"""``robacc import``: a controller's kinematics as a robot file."""
+"""``robacc init --from``: a controller's kinematics as a robot file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def import_(
 ) -> None:
     """Write a robot file from the kinematics of a controller or of its ROS driver.
 
-    Example: robacc import calibration.conf --arm ur10e --output my-ur10e.yaml
+    Example: robacc init --from calibration.conf --arm ur10e --output ur10e.yaml
     """
     from robacc.io.files import write_text
     from robacc.robots.yaml_writer import robot_to_yaml

@@ -29,12 +29,16 @@ def init(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
 ) -> None:
-    """Write a commented robot file and a CSV of poses to start from, for an arm or a number of joints.
+    """Write files to start from: a commented robot file and a CSV of poses, or the map of an export.
 
-    Both files are valid. The rows of the CSV are simulated; replace them with your measurements.
+    The files for an arm or a number of joints are valid. The rows of the CSV are simulated; replace them with your
+    measurements.
 
     For an export of an instrument or robot (CSV, text, workbook), init writes a column map instead: the meaning of each
     column. Correct it, and give it to other commands with --columns.
+
+    --from FILE writes a robot file from the kinematics of a controller, with options of its own: robacc init --from
+    --help.
 
     Example: robacc init --joints 6 --folder my-arm
     """

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
+from robacc.api.parameters import Help
 from robacc.cli.options import Call, Outlets
 
 
-def iso9283(call: Call, *, outlets: Outlets) -> None:
+def iso9283(
+    call: Call,
+    *,
+    full: Annotated[bool, Help("Table with criteria by pose, conditions, methods and limitations.")] = False,
+    outlets: Outlets,
+) -> None:
     """Compute the pose criteria of ISO 9283 from cycles of commanded poses.
 
     The result also lists which conditions of the standard the measurement meets.
@@ -19,5 +27,5 @@ def iso9283(call: Call, *, outlets: Outlets) -> None:
     from robacc.render.views.elements import draw
     from robacc.render.views.iso9283 import iso9283_view
 
-    result = call()
-    deliver(outlets, result, lambda stream: draw(iso9283_view(result.payload(), call.keywords["robot"]), stream))
+    result, robot = call(), call.keywords["robot"]
+    deliver(outlets, result, lambda stream: draw(iso9283_view(result.payload(), robot, full), stream))

@@ -15,16 +15,20 @@ def plan(
     program: Annotated[
         str | None, Help("File for a robot program: .src, .mod, .ls or .script.", "FILE", holds="output")
     ] = None,
+    full: Annotated[
+        bool, Help("Summary with all predicted errors, standard errors, detection limits and similar effects.")
+    ] = False,
     report: Report = None,
     outlets: CsvOutlets,
 ) -> None:
     """Plan a measurement: choose the poses worth measuring, order them, and predict the result.
 
-    The CSV lists the visits in order. With --output, a summary is written to standard output.
+    The CSV of --output lists the visits in order. --for iso9283 plans the cube of ISO 9283 and its five poses, with
+    options of its own: robacc plan --for iso9283 --help.
 
     Example: robacc plan robot.yaml --for calibrate --poses 30 --output plan.csv
     """
-    from robacc.cli.output import emit, page_of_document, write
+    from robacc.cli.output import page_of_document, write_plan
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.render.text.console import warnings_below
@@ -43,11 +47,6 @@ def plan(
             write_text(path, text)
         if report is not None:
             write_text(report, page_of_document(result.document()))
-        write(outlets.output, (result.csv(),))
-        if outlets.output != "-":
-            emit(
-                outlets.format,
-                "-",
-                table=lambda stream: draw(plan_view(result.document()), stream),
-                document=result.document,
-            )
+        write_plan(
+            outlets, result.csv(), lambda stream: draw(plan_view(result.document(), full), stream), result.document
+        )

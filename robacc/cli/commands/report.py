@@ -1,10 +1,13 @@
-"""``robacc report``: stored results as an HTML page."""
+"""``robacc report``: stored results as an HTML page, or a chart of one."""
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Annotated
 
 from robacc.api.parameters import Help
+
+_PICTURES = (".svg", ".png", ".pdf")
 
 
 def report(
@@ -18,12 +21,31 @@ def report(
             "FILE|KEY=TEXT",
         ),
     ] = None,
-    output: Annotated[str, Help("Page to write; - is standard output.", "FILE", names=("output", "o"), holds="output")],
+    chart: Annotated[
+        str | None,
+        Help(
+            "Kind of the chart to write in place of the page; default for `output` .svg, .png, .pdf: the main chart, "
+            "and a note of others.",
+            "KIND",
+            names=("chart", "kind"),
+        ),
+    ] = None,
+    number: Annotated[int, Help("Number of the chart among several of its kind.", "N", least=1)] = 1,
+    output: Annotated[
+        str | None,
+        Help(
+            "File to write; - is standard output; default: RESULT.html, or report.html for several results.",
+            "FILE",
+            names=("output", "o"),
+            holds="output",
+        ),
+    ] = None,
 ) -> None:
-    """Write stored results as an HTML page with charts and tables, to read, print and sign.
+    """Write stored results as an HTML page with charts and tables, or one chart as SVG, PNG or PDF.
 
-    The page is a single file that needs no network and prints on A4. Needs an extra: pip install '.[report]'
-    in a checkout, or pip install 'robacc[report] @ git+URL' with the repository's URL.
+    The page is a single file that needs no network, to read, print on A4 and sign. A chart is the one on the page.
+    Needs an extra: pip install '.[report]' in a checkout, or pip install 'robacc[report] @ git+URL' with the
+    repository's URL.
 
     Example: robacc report result.json --identity cell7.yaml --output report.html
     """
@@ -33,8 +55,40 @@ def report(
     from robacc.errors import UsageError
     from robacc.render.plots.canvas import need
 
+    if chart is not None or PurePath(output or "").suffix.lower() in _PICTURES:
+        _write_chart(results, chart or "", number, output or "")
+        return
     need("matplotlib", "plotly", "jinja2")
     if results.count("-") > 1:
         raise UsageError("standard input can be read only once")
-    tested = read_identity(identity or ())
-    write(output, (page_of_results([read_result(path) for path in results], tested),))
+    page = page_of_results([read_result(path) for path in results], read_identity(identity or ()))
+    if output is None:
+        is_named = len(results) == 1 and results[0] != "-"
+        output = f"{results[0].removesuffix('.json')}.html" if is_named else "report.html"
+        print(f"wrote {output}")
+    write(output, (page,))
+
+
+def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
+    """Write a chart of the one result; without a kind the main chart, and a note of others."""
+    from robacc.documents.read_result import read_result, understood
+    from robacc.errors import Note, UsageError
+    from robacc.io.files import write_bytes
+    from robacc.render.plots.canvas import as_file, need
+    from robacc.render.plots.catalogue import chart_of, charts_of, kinds_of
+    from robacc.render.text.console import say_warnings
+
+    form = PurePath(output).suffix.lower()
+    if form not in _PICTURES:
+        raise UsageError(f"--output {output}: expected a name that ends in .svg, .png or .pdf")
+    if len(results) > 1:
+        raise UsageError(f"a chart is of one result, found {len(results)}")
+    need("matplotlib")
+    stored = read_result(results[0])
+    with understood(stored.name, stored.command):
+        chart = chart_of(stored.document, kind, number)
+        image = as_file(chart.draw, chart.size, form.removeprefix("."))
+    write_bytes(output, image)
+    if not kind:
+        others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
+        say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `chart`: {others}")])

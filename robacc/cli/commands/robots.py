@@ -1,4 +1,4 @@
-"""``robacc robots``: the arms that come with the package."""
+"""``robacc show robots``: the arms that come with the package."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def robots(
 
     Each is the nominal model of a data sheet: register it to your measurements, and check its limits and tool.
 
-    Example: robacc robots ur
+    Example: robacc show robots ur
     """
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
@@ -31,7 +31,7 @@ def robots(
     arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
     if not arms:
         near = ", ".join(similar_arms(wanted))
-        fix = f"did you mean {near}?" if near else "robacc robots lists all of them"
+        fix = f"did you mean {near}?" if near else "robacc show robots lists all of them"
         raise InputError(Problem(f"no arm of the package has {name!r} in its name", fix=fix))
     emit(
         outlets.form,

@@ -1,4 +1,4 @@
-"""``robacc schema``: the JSON Schema of a command's result."""
+"""``robacc show schema``: the JSON Schema of a command's result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ def schema(
 ) -> None:
     """Print the JSON Schema of a command's result: keys, units and required keys.
 
-    Example: robacc schema estimate -o estimate.schema.json
+    Example: robacc show schema estimate -o estimate.schema.json
     """
     from robacc.api.schema import schema as schema_of
     from robacc.api.schema import schema_names

@@ -15,7 +15,10 @@ def show(
     tip_link: TipLink = None,
     outlets: PlainOutlets,
 ) -> None:
-    """Show the chain, joints, limits, reach and masses of a robot file or URDF.
+    """Show a robot file or URDF; or the arms, effects and result schemas that robacc knows.
+
+    In place of a file, robots lists the arms that come with the package, effects the effects or what their names ask
+    for, schema NAME the keys of a command's result; robacc show effects --help has their options.
 
     Example: robacc show robot.yaml
     """

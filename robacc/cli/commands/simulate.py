@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from robacc.cli.options import Call, CsvOutlets
+from typing import Annotated
+
+from robacc.api.parameters import Help
+from robacc.cli.options import Call, CsvOutlets, Output, PlainFormat
 
 
-def simulate(call: Call, *, outlets: CsvOutlets) -> None:
+def simulate(
+    call: Call, *, format: Annotated[PlainFormat, Help("Form of the output.")] = "table", output: Output = "-"
+) -> None:
     """Simulate measured poses of a robot with the effects of its file, and write them as a CSV.
 
     The simulation uses the exact nonlinear model.
@@ -15,9 +20,9 @@ def simulate(call: Call, *, outlets: CsvOutlets) -> None:
     from robacc.cli.output import emit, write
     from robacc.render.text.console import say_warnings
 
-    outlets.check()
+    CsvOutlets(format, output).check()
     result = call()
     say_warnings(result.data.warnings)
-    write(outlets.output, result.csv_pieces())
-    if outlets.format == "json":
+    write(output, result.csv_pieces())
+    if format == "json":
         emit("json", "-", table=lambda stream: None, document=result.document)

@@ -167,7 +167,7 @@ class Chart:
     """One chart of one result."""
 
     kind: str
-    """Kind for ``robacc plot``."""
+    """Kind for ``robacc report --chart``."""
     title: str
     caption: str
     """Explanation of the chart with its main result."""

@@ -32,14 +32,15 @@ _GROUPS = (
     ("Repeatability: scatter of the visits, whatever their distance from the command", ("RP", "RD")),
     ("Drift: change of accuracy and repeatability during the run", ("dAP", "dRP", "shift")),
 )
+_MORE = "criteria by pose, conditions, methods and limitations: `full`"
 _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 
 Part = Mapping[str, Any]
 """A criterion, or its value at one place, of the document."""
 
 
-def iso9283_view(document: Document, robot: str | None) -> Iterator[Section]:
-    """Return the text of an evaluation; ``robot`` is the file's name."""
+def iso9283_view(document: Document, robot: str | None, full: bool = True) -> Iterator[Section]:
+    """Return the text of an evaluation, in one screen unless ``full``; ``robot`` is the file's name."""
     source = "the model " + (robot or "") if document["commanded"] == "robot" else "cmd_ columns"
     facts = [
         f"{', '.join(document['files'])}: {_counted(document)}",
@@ -53,16 +54,26 @@ def iso9283_view(document: Document, robot: str | None) -> Iterator[Section]:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
         facts.append(f"largest AP before registration: {unaligned} mm")
     yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
+    if not full:
+        shown = [part for part in _criteria(document).values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
+        counts = Counter(_STATUS[condition["status"]] for condition in document["protocol"])
+        conditions = ", ".join(f"{n} {status}" for status, n in counts.items())
+        yield Section(
+            "",
+            [
+                *_summary(shown, document["confidence"]),
+                Text(f"conditions of the standard's protocol: {conditions}"),
+                Text(_MORE, is_note=True),
+            ],
+        )
+        return
     yield from iso9283_sections(document)
     yield Section("Limitations", [Listing(document["notes"])])
 
 
 def iso9283_sections(document: Document) -> Iterator[Section]:
     """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals."""
-    criteria = {}
-    for criterion in document["iso9283"].values():
-        for part in [criterion] if "symbol" in criterion else criterion.values():
-            criteria[part["symbol"]] = part
+    criteria = _criteria(document)
     for title, symbols in _GROUPS:
         yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
     yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
@@ -73,6 +84,15 @@ def iso9283_sections(document: Document) -> Iterator[Section]:
     protocol = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
     yield Section("Conditions of the standard's protocol", [protocol])
     yield Section("Confidence intervals", [Listing(_methods(criteria))])
+
+
+def _criteria(document: Document) -> dict[str, Part]:
+    """Return the criteria by symbol."""
+    criteria = {}
+    for criterion in document["iso9283"].values():
+        for part in [criterion] if "symbol" in criterion else criterion.values():
+            criteria[part["symbol"]] = part
+    return criteria
 
 
 def _counted(document: Document) -> str:

@@ -16,6 +16,7 @@ PURPOSES = {
     "health": "health check",
 }
 _LISTED_PAIRS = 8
+_MORE = "standard errors, detection limits, similar effects: `full`; the poses: `output`"
 _VISITS = 200
 """Visits that the page lists."""
 
@@ -45,12 +46,15 @@ def validation_comments(plan: CampaignPlan) -> list[str]:
     ]
 
 
-def plan_view(document: Document) -> Iterator[Section]:
-    """Return the text of a plan."""
+def plan_view(document: Document, full: bool = True) -> Iterator[Section]:
+    """Return the text of a plan, in one screen unless ``full``."""
     name, purpose = document["robot"]["name"], PURPOSES[document["purpose"]]
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
     yield Section(f"Plan for the {purpose} of {name}: {count}", [Listing([*_facts(document)])])
-    yield from plan_sections(document, _LISTED_PAIRS)
+    yield from plan_sections(document, _LISTED_PAIRS if full else 0)
+    if not full:
+        found = [] if document["power"] is None else [Listing([_found(document["power"])])]
+        yield Section("", [*found, Text(_MORE, is_note=True)])
 
 
 def plan_page(document: Document) -> Iterator[Section]:
@@ -61,7 +65,10 @@ def plan_page(document: Document) -> Iterator[Section]:
 
 
 def plan_sections(document: Document, most: int) -> Iterator[Section]:
-    """Return whether the poses are enough, what excluded candidates, and what to expect; at most ``most`` pairs."""
+    """Return whether the poses are enough, what excluded candidates, and what to expect; at most ``most`` pairs.
+
+    With ``most`` 0, of what to expect only the error with the planned poses.
+    """
     if (sufficiency := document["sufficiency"]) is not None:
         verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
         yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
@@ -71,7 +78,9 @@ def plan_sections(document: Document, most: int) -> Iterator[Section]:
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
-        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document))
+        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document, most > 0))
+    if most == 0:
+        return
     if document["purpose"] in ("calibrate", "health"):
         yield _coefficients(document["coefficients"])
     if document["correlations"] and document["purpose"] == "calibrate":
@@ -166,8 +175,8 @@ def _needed(entries: Sequence[Part]) -> Section:
     return Section("Poses that decide with probability 0.9, by the true value over the limit", [Grid(header, rows)])
 
 
-def _accuracy(document: Document) -> Iterator[Block]:
-    """Yield the error over the number of poses, which are added to earlier ones if there are any."""
+def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
+    """Yield the error over the number of poses, or near the planned number; they are added to earlier ones if any."""
     accuracy, is_addition = document["accuracy"], document["sufficiency"] is not None
     planned, knee = accuracy["planned"], accuracy["knee"]
     beyond = None if knee is None else next((p["n_poses"] for p in accuracy["curve"] if p["n_poses"] >= knee), None)
@@ -179,7 +188,8 @@ def _accuracy(document: Document) -> Iterator[Block]:
             *(["past the knee"] if n == beyond else []),
         ]
         values = (number(point[f"{key}_m"], IN_MM) for key in ("rms", "random_rms", "worst", "total_rms"))
-        rows.append((str(n), *values, ", ".join(marks)))
+        if is_curve or marks:
+            rows.append((str(n), *values, ", ".join(marks)))
     first = "more poses" if is_addition else "poses"
     yield Grid((first, "rms", "random poses", "worst", "with repeatability", ""), rows)
     texts = []
@@ -223,13 +233,7 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = []
     if (power := document["power"]) is not None:
-        found, random_found, separated, random_separated = (
-            fixed(power[key], 2) for key in ("found", "random_found", "separated", "random_separated")
-        )
-        notes.append(
-            f"mean over the catalogue at the usual sizes: found with probability {found} ({random_found} on random "
-            f"poses), found and distinguished from the most similar effect with {separated} ({random_separated})"
-        )
+        notes.append(_found(power))
     notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")
     if hidden:
         more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
@@ -238,6 +242,17 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     for name, reason in (document["not_testable"] or {}).items():
         by_reason.setdefault(reason, []).append(name)
     yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
+
+
+def _found(power: Part) -> str:
+    """Return the probability that a trace of the poses finds an effect."""
+    found, random_found, separated, random_separated = (
+        fixed(power[key], 2) for key in ("found", "random_found", "separated", "random_separated")
+    )
+    return (
+        f"mean over the catalogue at the usual sizes: found with probability {found} ({random_found} on random "
+        f"poses), found and distinguished from the most similar effect with {separated} ({random_separated})"
+    )
 
 
 def _pairs(pairs: Sequence[Part]) -> list[str]:

@@ -212,7 +212,7 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator
         for entry in entries
     ]
     yield Section("", [Grid(("", ""), rows, is_text=True)])
-    text = "robacc effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+    text = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
     yield Section("", [Text(text, is_note=True)])
 
 

@@ -106,7 +106,10 @@ def compare(
     grades, scale_record = load_grade_scale(scale)
     comparison = compare_results(
         compared_results,
-        baseline=_baseline_name(baseline, results, compared_results),
+        baseline=next(
+            (one.name for one, path in zip(compared_results, map(_path, results), strict=True) if path == baseline),
+            baseline,
+        ),
         by=by,
         required_grade=grade,
         scale=grades,
@@ -189,14 +192,6 @@ def _path(source: Source) -> str:
     if isinstance(source, StoredResult):
         return source.name
     return source.command if isinstance(source, Result) else os.fspath(source)
-
-
-def _baseline_name(
-    baseline: str | None, results: Sequence[Source], compared_results: Sequence[ComparedResult]
-) -> str | None:
-    """Return the short name of the baseline, which may be given as a path."""
-    paths = [_path(source) for source in results]
-    return compared_results[paths.index(baseline)].name if baseline in paths else baseline
 
 
 # Call of ``robacc compare --paired``.

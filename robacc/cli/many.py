@@ -46,20 +46,15 @@ class FileTask(NamedTuple):
 
 def estimate_file(task: FileTask) -> FileOutcome:
     """Estimate a file and write its results; an error in the file becomes part of the outcome."""
-    started = time.perf_counter()
-    return replace(_outcome_of(task), seconds=time.perf_counter() - started)
-
-
-def _outcome_of(task: FileTask) -> FileOutcome:
     from robacc.api.estimate import estimate
 
+    started = time.perf_counter()
     try:
-        return _write_files(task, estimate(task.path, **task.options))
-    except InputError as error:
-        return FileOutcome(task.name, error.exit_status, problems=error.problems, n_problems=error.total)
+        outcome = _write_files(task, estimate(task.path, **task.options))
     except RobaccError as error:
-        problem = Problem(str(error), task.path)
-        return FileOutcome(task.name, error.exit_status, problems=(problem,), n_problems=1)
+        read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
+        outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
+    return replace(outcome, seconds=time.perf_counter() - started)
 
 
 def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
@@ -185,9 +180,10 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
 
     if "-" in paths:
         raise UsageError("- (standard input) has no name for the table of several files; give it alone")
-    if len({os.path.realpath(path) for path in paths}) < len(paths):
-        repeated = next(path for i, path in enumerate(paths) if os.path.realpath(path) in _real_paths(paths[:i]))
-        raise UsageError(f"{repeated} is given twice; give each file once")
+    places = [os.path.realpath(path) for path in paths]
+    for i, path in enumerate(paths):
+        if places[i] in places[:i]:
+            raise UsageError(f"{path} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
     load_optional_robot(options["robot"], options["base_link"], options["tip_link"])
@@ -195,10 +191,6 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
         check_frames(options["align"])
     check_confidence(options["confidence"])
     load_grade_scale(options["scale"])
-
-
-def _real_paths(paths: Sequence[str]) -> set[str]:
-    return {os.path.realpath(path) for path in paths}
 
 
 def _folder(path: str) -> str | None:
@@ -235,7 +227,7 @@ def _target(folder: str | None, name: str, suffix: str) -> str | None:
 def _check_targets(tasks: Sequence[FileTask]) -> None:
     """Raise UsageError if a result would overwrite an input or another result."""
     written: dict[str, str] = {}
-    inputs = _real_paths([task.path for task in tasks])
+    inputs = {os.path.realpath(task.path) for task in tasks}
     for task in tasks:
         for target in (task.result, task.per_pose):
             if target is None:

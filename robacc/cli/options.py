@@ -14,12 +14,8 @@ Call = partial[Any]
 Format = Literal["table", "json", "markdown", "github"]
 PlainFormat = Literal["table", "json"]
 _FORM = "Form of the output: github writes annotations of a run, markdown a job summary."
-_OUTPUT = Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
 
-Output = Annotated[str, _OUTPUT]
-RobotFile = Annotated[
-    str | None, Help("Robot file (YAML), URDF, or name of an arm that robacc show robots lists.", "FILE")
-]
+Output = Annotated[str, Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")]
 SummaryFormat = Annotated[Format, Help(_FORM)]
 """Form of the summary of a command whose ``--output`` is a file of targets."""
 WriteModel = Annotated[str | None, Help("Robot file to write, with the fitted model.", "FILE", holds="output")]

@@ -232,19 +232,14 @@ def write_result(
         from robacc.io.files import write_text
 
         write_text(outlets.report, page_of_document(document()))
-    from robacc.render.text.parameter_names import as_options
-
-    texts = tuple(map(as_options, warnings))
-    if outlets.form == "markdown":
-        from robacc.render.views.gate import markdown
-
-        write(outlets.output, (markdown(command, page_text(table), gate, texts),))
-    elif outlets.form == "github":
-        from robacc.render.views.gate import github_annotations
-
-        write(outlets.output, (github_annotations(command, page_text(table), gate, texts),))
-    else:
+    if outlets.form in ("table", "json"):
         emit(outlets.form, outlets.output, table=table, document=document)
+        return
+    from robacc.render.text.parameter_names import as_options
+    from robacc.render.views.gate import github_annotations, markdown
+
+    text_of = markdown if outlets.form == "markdown" else github_annotations
+    write(outlets.output, (text_of(command, page_text(table), gate, tuple(map(as_options, warnings))),))
 
 
 def emit(

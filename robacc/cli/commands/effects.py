@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from robacc.api.parameters import BaseLink, Help, IgnoreLimits, Ordered, TipLink
-from robacc.cli.options import PlainOutlets, RobotFile
+from robacc.api.parameters import BaseLink, Help, IgnoreLimits, OptionalRobot, Ordered, TipLink
+from robacc.cli.options import PlainOutlets
 
 
 def effects(
     effect: Annotated[str | None, Help("Effect to describe in detail.", "[EFFECT]")] = None,
     *,
-    robot: RobotFile = None,
+    robot: OptionalRobot = None,
     poses: Annotated[
         str | None,
         Help(

@@ -67,29 +67,23 @@ def export(
 
 def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip_link: str | None) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
-    from robacc.cli.output import emit, write
-    from robacc.documents import envelope as results
+    from robacc.api.inputs import load_robot
+    from robacc.cli.output import write
+    from robacc.documents.envelope import envelope
     from robacc.documents.export import urdf_payload
     from robacc.errors import UsageError
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import read_robot, robot_path
+    from robacc.io.json_text import json_pieces
     from robacc.render.text.console import say_warnings
     from robacc.robots.urdf_writer import robot_to_urdf
 
     if is_json and urdf == "-":
         raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")
-    robot = read_robot(model, base_link=base_link, tip_link=tip_link)
+    robot, record = load_robot(model, base_link, tip_link)
     text, losses = robot_to_urdf(absorb_constants(robot))
     write(urdf, (text,))
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
-        payload = urdf_payload(sha256_of(urdf), losses)
-        inputs = (results.InputFile.at(model, sha256_of(robot_path(model)), "robot"),)
-        options = {"base_link": base_link, "tip_link": tip_link}
-        emit(
-            "json",
-            "-",
-            table=lambda stream: None,
-            document=lambda: results.envelope("export", payload, options=options, inputs=inputs, seed=None),
-        )
+        options, keys = {"base_link": base_link, "tip_link": tip_link}, urdf_payload(sha256_of(urdf), losses)
+        write("-", json_pieces(envelope("export", keys, options=options, inputs=(record,), seed=None)))

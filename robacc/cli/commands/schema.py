@@ -17,9 +17,13 @@ def schema(
 
     Example: robacc show schema estimate -o estimate.schema.json
     """
-    from robacc.api.schema import schema as schema_of
-    from robacc.api.schema import schema_names
+    from robacc.api import schema as schemas
     from robacc.cli.output import write
     from robacc.io.json_text import json_text
 
-    write(output, (json_text(schema_of(name)),) if name is not None else (f"{command}\n" for command in schema_names()))
+    write(
+        output,
+        (json_text(schemas.schema(name)),)
+        if name is not None
+        else (f"{command}\n" for command in schemas.schema_names()),
+    )

@@ -182,13 +182,10 @@ def _run() -> None:
 
 def _open_closed_streams() -> None:
     """Open the null device for a stream that the shell closed (``>&-``); else the next file would get its number."""
-    if sys.stdin is None:
-        sys.stdin = open(os.devnull, encoding="utf-8")  # noqa: SIM115 (until the process ends)
-    if sys.stdout is None:
-        # Opened for reading: a result on standard output is an error, a result in a file is not.
-        sys.stdout = open(os.devnull, encoding="utf-8")  # noqa: SIM115
-    if sys.stderr is None:
-        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
+    # Standard output for reading: a result on it is an error, a result in a file is not.
+    for name, mode in (("stdin", "r"), ("stdout", "r"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the process ends)
 
 
 def _discard_output() -> None:

@@ -310,7 +310,14 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
 
         write_text(outlets.junit, junit("estimate", outcomes, clock.started()))
     if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
-        write_text(outlets.report, _page(outcomes, tasks))
+        from robacc.render.html.page import render
+
+        done = [
+            (json.loads(Path(task.document).read_text(encoding="utf-8")), task.name)
+            for outcome, task in zip(outcomes, tasks, strict=True)
+            if not outcome.failed and task.document is not None
+        ]
+        write_text(outlets.report, render([document for document, _ in done], [name for _, name in done]))
     output = outlets.output if folder is None else "-"
     if outlets.form == "json":
         write(output, _document(outcomes, tasks, folder))
@@ -359,15 +366,3 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
         for outcome, task in zip(outcomes, tasks, strict=True)
     )
     return many_pieces(head, zip(map(entry, outcomes), documents, strict=True))
-
-
-def _page(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask]) -> str:
-    """Return the HTML page of all results."""
-    from robacc.render.html.page import render
-
-    pairs = zip(outcomes, tasks, strict=True)
-    done = [task for outcome, task in pairs if not outcome.failed and task.document is not None]
-    return render(
-        [json.loads(Path(str(task.document)).read_text(encoding="utf-8")) for task in done],
-        [task.name for task in done],
-    )

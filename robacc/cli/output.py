@@ -39,7 +39,11 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
         with understood(result.name, result.command):
             sections.append(result_of(result.document, number))
     names = [result.record.name for result in results]
-    return page_of(sections, [result.document for result in results], _unique(names), identity or {})
+    # A number after each repeated name.
+    unique = [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]
+    return page_of(sections, [result.document for result in results], unique, identity or {})
 
 
 def page_of_document(document: Mapping[str, Any]) -> str:
@@ -50,13 +54,6 @@ def page_of_document(document: Mapping[str, Any]) -> str:
     from robacc.render.html.page import render
 
     return render([json.loads(json_text(document))], [str(document["command"])])
-
-
-def _unique(names: Sequence[str]) -> list[str]:
-    """Return the names with a number after each repeated name."""
-    return [
-        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
-    ]
 
 
 # Progress bar on standard error.

@@ -74,13 +74,15 @@ def init(
     write_text(files[0], text)
     write_text(files[1], table)
     count = len(arm.variables)
-    print(f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)")
-    print("next:")
-    if source is None:
-        print(f"  enter the dimensions of your arm in {files[0]}")
-    print(f"  robacc show {files[0]}")
-    print(f"  replace the rows of {files[1]} with your measurements")
-    print(f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame")
+    print(
+        f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)",
+        "next:",
+        *([f"  enter the dimensions of your arm in {files[0]}"] if source is None else []),
+        f"  robacc show {files[0]}",
+        f"  replace the rows of {files[1]} with your measurements",
+        f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame",
+        sep="\n",
+    )
 
 
 def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
@@ -94,14 +96,15 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
         raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
     make_folder(folder)
     write_text(path, proposal.text)
-    print(f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})")
-    print("next:")
-    if proposal.open_statements:
-        print(f"  fill in {' and '.join(proposal.open_statements)} in {path}")
-    for question in proposal.open_columns:
-        print(f"  decide in {path}: {question}")
     commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
-    print(f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}")
+    print(
+        f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})",
+        "next:",
+        *([f"  fill in {' and '.join(proposal.open_statements)} in {path}"] if proposal.open_statements else []),
+        *(f"  decide in {path}: {question}" for question in proposal.open_columns),
+        f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}",
+        sep="\n",
+    )
 
 
 def _check_free(files: tuple[str, str], urdf: str | None, force: bool) -> None:

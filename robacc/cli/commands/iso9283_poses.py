@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from robacc.api.parameters import BaseLink, Help, TipLink
 from robacc.cli.options import CsvOutlets
@@ -45,19 +45,26 @@ def iso9283_poses(
     from robacc.documents.iso9283 import ISO9283_POSES
     from robacc.iso_9283.cube import planned_poses, propose
     from robacc.poses.csv_file import format_poses
-    from robacc.quantities import size
+    from robacc.quantities import optional_size
     from robacc.render.views.elements import draw
     from robacc.render.views.iso9283 import proposal_comments, proposal_view
 
     outlets.check()
-    options: dict[str, Any] = {"edge": edge, "plane": plane, "orientation": orientation, "target": target}
+    options = {
+        "edge": edge,
+        "plane": plane,
+        "orientation": orientation,
+        "target": target,
+        "cycles": cycles,
+        "payload": payload,
+    }
     arm, record = load_robot(robot, base_link, tip_link)
-    length = None if edge is None else size(edge, "length", "--edge")
-    proposal = propose(arm, edge=length, plane=plane, orientation=orientation, target=target)
+    proposal = propose(
+        arm, edge=optional_size(edge, "length", "--edge"), plane=plane, orientation=orientation, target=target
+    )
     head = "".join(f"# {line}\n" for line in proposal_comments(proposal, arm.name))
     text = head + format_poses(planned_poses(proposal, cycles, payload), attained=False)
     keys = ISO9283_POSES.write(proposal, file_sha256=sha256(text.encode()).hexdigest())
-    options |= {"cycles": cycles, "payload": payload}
     write_plan(
         outlets,
         text,

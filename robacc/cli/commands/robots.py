@@ -31,8 +31,12 @@ def robots(
     arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
     if not arms:
         near = ", ".join(similar_arms(wanted))
-        fix = f"did you mean {near}?" if near else "robacc show robots lists all of them"
-        raise InputError(Problem(f"no arm of the package has {name!r} in its name", fix=fix))
+        raise InputError(
+            Problem(
+                f"no arm of the package has {name!r} in its name",
+                fix=f"did you mean {near}?" if near else "robacc show robots lists all of them",
+            )
+        )
     emit(
         outlets.form,
         outlets.output,

@@ -33,10 +33,15 @@ def show(
 
     arm, record = load_robot(robot, base_link, tip_link)
     summary = summarise(arm, coefficients(arm))
-    options = {"base_link": base_link, "tip_link": tip_link}
     emit(
         outlets.form,
         outlets.output,
         table=lambda stream: draw(robot_view(summary), stream),
-        document=lambda: results.envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
+        document=lambda: results.envelope(
+            "show",
+            SHOW.write(summary),
+            options={"base_link": base_link, "tip_link": tip_link},
+            inputs=(record,),
+            seed=None,
+        ),
     )

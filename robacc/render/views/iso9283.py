@@ -56,13 +56,12 @@ def iso9283_view(document: Document, robot: str | None, full: bool = True) -> It
     yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
     if not full:
         shown = [part for part in _criteria(document).values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
-        counts = Counter(_STATUS[condition["status"]] for condition in document["protocol"])
-        conditions = ", ".join(f"{n} {status}" for status, n in counts.items())
+        statuses = Counter(_STATUS[condition["status"]] for condition in document["protocol"]).items()
         yield Section(
             "",
             [
                 *_summary(shown, document["confidence"]),
-                Text(f"conditions of the standard's protocol: {conditions}"),
+                Text(f"conditions of the standard's protocol: {', '.join(f'{n} {status}' for status, n in statuses)}"),
                 Text(_MORE, is_note=True),
             ],
         )

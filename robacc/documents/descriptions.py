@@ -50,7 +50,7 @@ ROBOTS = part(
             array(
                 part(
                     {
-                        "name": Key(text, "Name that `robot` takes.", "key"),
+                        "name": Key(text, "Name that the parameter robot takes.", "key"),
                         "maker": Key(text, "Maker of the arm."),
                         "model": Key(text, "The maker's name of the arm."),
                         "n_axes": Key(ordinal, "Number of joint variables.", "axes"),

@@ -629,7 +629,7 @@ _CANDIDATES = part(
 """Candidates of one step of a search."""
 _DECLARED = part(
     {
-        "effects": Key(array(text), "Effects as `declared` takes them.", "names"),
+        "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
         "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
         "left_out": Key(
             array(

@@ -131,7 +131,7 @@ PLAN = part(
                 }
             )
             | None,
-            "Pairs of links that were checked for collisions; null without `collisions`.",
+            "Pairs of links that were checked for collisions; null without a check of collisions.",
             "settings.constraints.collisions",
         ),
         "noise": Key(

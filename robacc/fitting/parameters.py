@@ -183,7 +183,8 @@ def correlations(fit: Fit) -> tuple[Correlation, ...]:
     matrix = fit.covariance[np.ix_(columns, columns)]
     scale = _stds(matrix)
     with np.errstate(divide="ignore", invalid="ignore"):  # without noise, standard errors are zero
-        matrix = matrix / scale[:, None] / scale
+        # Where only a weak prior separates two coefficients, rounding takes their correlation beyond one.
+        matrix = np.clip(matrix / scale[:, None] / scale, -1.0, 1.0)
     first, second = np.nonzero(np.triu(np.abs(matrix) > CORRELATED, 1))
     pairs = [
         Correlation(fit.names[columns[i]], fit.names[columns[j]], float(matrix[i, j]))

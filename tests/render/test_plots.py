@@ -266,6 +266,6 @@ def test_plot_without_a_kind_draws_the_main_chart_and_names_the_others(tmp_path:
     done = CliRunner().invoke(app, ["report", str(stored), "-o", str(image)])
     assert done.exit_code == 0
     assert done.stderr == (
-        "note: drew the main chart, distribution; other charts by --kind: effect, candidates, poses, time, workspace\n"
+        "note: drew the main chart, distribution; other charts by --chart: effect, candidates, poses, time, workspace\n"
     )
     assert image.read_text(encoding="utf-8").startswith("<?xml")

@@ -274,7 +274,7 @@ def test_unknown_and_ambiguous_names_get_suggestions(tmp_path: Path, monkeypatch
         read_robot("kr6")
     with pytest.raises(InputError, match=r"did you mean .*ur10e"):
         read_robot("ur10ee")
-    with pytest.raises(InputError, match="robacc robots lists the arms"):
+    with pytest.raises(InputError, match="robacc show robots lists the arms"):
         read_robot("qqqq")
     with pytest.raises(InputError, match="the file does not exist"):
         read_robot("ur10e.yaml")

@@ -124,7 +124,7 @@ def test_without_the_extra_the_way_to_it_is_said(
         (lambda d: d.pop("visits"), "has no key 'visits'"),
         (lambda d: d.update(iso9283=5), "iso9283: expected an object, found 5"),
         (lambda d: d["visits"][0].update(attained_m=[[1, 2]]), "visits[0].attained_m[0]: expected 3 entries, found 2"),
-        (lambda d: d["visits"][0].update(commanded_m="x"), "visits[0].commanded_m: expected a list, found \"x\""),
+        (lambda d: d["visits"][0].update(commanded_m="x"), 'visits[0].commanded_m: expected a list, found "x"'),
     ],
 )
 def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any, told: str, tmp_path: Path) -> None:

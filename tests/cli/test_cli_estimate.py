@@ -113,10 +113,11 @@ def test_table_is_as_it_was() -> None:
     assert result.stdout == GOLDEN.read_text(encoding="utf-8"), message
 
 
-def test_the_short_table_answers_in_about_fifteen_lines() -> None:
+def test_the_first_screen_answers_how_good_why_and_what_now() -> None:
     for arguments in ((*SAMPLE, "--align", "base_frame,tool_frame"), SAMPLE):
         lines = run(*arguments).stdout.splitlines()
-        assert len(lines) <= 18
+        assert len(lines) <= 25
+        assert "next: robacc trace finds the causes of the error" in lines
         text = " ".join(" ".join(lines).split())
         found = document(*arguments)
         sizes = [f"{found['position'][name] * 1e3:.3g}" for name in ("rms_m", "mean_error_m", "p95_m", "max_m")]

@@ -80,11 +80,10 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
     heads = [
         head for name, sign, _, _ in _QUANTITIES for head in (f"{name}, {sign}", percent(parts[0][0]["confidence"]))
     ]
-    rows: list[Sequence[Cell]] = []
-    for label, key in _FIGURES:
-        rows.append(
-            (label, *(cell for part, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
-        )
+    rows = [
+        (label, *(cell for part, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
+        for label, key in _FIGURES
+    ]
     blocks: list[Block] = [Grid(("error", *heads[: 2 * len(parts)]), rows)]
     if document["unaligned"] is not None:
         size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
@@ -95,7 +94,12 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
     for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
         name = "" if pose["pose"] is None else f" (pose {pose['pose']})"
         worst.append(f"{_place(pose)}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
-    yield Section("", [Text(f"largest errors: {', '.join(worst)}"), Text(_MORE, is_note=True)])
+    ahead = "robacc trace finds the causes of the error"
+    ahead = f"state the robot with `robot`; {ahead}" if robot is None else ahead
+    yield Section(
+        "",
+        [Text(f"largest errors: {', '.join(worst)}"), Text(f"next: {ahead}"), Text(_MORE, is_note=True)],
+    )
 
 
 def estimate_sections(document: Document) -> Iterator[Section]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 
-from robacc.error_model.terms import TERMS, Linearised
+from robacc.error_model.terms import TERMS, Derivative, Linearised
 from robacc.fitting.visits import first_ranks
 from robacc.geometry import Array
 
@@ -219,7 +219,10 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
         raise np.linalg.LinAlgError
     log_det = _log_det(factor)
     weighted = dpotrs(factor, y, lower=0)[0]
-    moved = solve_triangular(factor, _flat(_slopes_times(noise, linear, weighted)), trans="T", check_finite=False)
+    by_term = {name: list(TERMS[name].derivatives(values, linear.rows)) for name, values in noise.terms.items()}
+    moved = solve_triangular(
+        factor, _flat(_slopes_times(noise, linear, weighted, by_term)), trans="T", check_finite=False
+    )
     slopes = dpotri(factor, lower=0, overwrite_c=1)[0].T
     np.subtract(np.multiply.outer(weighted, weighted), slopes, out=slopes)
     blocks = slopes.reshape(components, count, components, count)
@@ -232,7 +235,7 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
     for name, parameters in noise.terms.items():
         weights, by_parameter = of_joints if TERMS[name].of_joints else of_axes, np.zeros(len(parameters))
         sums: dict[tuple[int, ...], Array] = {}
-        for number, carriers, slope in TERMS[name].derivatives(parameters, linear.rows):
+        for number, carriers, slope in by_term[name]:
             key = tuple(carriers)
             if key not in sums:
                 sums[key] = sum((weights[i] for i in key[1:]), start=weights[key[0]])
@@ -241,8 +244,13 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
     return -0.5 * (log_det + float(y @ weighted)), np.concatenate(gradient), 0.5 * moved.T @ moved
 
 
-def _slopes_times(noise: CovarianceParameters, linear: Linearised, weighted: Array) -> Array:
-    """Return ``(N, M, K)`` the derivative of V by each parameter times ``weighted`` ``(M N,)``."""
+def _slopes_times(
+    noise: CovarianceParameters, linear: Linearised, weighted: Array, by_term: Mapping[str, Sequence[Derivative]]
+) -> Array:
+    """Return ``(N, M, K)`` the derivative of V by each parameter times ``weighted`` ``(M N,)``.
+
+    ``by_term`` holds the derivatives of the kernels of each term.
+    """
     components = linear.y.shape[1]
     by_row = weighted.reshape(components, -1).T
     by_joint = np.einsum("jan,na->jn", linear.joints, by_row)
@@ -252,13 +260,12 @@ def _slopes_times(noise: CovarianceParameters, linear: Linearised, weighted: Arr
         result[:, component, kind] = own[:, component]
     at = len(noise.log_std)
     for name, parameters in noise.terms.items():
-        for number, carriers, slope in TERMS[name].derivatives(parameters, linear.rows):
-            which = list(carriers)
+        for number, carriers, slope in by_term[name]:
             if TERMS[name].of_joints:
-                moved = slope @ by_joint[which].T
-                result[:, :, at + number] += np.einsum("jan,nj->na", linear.joints[which], moved)
+                moved = slope @ by_joint[carriers].T
+                result[:, :, at + number] += np.einsum("jan,nj->na", linear.joints[carriers], moved)
             else:
-                result[:, which, at + number] += slope @ by_row[:, which]
+                result[:, carriers, at + number] += slope @ by_row[:, carriers]
         at += len(parameters)
     return result
 

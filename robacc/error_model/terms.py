@@ -10,7 +10,7 @@ from __future__ import annotations
 import abc
 import dataclasses
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Literal
@@ -188,7 +188,7 @@ Kernels = list[Array | None]
 """Kernel ``(N, N)`` of each carrier; None where the term does not act."""
 
 
-Derivative = tuple[int, Iterable[int], Array]
+Derivative = tuple[int, Sequence[int], Array]
 """Number of a parameter, carriers, and the derivative ``(N, N)`` of the kernel of each of these carriers by it."""
 
 

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from robacc.api.import_ import import_ as import_
     from robacc.api.iso9283 import Iso9283 as Iso9283
     from robacc.api.iso9283 import iso9283 as iso9283
+    from robacc.api.iso9283_poses import Iso9283Poses as Iso9283Poses
+    from robacc.api.iso9283_poses import iso9283_poses as iso9283_poses
     from robacc.api.plan import Planned as Planned
     from robacc.api.plan import plan as plan
     from robacc.api.predict import Predicted as Predicted
@@ -68,6 +70,7 @@ _HOMES = {
     "Exported": "api.export",
     "InputError": "errors",
     "Iso9283": "api.iso9283",
+    "Iso9283Poses": "api.iso9283_poses",
     "Measurements": "measurements",
     "Planned": "api.plan",
     "PoseFile": "poses.reading",
@@ -88,6 +91,7 @@ _HOMES = {
     "export": "api.export",
     "import_": "api.import_",
     "iso9283": "api.iso9283",
+    "iso9283_poses": "api.iso9283_poses",
     "plan": "api.plan",
     "predict": "api.predict",
     "read_poses": "api.reading",

@@ -129,10 +129,6 @@ _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
 _TURNED = np.deg2rad(5.0)
 """Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
-_REGISTERED = (
-    'the frames of robot and instrument do not agree ({:.4g} mm rms), so they were registered; `align="none"` keeps '
-    "the errors as they are"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,8 +212,7 @@ def estimate(
     commanded = commanded_poses(data, robot)
     chosen = frame or ("tool" if commanded.oriented else "base")
     errors = pose_errors(data, commanded, chosen)
-    raw = rms_length(errors.position)
-    needed = frames_to_register(data, robot, raw) if align is None and _moves(data) else ()
+    needed = frames_to_register(data, robot, rms_length(errors.position)) if align is None and _moves(data) else ()
     alignment, unaligned = None, None
     if frames := align or needed:
         alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
@@ -249,7 +244,6 @@ def estimate(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
-            *([_REGISTERED.format(1e3 * raw)] if needed else []),
         ),
     )
 

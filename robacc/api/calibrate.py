@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar
 
-from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, requested, with_inputs
 from robacc.api.inputs import path_of
 from robacc.api.parameters import (
     BaseLink,
@@ -27,10 +27,11 @@ from robacc.api.parameters import (
 from robacc.api.result import Provenance, options_of
 from robacc.calibration.calibrating import Calibration
 from robacc.calibration.calibrating import calibrate as fit_effects
-from robacc.effects.request import parse_requests
+from robacc.effects.request import Baseline, parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.priors import tolerance_priors
+from robacc.robots.arm import Arm
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -39,6 +40,7 @@ class Calibrated(FitResult, Calibration):
 
     command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
+    baseline: Baseline
     made: Provenance
 
     def payload(self) -> dict[str, Any]:
@@ -46,7 +48,7 @@ class Calibrated(FitResult, Calibration):
         from robacc.documents.fit import calibration_payload
 
         inputs = self.fit_inputs
-        return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0)
+        return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
 
 
 @call
@@ -55,9 +57,13 @@ def calibrate(
     *,
     robot: NeededRobot,
     fit: Annotated[
-        str | Sequence[str],
-        Help("Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc show effects lists them.", "EFFECT,…"),
-    ],
+        str | Sequence[str] | None,
+        Help(
+            "Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc show effects lists them. Default: "
+            "base_frame, tool_frame, joint_offset and link_geometry, as far as the poses support them.",
+            "EFFECT,…",
+        ),
+    ] = None,
     prior: Annotated[
         bool,
         Help("Use the tolerances of the robot file as priors of its geometry.", names=("prior/no-prior",)),
@@ -109,7 +115,8 @@ def calibrate(
     """
     arguments = locals()
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
-    requests = parse_requests(joined(fit))
+    baseline = requested(fit, Arm.of(inputs.robot), inputs.data)
+    requests = parse_requests(",".join(baseline.names))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
     inputs.require_targets([request.name for request in requests])
@@ -128,6 +135,7 @@ def calibrate(
         holdout=inputs.holdout,
         progress=progress or (lambda label, done, total: None),
     )
-    options = options_of(calibrate, arguments, **inputs.names, fit=joined(fit))
+    asked = ",".join(baseline.names) if fit is None else joined(fit)
+    options = options_of(calibrate, arguments, **inputs.names, fit=asked)
     made = Provenance(options, inputs.files, seed, inputs.use)
-    return Calibrated(**with_inputs(calibration, inputs), made=made)
+    return Calibrated(**with_inputs(calibration, inputs), baseline=baseline, made=made)

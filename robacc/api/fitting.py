@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
@@ -24,11 +24,14 @@ from robacc.api.parameters import CampaignUse, StrPath
 from robacc.api.result import ModelUse, Result, fields_of, use_model
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
+from robacc.effects.request import Baseline, default_baseline, parse_requests
 from robacc.errors import InputError, Problem, UsageError
+from robacc.fitting.visits import places
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.fit_record import fit_record
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.version import __version__
 
@@ -71,6 +74,16 @@ class FitResult(Result):
     robot: Robot
     fit: Fit
     fit_inputs: FitInputs
+    baseline: Baseline
+    """Effects that were declared, or that were to be fitted, and whether the call named them."""
+
+    def draw(self, stream: TextIO, full: bool = False) -> None:
+        """Write how good, why, and what now; with ``full`` all that was computed."""
+        from robacc.render.views.elements import draw
+        from robacc.render.views.fit import fit_view
+
+        poses, robot = (self.fit_inputs.names[kind] or self.named(kind) for kind in ("poses", "robot"))
+        draw(fit_view(self.payload(), self.command, poses, robot, full), stream)
 
     @property
     def converged(self) -> bool:
@@ -220,3 +233,11 @@ def _name(source: PosesSource | Robot | None) -> str | None:
 def joined(effects: str | Sequence[str]) -> str:
     """Return the effects as text separated by commas."""
     return effects if isinstance(effects, str) else ",".join(effects)
+
+
+def requested(effects: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
+    """Return the effects of a request, or those of every arm if it is None."""
+    if effects is None:
+        return default_baseline(arm, data, int(np.unique(places(data)).size))
+    text = joined(effects).strip()
+    return Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, TextIO
+from typing import Annotated, Any, ClassVar
 
-import numpy as np
-
-from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, with_inputs
+from robacc.api.fitting import FitInputs, FitResult, joined, load_fit_inputs, requested, with_inputs
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
@@ -26,9 +24,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, options_of
-from robacc.effects.request import Baseline, build, default_baseline, parse_requests
-from robacc.fitting.visits import places
-from robacc.measurements import Measurements
+from robacc.effects.request import Baseline, build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.tracing.trace import Trace
@@ -42,7 +38,6 @@ class Traced(FitResult, Trace):
     command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
     baseline: Baseline
-    """The declared effects, and whether the call declared them."""
     made: Provenance
 
     def payload(self) -> dict[str, Any]:
@@ -51,13 +46,6 @@ class Traced(FitResult, Trace):
 
         inputs = self.fit_inputs
         return trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
-
-    def draw(self, stream: TextIO) -> None:
-        """Write how good, why, and what now."""
-        from robacc.render.views.elements import draw
-        from robacc.render.views.fit import short_trace_view
-
-        draw(short_trace_view(self.payload(), self.named("poses"), self.named("robot")), stream)
 
 
 @call
@@ -114,7 +102,7 @@ def trace(
     arguments = locals()
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)
-    baseline = _baseline(declared, arm, inputs.data)
+    baseline = requested(declared, arm, inputs.data)
     inputs.require_targets(baseline.names)
     effects = build(parse_requests(",".join(baseline.names)), arm, inputs.data)
     body = trace_effects(
@@ -131,12 +119,3 @@ def trace(
     )
     made = Provenance(options, inputs.files, seed, inputs.use)
     return Traced(**with_inputs(body, inputs), baseline=baseline, made=made)
-
-
-def _baseline(declared: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
-    """Return the declared effects, or those of every arm if ``declared`` is None."""
-    if declared is None:
-        return default_baseline(arm, data, int(np.unique(places(data)).size))
-    text = joined(declared).strip()
-    requests = parse_requests("" if text == "none" else text)
-    return Baseline(tuple(map(str, requests)), by_default=False)

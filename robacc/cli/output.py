@@ -104,7 +104,7 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
     conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
 
 
-def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, table: Callable[[TextIO], None]) -> None:
+def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, full: bool) -> None:
     """Write the model of a fit and deliver the result.
 
     A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
@@ -114,7 +114,7 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, ta
         write_model: File for the model; None for none.
         outlets: Forms and files.
         result: Result of a fit.
-        table: Draws the result onto a stream.
+        full: A table has all that was computed.
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
@@ -127,7 +127,7 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, ta
 
     if write_model is not None and result.converged:
         result.write_model(write_model)
-    deliver(outlets, result, table)
+    deliver(outlets, result, lambda stream: result.draw(stream, full))
     if result.suspicions and write_model is not None:
         say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
     if result.suspicions or not result.converged:

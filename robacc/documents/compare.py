@@ -21,7 +21,7 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.documents.parts import FIGURES, rounded
+from robacc.documents.parts import FIGURES, WARNINGS, rounded
 
 if TYPE_CHECKING:
     from robacc.comparison.comparing import ResultComparison
@@ -255,7 +255,7 @@ COMPARE = part(
             lambda comparison: None if comparison.scale is None else comparison,
         ),
         "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
-        "warnings": Key(array(text), "Warnings."),
+        **WARNINGS,
         "gate": GATE_KEY,
     },
     about="Comparison of results: shared figures, significant differences, and the results that meet a grade.",

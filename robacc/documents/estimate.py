@@ -38,6 +38,7 @@ from robacc.documents.parts import (
     QUANTITIES,
     ROBOT,
     STATISTICS,
+    WARNINGS,
     pose_document,
     robot_document,
     rounded,
@@ -236,7 +237,7 @@ _ESTIMATE = part(
             "Metrics of each target, if there are several.",
         ),
         "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
-        "warnings": Key(array(text), "Warnings."),
+        **WARNINGS,
     }
 )
 """Keys of the estimate itself."""

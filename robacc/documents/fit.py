@@ -38,6 +38,7 @@ from robacc.documents.parts import (
     PARAMETER,
     QUANTITIES,
     ROBOT,
+    WARNINGS,
     pose_document,
     robot_document,
 )
@@ -180,6 +181,25 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+_DECLARED = part(
+    {
+        "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
+        "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
+        "left_out": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "why": Key(text, "The reason."),
+                    }
+                )
+            ),
+            "Effects of every arm that the poses do not support.",
+            lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
+        ),
+    }
+)
+
 _FIT = {
     "n_poses": Key(count, "Measured poses (rows)."),
     "noise": Key(NOISE),
@@ -189,6 +209,7 @@ _FIT = {
         STAGE, "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all)."
     ),
     "after": Key(STAGE, "Extended model: all effects are fitted, in trace with the findings."),
+    "declared": Key(_DECLARED, "Effects that were declared to a trace, or that a calibration was to fit."),
     "causes": Key(
         array(
             part(
@@ -207,7 +228,10 @@ _FIT = {
                     "error_without_m": Key(
                         size, "Root mean square error that no other effect of the fit can describe, m.", "left"
                     ),
-                    "share": Key(share | None, "Mean square of that error over that of the nominal model, registered."),
+                    "share": Key(
+                        share | None,
+                        "Mean square of that error over that of the nominal model, registered if the fit has frames.",
+                    ),
                 }
             )
         ),
@@ -291,7 +315,7 @@ _FIT = {
         ),
         "Outliers, which the fit leaves out.",
     ),
-    "warnings": Key(array(text), "Warnings."),
+    **WARNINGS,
     "robot": Key(ROBOT | None),
     "poses": Key(FITTED_POSES),
     "poses_apart": Key(
@@ -627,24 +651,6 @@ _CANDIDATES = part(
     }
 )
 """Candidates of one step of a search."""
-_DECLARED = part(
-    {
-        "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
-        "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
-        "left_out": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "why": Key(text, "The reason."),
-                    }
-                )
-            ),
-            "Effects of every arm that the poses do not support.",
-            lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
-        ),
-    }
-)
 TRACE = part(
     {
         "verdict": Key(
@@ -807,10 +813,6 @@ TRACE = part(
             "Detection limits: the size of each effect that is found on these poses with probability 1/2.",
             "detection",
         ),
-        "declared": Key(
-            _DECLARED,
-            "Declared effects: the baseline.",
-        ),
         "outside_validity": OUTSIDE_KEY,
         "gate": GATE_KEY,
     },
@@ -920,12 +922,17 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
 
 
 def calibration_payload(
-    calibration: Calibration, data: Measurements, robot: Robot, apart: Measurements | None = None, seed: int = 0
+    calibration: Calibration,
+    data: Measurements,
+    robot: Robot,
+    apart: Measurements | None = None,
+    seed: int = 0,
+    baseline: Baseline | None = None,
 ) -> Document:
     """Return the keys of ``robacc.calibrate/2``; the arguments are those of :func:`trace_payload`."""
     leverage = [{"line": data.line(i), "share": share} for i, share in calibration.leverage]
     given = _given(calibration, data, robot, apart, seed)
-    return CALIBRATE.write(calibration, **given, leverage=leverage)
+    return CALIBRATE.write(calibration, **given, declared=baseline, leverage=leverage)
 
 
 def trace_payload(

@@ -26,7 +26,7 @@ from robacc.documents.keys import (
     text,
     vector3,
 )
-from robacc.documents.parts import ALIGNMENT, INTERVAL, OUTSIDE_KEY, texts
+from robacc.documents.parts import ALIGNMENT, INTERVAL, OUTSIDE_KEY, WARNINGS, texts
 from robacc.geometry import quaternion_from_rotation
 
 if TYPE_CHECKING:
@@ -303,7 +303,7 @@ ISO9283 = part(
             "poses",
         ),
         "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
-        "warnings": Key(array(text), "Warnings."),
+        **WARNINGS,
         "outside_validity": OUTSIDE_KEY,
         "gate": GATE_KEY,
     },

@@ -27,6 +27,7 @@ from robacc.documents.keys import (
     text,
     vector3,
 )
+from robacc.errors import Note
 from robacc.robots.arm import Arm, skeleton, typical_pose
 
 if TYPE_CHECKING:
@@ -573,3 +574,16 @@ COVARIANCE = part(
     }
 )
 """Covariance of coefficients."""
+
+WARNINGS = {
+    "input_notes": Key(
+        array(text),
+        "How the inputs were read.",
+        lambda result: [text for text in result.warnings if isinstance(text, Note)],
+    ),
+    "warnings": Key(
+        array(text),
+        "Warnings: a figure may be wrong.",
+        lambda result: [text for text in result.warnings if not isinstance(text, Note)],
+    ),
+}

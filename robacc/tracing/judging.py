@@ -121,7 +121,7 @@ class ErrorCause:
     left: float
     """Root mean square of the error that its absence leaves, the rest of the model fitted again, m."""
     share: float | None
-    """Mean square of that error over that of the nominal model, registered."""
+    """Mean square of that error over that of the nominal model, registered if the fit has frames."""
 
 
 def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[Effect] = ()) -> tuple[ErrorCause, ...]:
@@ -132,7 +132,7 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
     Args:
         fit: The fit, with the covariance of its coefficients.
         data: Its poses.
-        nominal_rms: Position error of the nominal model, registered, m rms.
+        nominal_rms: Position error of the nominal model, registered if the fit has frames, m rms.
         found: Effects that were not declared.
     """
     columns = fit.identifiability.columns
@@ -253,6 +253,7 @@ def judge(
     (held_out_before,), (held_out_after,) = how.residuals(before), how.residuals(fit)
     ends = None if held_out_before is None or held_out_after is None else (held_out_before, held_out_after)
     stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how)
+    nominal = stages.nominal if any(each.traits.is_frame for each in fit.model.free) else stages.nominal_unregistered
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
@@ -267,7 +268,7 @@ def judge(
         gain=stages.gain,
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
-        causes=causes(fit, data, stages.nominal.fitted.position.rms, found),
+        causes=causes(fit, data, nominal.fitted.position.rms, found),
         deflection=deflection,
         rounding=rounding,
         n_folds=0 if ends is None else how.folds,

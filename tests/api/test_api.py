@@ -74,6 +74,10 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: robacc.predict("configs/robots/puma560.yaml", samples=200, allocate="C"),
         lambda: results.text("predict"),
     ),
+    "iso9283_poses": (
+        lambda: robacc.iso9283_poses("configs/robots/puma560.yaml", edge="400mm", cycles=3),
+        lambda: printed("plan", "configs/robots/puma560.yaml", "--for", "iso9283", "--edge", "400mm", "--cycles", "3"),
+    ),
     "predict, against": (
         lambda: robacc.predict(
             "configs/robots/puma560.yaml", poses=f"{FOLDER}/p.csv", against=f"{FOLDER}/p.csv", noise="0.05mm,0.01deg"

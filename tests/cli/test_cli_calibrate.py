@@ -193,8 +193,29 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
 
 
+def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
+    screen = output(*command(files, GEOMETRY))
+    lines = screen.splitlines()
+    assert len(lines) <= 25
+    assert max(map(len, lines[:1] + lines[2:])) <= 80
+    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " rms on held-out poses: ", "next: ")
+    assert in_order(one_line(screen), (*parts, "--full adds"))
+    # Without --fit the effects of every arm are fitted, which these are.
+    bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml")
+    assert one_line(bare) == one_line(screen).replace(
+        "joint_offset, link_geometry", "joint_offset, link_geometry (default; --fit changes them)"
+    )
+
+
+def test_without_frames_the_error_before_is_not_registered_either(files: Path) -> None:
+    found = document(files, "joint_offset")
+    before = found["nominal_unregistered"]["held_out"]["position"]["rms_m"]
+    assert f"\n{1e3 * before:.3g}" in output(*command(files, "joint_offset"))
+    assert all(cause["share"] <= (cause["error_without_m"] / before) ** 2 * 1.1 for cause in found["causes"])
+
+
 def test_the_table(files: Path) -> None:
-    table = output(*command(files, GEOMETRY))
+    table = output(*command(files, GEOMETRY, "--full"))
     parts = ("Calibration from 50 measured poses", "Before and after", "nominal, base and tool registered", "baseline")
     assert in_order(table, (*parts, "calibrated"))
     assert missing(table, "Coefficients", "standard error", "joint_offset.j2", "condition number") == []
@@ -207,9 +228,9 @@ def test_the_table(files: Path) -> None:
         "standard errors come from the poses alone, without the prior; --no-shrink fits without it",
     )
     assert missing(one_line(table), *told) == []
-    assert "shrunk to nominal" not in output(*command(files, GEOMETRY, "--no-shrink"))
+    assert "shrunk to nominal" not in output(*command(files, GEOMETRY, "--no-shrink", "--full"))
     assert "shrunk to nominal" in one_line(
-        output(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry"))
+        output(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--full"))
     )
 
 

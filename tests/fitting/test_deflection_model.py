@@ -18,20 +18,21 @@ import robacc.fitting.masses
 from robacc.calibration.calibrating import Calibration, calibrate
 from robacc.documents.fit import calibration_payload, trace_payload
 from robacc.effects.base import REGISTRY
-from robacc.effects.request import build, parse_requests
+from robacc.effects.request import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.masses import BETTER, DeflectionChoice, choose_deflection, with_deflection
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.views.elements import draw
-from robacc.render.views.fit import calibration_view, trace_sections
+from robacc.render.views.fit import calibration_sections, trace_sections
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 
+DECLARED = Baseline(("base_frame", "tool_frame"), by_default=False)
 ASKED = "base_frame,tool_frame,joint_offset,lateral_compliance[j4]"
 NOISE = 8e-6
 SOFT, STIFF = 1e-3, 1e-6
@@ -181,9 +182,9 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors()
 )
 def test_table_and_document_say_which_form_and_why(form: str, compliance: float, said: str) -> None:
     found, data = calibrated(form, compliance), measured(form, compliance)
-    payload = calibration_payload(found, data, arm("puma560").robot)
+    payload = calibration_payload(found, data, arm("puma560").robot, baseline=DECLARED)
     stream = StringIO()
-    draw(calibration_view(payload, "poses.csv", "robot.yaml", ASKED), stream)
+    draw(calibration_sections(payload), stream)
     assert said in " ".join(stream.getvalue().split())
     document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document
@@ -220,7 +221,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
     again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-    payload = trace_payload(found, data, robot, holdout)
+    payload = trace_payload(found, data, robot, holdout, baseline=DECLARED)
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()

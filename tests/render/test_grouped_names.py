@@ -9,8 +9,6 @@ import pytest
 import robacc
 from robacc.modelling.robot_file import read_robot
 from robacc.render.text.layout import grouped
-from robacc.render.views.elements import draw
-from robacc.render.views.fit import calibration_view
 from robacc.robots.library import find_arm
 from robacc.simulation.simulate import Plan, simulate
 
@@ -35,7 +33,7 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
     result = robacc.calibrate(data, robot=robot, fit=fit)
     stream = io.StringIO()
-    draw(calibration_view(result.payload(), "poses.csv", "irb120.yaml", ",".join(fit)), stream)
+    result.draw(stream, full=True)
     lines = stream.getvalue().splitlines()
     assert sum("not identifiable" in line for line in lines) == 2
     assert not any(".hx2" in line for line in lines)

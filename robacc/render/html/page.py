@@ -293,7 +293,7 @@ def result_of(document: Document, place: int) -> ResultSection:
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    notes = list(document.get("notes", ()))
+    notes = [*document.get("notes", ()), *document.get("input_notes", ())]
     blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
     return ResultSection(
         number,

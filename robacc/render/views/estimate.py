@@ -84,11 +84,7 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
         (label, *(cell for part, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
         for label, key in _FIGURES
     ]
-    blocks: list[Block] = [Grid(("error", *heads[: 2 * len(parts)]), rows)]
-    if document["unaligned"] is not None:
-        size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
-        blocks.append(Text(f"before registration: {size} mm rms", is_note=True))
-    yield Section("", blocks)
+    yield Section("", [Grid(("error", *heads[: 2 * len(parts)]), rows)])
     yield from _targets(document)
     worst = []
     for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
@@ -148,7 +144,11 @@ def _opening(document: Document, poses: str, robot: str | None) -> Section:
         if unknown:
             registration += f"; not identifiable on these poses: {', '.join(unknown)}"
     heading = f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}"
-    return Section(heading, [Text(text, wraps=False) for text in (f"{source} against {reference}", registration)])
+    lines = [Text(text, wraps=False) for text in (f"{source} against {reference}", registration)]
+    if document["unaligned"] is not None:
+        size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
+        lines.append(Text(f'unregistered: {size} mm rms (`align="none"` keeps this)'))
+    return Section(heading, lines)
 
 
 def _grade(grade: Part, blocks: Sequence[Block]) -> Section:

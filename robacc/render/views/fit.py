@@ -78,7 +78,10 @@ _MAX_CAUSES = 8
 _MAX_HINTS = 3
 _WORTH_CORRECTING = 0.9
 """Ratio of the errors after and before from which a model is not worth its use."""
-_MORE = "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits"
+_MORE = {
+    "trace": "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits",
+    "calibrate": "`full=True` adds coefficients, errors before and after, and the quality of the fit",
+}
 _MAX_CANDIDATES = 5
 _MAX_PARAMETERS = 8
 _INDISTINGUISHABLE = 0.9999
@@ -89,42 +92,83 @@ _MAX_DROPPED = 3
 _MAX_PAIRS = 8
 
 
-def trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
-    """Return the text of a trace with all that was tested; ``poses`` and ``robot`` are file names."""
-    yield _opening(document, poses, robot)
-    causes, *sections = trace_sections(document)
-    yield causes
-    for place, section in enumerate(sections, 1):
-        yield Section(f"{place}. {section.title}", section.blocks)
+def fit_view(document: Document, command: str, poses: str, robot: str, full: bool) -> Iterator[Section]:
+    """Return how good, why, and what now; with ``full`` all that was tested or fitted.
+
+    ``poses`` and ``robot`` are the names of the files.
+    """
+    facts = [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, _declared(document, command))]
+    yield Section(_title(document, command), facts)
+    if not full:
+        yield from _first_screen(document, command)
+    elif command == "trace":
+        causes, *sections = trace_sections(document)
+        yield causes
+        for place, section in enumerate(sections, 1):
+            yield Section(f"{place}. {section.title}", section.blocks)
+    else:
+        causes, stages, quality = calibration_sections(document)
+        yield from (causes, stages, _coefficients(document), quality)
 
 
-def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
-    """Return how good, why, and what now: causes, what is not distinguishable, what remains, and what to do."""
-    yield _opening(document, poses, robot)
+def _title(document: Document, command: str) -> str:
+    if command == "trace":
+        return f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
+    count = document["identifiability"]["n_identifiable"]
+    return f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
+
+
+def _declared(document: Document, command: str) -> Iterator[str]:
+    """Yield the effects of the model before any finding, and those of every arm that are not among them."""
+    what, option = ("declared", "declared") if command == "trace" else ("fitted", "fit")
+    declared = document["declared"]
+    names = ", ".join(declared["effects"]) or "none"
+    yield f"{what} effects: {names}{f' (default; `{option}` changes them)' if declared['by_default'] else ''}"
+    for each in declared["left_out"]:
+        yield f"{each['effect']} is not {what}: {each['why']}"
+
+
+def _first_screen(document: Document, command: str) -> Iterator[Section]:
+    """Yield causes, what is not distinguishable, what remains, and what to do."""
     yield Section("", causes_blocks(document, 6))
-    unexplained = document["unexplained"]
     notes = [
         f"{_label(finding)}: {_alternative(rival)}"
-        for finding in document["findings"]
+        for finding in document.get("findings", ())
         for rival in finding["alternatives"]
     ]
-    hints = unexplained["hints"]
-    notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
-    if len(hints) > _MAX_HINTS:
-        notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
-    yield Section("", [Listing(notes), Text(f"next: {next_step(document)}"), Text(_MORE, is_note=True)])
+    if unexplained := document.get("unexplained"):
+        hints = unexplained["hints"]
+        notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
+        if len(hints) > _MAX_HINTS:
+            notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
+    listed = [Listing(notes)] if notes else []
+    yield Section("", [*listed, Text(f"next: {next_step(document)}"), Text(_MORE[command], is_note=True)])
 
 
 def next_step(document: Document) -> str:
     """Return what to do after a trace or a calibration."""
-    is_held_out = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
-    poses = "held_out" if is_held_out else "fitted"
-    before, after = (document[stage][poses]["position"]["rms_m"] for stage in ("nominal", "after"))
+    before, after, _ = _was_and_is(document)
+    registered = " with base and tool registered" if _has_frames(document) else ""
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if after > _WORTH_CORRECTING * before:
-        return "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
-    return "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
+        return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
+    return "write the model (`write_model`), then change the robot's targets: robacc correct TARGETS --model MODEL"
+
+
+def _has_frames(document: Document) -> bool:
+    return any(effect.startswith(("base_frame", "tool_frame")) for effect in document["declared"]["effects"])
+
+
+def _was_and_is(document: Document) -> tuple[float, float, bool]:
+    """Return the rms position error of the nominal model and of the last one, m, and whether it is of held-out poses.
+
+    The nominal model is registered if the last one has a frame.
+    """
+    stages = [document[stage] for stage in ("nominal" if _has_frames(document) else "nominal_unregistered", "after")]
+    held_out = all(stage["held_out"] is not None for stage in stages)
+    before, after = (stage["held_out" if held_out else "fitted"]["position"]["rms_m"] for stage in stages)
+    return before, after, held_out
 
 
 def trace_sections(document: Document) -> Iterator[Section]:
@@ -142,28 +186,19 @@ def trace_sections(document: Document) -> Iterator[Section]:
         yield Section("Poses to measure next", _next_poses(document))
 
 
-def calibration_view(document: Document, poses: str, robot: str, fitted: str) -> Iterator[Section]:
-    """Return the text of a calibration; ``poses`` and ``robot`` are file names, ``fitted`` the effects asked for."""
-    count = document["identifiability"]["n_identifiable"]
-    effects = ", ".join(effect_label(effect["effect"], effect["joints"], effect) for effect in document["effects"])
-    facts = (f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
-    title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
-    yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
-    causes, stages, quality = calibration_sections(document)
-    yield from (causes, stages)
-    estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
-    blocks: list[Block] = [coefficients(estimated[:_MAX_COEFFICIENTS])]
-    if len(estimated) > _MAX_COEFFICIENTS:
-        blocks.append(Text(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
-    yield Section("Coefficients", [*blocks, *(Text(_mass_coefficients(*each)) for each in masses.items())])
-    yield quality
-
-
 def calibration_sections(document: Document) -> Iterator[Section]:
     """Return causes, stages, and the quality of the fit."""
     yield Section("Causes", causes_blocks(document))
     yield Section("Before and after", stage_blocks(document, "calibrate"))
     yield Section("Quality of the fit", [Listing([*_quality(document)])])
+
+
+def _coefficients(document: Document) -> Section:
+    estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
+    blocks: list[Block] = [coefficients(estimated[:_MAX_COEFFICIENTS])]
+    if len(estimated) > _MAX_COEFFICIENTS:
+        blocks.append(Text(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
+    return Section("Coefficients", [*blocks, *(Text(_mass_coefficients(*each)) for each in masses.items())])
 
 
 def trace_page(document: Document) -> Iterator[Section]:
@@ -255,16 +290,13 @@ def _mass_coefficients(effect: str, count: int) -> str:
 def causes_blocks(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Block]:
     """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None."""
     causes = document.get("causes", ())
-    apart = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
-    was, now = (
-        _mm(document[stage]["held_out" if apart else "fitted"]["position"]["rms_m"]) for stage in ("nominal", "after")
-    )
+    before, after, apart = _was_and_is(document)
     notable = [
         cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
     ]
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{was} rms to {now} rms{' on held-out poses' if apart else ''}: {named}{others}")
+    yield Text(f"{_mm(before)} rms to {_mm(after)} rms{' on held-out poses' if apart else ''}: {named}{others}")
     if not causes:
         return
     is_mixed = len({cause["declared"] for cause in causes}) > 1
@@ -417,17 +449,6 @@ def _shrinkage(kind: Part) -> str:
 
 
 # A trace: residual and noise, candidates, findings with their tests, remaining error, detection limits.
-
-
-def _opening(document: Document, poses: str, robot: str) -> Section:
-    declared = document["declared"]
-    names = ", ".join(declared["effects"]) or "none"
-    facts = [
-        f"declared effects: {names}{' (default; `declared` changes them)' if declared['by_default'] else ''}",
-        *(f"{each['effect']} is not declared: {each['why']}" for each in declared["left_out"]),
-    ]
-    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
-    return Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
 
 
 def _residual(document: Document) -> str:

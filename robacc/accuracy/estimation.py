@@ -26,7 +26,8 @@ from robacc.accuracy.pose_errors import (
     pose_metrics,
     registered_poses,
 )
-from robacc.errors import InputError, RobaccError, UsageError
+from robacc.errors import InputError, Note, RobaccError, UsageError
+from robacc.fitting.outliers import inlier_mask
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -65,6 +66,16 @@ def too_far(error: float, position: Array) -> bool:
     return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
 
 
+def _near(errors: Array) -> NDArray[np.bool_]:
+    """Return ``(N,)`` the mask of position errors ``(3, N)`` that are not far beyond the others."""
+    return inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
+
+
+def _usual(errors: Array) -> float:
+    """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m."""
+    return rms_length(errors[:, _near(errors)])
+
+
 def frames_to_register(data: Measurements, robot: Robot | None, error: float) -> tuple[str, ...]:
     """Return frames that take a position error in m that no arm has to one that an arm may have; none otherwise.
 
@@ -83,7 +94,7 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
             commanded = register(data, robot, frames).commanded
         except RobaccError:
             continue
-        registered = rms_length(data.position - commanded.translation)
+        registered = _usual(data.position - commanded.translation)
         if registered < _FAR * error and not too_far(registered, data.position):
             return frames
     return ()
@@ -117,11 +128,12 @@ def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
         return ()
     step = np.linalg.norm(centred[:, first:].mean(axis=1) - centred[:, :first].mean(axis=1))
     return (
-        f"the errors change by {1e3 * step:.3g} mm at {data.place(first)}: the instrument or the robot base moved "
-        "there; estimate the rows before and after it apart, or let a trace fit the step",
+        f"the errors change by {1e3 * step:.3g} mm at {data.place(first)}, as if the instrument or the robot base had "
+        "moved there: estimate the rows before and after it apart, or let a trace test it",
     )
 
 
+_NOT_USED = "errors are against the model at the commanded joints; the cmd_ columns count only without `robot`"
 N_WORST = 5
 """Number of the worst poses that are listed."""
 
@@ -212,7 +224,7 @@ def estimate(
     commanded = commanded_poses(data, robot)
     chosen = frame or ("tool" if commanded.oriented else "base")
     errors = pose_errors(data, commanded, chosen)
-    needed = frames_to_register(data, robot, rms_length(errors.position)) if align is None and _moves(data) else ()
+    needed = frames_to_register(data, robot, _usual(errors.position)) if align is None and _moves(data) else ()
     alignment, unaligned = None, None
     if frames := align or needed:
         alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
@@ -244,6 +256,7 @@ def estimate(
             *data.warnings,
             *data.contradicted_ids(repetitions),
             *_warnings(data, errors, alignment),
+            *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),
     )
 
@@ -307,8 +320,6 @@ def _notes(
     alignment: Alignment | None,
 ) -> tuple[str, ...]:
     notes = []
-    if robot is not None and data.commanded_position is not None:
-        notes.append("commanded poses come from the robot model; the cmd_ columns of the file were not used")
     if requested is None and frame == "base":
         notes.append("no orientation was commanded, so the errors are in the measuring frame")
     if data.rotation is None:
@@ -336,10 +347,27 @@ def _moves(data: Measurements) -> bool:
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
+def _beyond(data: Measurements, errors: Array, usual: float) -> tuple[str, ...]:
+    """Return the warning of errors far beyond the others, whose rms is ``usual``; empty without one."""
+    rows = np.flatnonzero(~_near(errors))
+    if not rows.size:
+        return ()
+    largest = rows[np.argsort(-lengths(errors[:, rows]))]
+    named = ", ".join(f"{data.place(int(i))} ({1e3 * rms_length(errors[:, [i]]):.3g} mm)" for i in largest[:N_WORST])
+    more = f" and {rows.size - N_WORST} more" if rows.size > N_WORST else ""
+    return (
+        f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
+        "them: check these readings and their commands",
+    )
+
+
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
     """Warn of errors that are too large for an arm."""
-    far = _moves(data) and too_far(rms_length(errors.position), data.position)
+    usual = _usual(errors.position)
+    far = _moves(data) and too_far(usual, data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
+    if alone := _beyond(data, errors.position, usual):
+        return alone
     if not (far or turned):
         return ()
     if alignment is None:

@@ -12,7 +12,7 @@ from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect, effect_class
-from robacc.effects.request import Request, build
+from robacc.effects.request import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
@@ -30,9 +30,6 @@ from robacc.tracing.refitting import refit
 from robacc.tracing.search import search
 
 # Effects that a calibration fits, and its fits with and without shrinkage to the nominal values.
-
-_CONSTANTS = ("joint_offset", "link_geometry")
-"""Effects whose coefficients all have a nominal value in the robot file."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +82,7 @@ class CalibrationPlan:
         if self.priors or not self.shrink:
             return chosen, ()
         requested = (request.name for request in self.requests if request.joints is None)
-        return shrink_to_nominal(chosen, data, options, [name for name in requested if name in _CONSTANTS])
+        return shrink_to_nominal(chosen, data, options, [name for name in requested if name in CONSTANTS])
 
 
 def is_searched(request: Request) -> bool:

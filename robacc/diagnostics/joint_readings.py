@@ -85,6 +85,8 @@ _FEWEST_VALUES = 12
 """Different values of a joint from which whole steps are no accident."""
 _EVIDENT = 5.0
 """Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
+_AS_SMALL = 1.5
+"""Errors over the rounding of the numbers up to which the rounding explains them: twice its variance and a quarter."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -132,31 +134,51 @@ def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
 
 
 def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple[str, ...]:
-    """Return the warning of a rounding of the joint variables that position errors show; empty without one.
+    """Return the warning of numbers with few digits that position errors show; empty without one.
+
+    Errors no larger than the rounding of joints and positions are those of a controller's own positions, which it
+    computes from the joints.
 
     Args:
         robot: The robot of the commanded poses, registered.
         data: The measured poses.
         errors: ``(3, N)`` attained minus commanded positions in the measuring frame, m.
     """
-    rounding = _evident_rounding(Model.of(robot), data, errors)
-    return () if rounding is None else (f"{rounding.size}; record more digits",)
+    model = Model.of(robot)
+    joints, covariance = _rounding(model, data)
+    steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
+    rounded = math.hypot(joints.position, *(step / math.sqrt(12.0) for step, _ in steps))
+    if rms_length(errors) <= _AS_SMALL * rounded:
+        size = f"{1e3 * rms_length(errors):.2g} mm rms"
+        return (f"the errors ({size}) are the rounding of the numbers: these positions look computed, not measured",)
+    is_evident = _is_evident(joints, covariance, errors)
+    return (f"{joints.size}; record more digits",) if is_evident else ()
 
 
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
+    rounding, covariance = _rounding(model, data)
+    return rounding if _is_evident(rounding, covariance, residual) else None
+
+
+def _rounding(model: Model, data: Measurements) -> tuple[Rounding, Array]:
+    """Return the rounding of the joint variables, and ``(N, 3, 3)`` what it adds to the positions' covariances."""
+    assert data.q is not None
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
     steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
     std = np.array([step for step, _ in steps]) / math.sqrt(12.0)
     columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
-    if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
-        return None
-    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
-        return None
-    return Rounding(max(steps)[1], std, position)
+    return Rounding(max(steps)[1], std, position), covariance
+
+
+def _is_evident(rounding: Rounding, covariance: Array, residual: Array) -> bool:
+    """Return whether a residual ``(3, N)`` is more likely with the rounding than without."""
+    if rounding.position == 0.0 or rms_length(residual) <= _SHARES[0] * rounding.position:
+        return False
+    return _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) >= _EVIDENT
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:

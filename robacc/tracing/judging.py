@@ -132,7 +132,7 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
     Args:
         fit: The fit, with the covariance of its coefficients.
         data: Its poses.
-        nominal_rms: Position error of the nominal model, registered if the fit has frames, m rms.
+        nominal_rms: Position error of the nominal model at the inliers, registered if the fit has frames, m rms.
         found: Effects that were not declared.
     """
     columns = fit.identifiability.columns
@@ -268,7 +268,7 @@ def judge(
         gain=stages.gain,
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
-        causes=causes(fit, data, nominal.fitted.position.rms, found),
+        causes=causes(fit, data, (nominal.fitted_inliers or nominal.fitted).position.rms, found),
         deflection=deflection,
         rounding=rounding,
         n_folds=0 if ends is None else how.folds,

@@ -11,12 +11,14 @@ import numpy as np
 
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.effects.base import Effect
+from robacc.effects.request import CONSTANTS
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load
 from robacc.fitting.registration import with_gravity_direction
 from robacc.fitting.solver import fit
+from robacc.fitting.sparse_prior import shrink_to_nominal
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -111,7 +113,10 @@ def _trace(
     effects = [one.effect for one in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
     structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
-    final, repeatability = structured.fit, structured.repeatability
+    arm = model.arm
+    constants = [one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(arm)]
+    final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
+    structured, repeatability = dataclasses.replace(structured, fit=final), structured.repeatability
     numbers = [number_of(effect, final) for effect in effects]
     fitted_effects = [final.model.free[number] for number in numbers]
     judged = judge(stated, mistakes, declared, structured, form, data, how, fitted_effects)

@@ -90,8 +90,7 @@ def short_estimate_view(document: Document, poses: str, robot: str | None) -> It
     for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
         name = "" if pose["pose"] is None else f" (pose {pose['pose']})"
         worst.append(f"{_place(pose)}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
-    ahead = "robacc trace finds the causes of the error"
-    ahead = f"state the robot with `robot`; {ahead}" if robot is None else ahead
+    ahead = f"robacc trace {poses} --robot {robot or 'ROBOT'} finds the causes of the error"
     yield Section(
         "",
         [Text(f"largest errors: {', '.join(worst)}"), Text(f"next: {ahead}"), Text(_MORE, is_note=True)],
@@ -147,7 +146,7 @@ def _opening(document: Document, poses: str, robot: str | None) -> Section:
     lines = [Text(text, wraps=False) for text in (f"{source} against {reference}", registration)]
     if document["unaligned"] is not None:
         size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
-        lines.append(Text(f'unregistered: {size} mm rms (`align="none"` keeps this)'))
+        lines.append(Text(f'before registration: {size} mm rms (`align="none"` leaves the frames as they are)'))
     return Section(heading, lines)
 
 

@@ -58,8 +58,10 @@ _POSE_SETS = (
     ("fitted", "calibration poses"),
     ("fitted_inliers", "calibration poses without outliers"),
 )
+_POSE_SETS_IN_HEADLINE = (_POSE_SETS[1], _POSE_SETS[0], _POSE_SETS[3], _POSE_SETS[2])
+"""Held-out poses first; without outliers where there are any."""
 _VERDICTS = {
-    "clean": "no effect found beyond the declared effects",
+    "clean": "nothing found beyond the declared effects",
     "explained": "explained",
     "partly_explained": "partly explained",
     "unexplained": "unexplained: the residual is structured and no candidate explains it",
@@ -130,7 +132,7 @@ def _declared(document: Document, command: str) -> Iterator[str]:
 
 def _first_screen(document: Document, command: str) -> Iterator[Section]:
     """Yield causes, what is not distinguishable, what remains, and what to do."""
-    yield Section("", causes_blocks(document, 6))
+    yield Section("", causes_blocks(document, 6, short=True))
     notes = [
         f"{_label(finding)}: {_alternative(rival)}"
         for finding in document.get("findings", ())
@@ -138,7 +140,7 @@ def _first_screen(document: Document, command: str) -> Iterator[Section]:
     ]
     if unexplained := document.get("unexplained"):
         hints = unexplained["hints"]
-        notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
+        notes += [f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
         if len(hints) > _MAX_HINTS:
             notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
     listed = [Listing(notes)] if notes else []
@@ -160,15 +162,17 @@ def _has_frames(document: Document) -> bool:
     return any(effect.startswith(("base_frame", "tool_frame")) for effect in document["declared"]["effects"])
 
 
-def _was_and_is(document: Document) -> tuple[float, float, bool]:
-    """Return the rms position error of the nominal model and of the last one, m, and whether it is of held-out poses.
+def _was_and_is(document: Document) -> tuple[float, float, str]:
+    """Return the rms position error of the nominal model and of the last one, m, and what poses they are of.
 
     The nominal model is registered if the last one has a frame.
     """
     stages = [document[stage] for stage in ("nominal" if _has_frames(document) else "nominal_unregistered", "after")]
-    held_out = all(stage["held_out"] is not None for stage in stages)
-    before, after = (stage["held_out" if held_out else "fitted"]["position"]["rms_m"] for stage in stages)
-    return before, after, held_out
+    chosen, title = next(
+        (name, title) for name, title in _POSE_SETS_IN_HEADLINE if all(stage.get(name) is not None for stage in stages)
+    )
+    before, after = (stage[chosen]["position"] for stage in stages)
+    return before["rms_m"], after["rms_m"], title
 
 
 def trace_sections(document: Document) -> Iterator[Section]:
@@ -287,37 +291,54 @@ def _mass_coefficients(effect: str, count: int) -> str:
 # Parts of calibration and trace: causes, stages, repeatability, deflection.
 
 
-def causes_blocks(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Block]:
-    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None."""
+def causes_blocks(document: Document, most: int | None = _MAX_CAUSES, *, short: bool = False) -> Iterator[Block]:
+    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None.
+
+    With ``short`` the table has no column of the error that no other effect can describe.
+    """
     causes = document.get("causes", ())
-    before, after, apart = _was_and_is(document)
+    before, after, of_poses = _was_and_is(document)
     notable = [
         cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
     ]
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{_mm(before)} rms to {_mm(after)} rms{' on held-out poses' if apart else ''}: {named}{others}")
-    if not causes:
+    yield Text(f"{_mm(before)} rms to {_mm(after)} rms on {of_poses}: {named}{others}")
+    shown = causes if most is None else notable[:most]
+    if not shown:
         return
     is_mixed = len({cause["declared"] for cause in causes}) > 1
-    rows = [
+    table: list[tuple[str, list[Cell]]] = [
+        ("effect", [f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}" for cause in shown]),
+        ("coefficient", [_coefficient(document, cause) for cause in shown]),
+        ("moves, mm", [number(cause["size_at_tool_m"], IN_MM) for cause in shown]),
         (
-            f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
-            number(cause["size_at_tool_m"], IN_MM),
-            " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
-            number(cause["error_without_m"], IN_MM),
-            "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
-        )
-        for cause in (causes if most is None else notable[:most])
+            "95 % interval",
+            [" to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")) for cause in shown],
+        ),
+        ("without it, mm", [number(cause["error_without_m"], IN_MM) for cause in shown]),
+        ("share", ["–" if cause["share"] is None else f"{100 * cause['share']:.0f} %" for cause in shown]),
     ]
-    yield Grid(("effect", "moves, mm", "95 % interval", "without it, mm", "share"), rows)
-    if hidden := len(causes) - len(rows):
+    columns = [column for column in table if not (short and column[0].startswith("without"))]
+    yield Grid([head for head, _ in columns], [*zip(*(cells for _, cells in columns), strict=True)])
+    if hidden := len(causes) - len(shown):
         yield Text(f"and {hidden} smaller; the JSON result has all of them", is_note=True)
+    without = "" if short else "without it: rms error that no other effect can describe; "
     yield Text(
-        "moves: rms distance by which the effect alone moves the tool; without it: rms error that no other effect can "
-        "describe; share: of the nominal model's mean square error",
+        f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "
+        "model's mean square error that no other effect can describe, so that shares need not add up to 100 %",
         is_note=True,
     )
+
+
+def _coefficient(document: Document, cause: Part) -> str:
+    """Return the one coefficient of a cause; a dash if it has several."""
+    names = tuple(f"{cause['effect']}.{joint}." for joint in cause["joints"])
+    own = [part for part in document["parameters"] if f"{part['name']}.".startswith(names) and part["std"] is not None]
+    if len(own) != 1:
+        return "–"
+    factor, unit = table_unit(own[0]["unit"])
+    return with_table_unit(str(_with_error(own[0]["value"], own[0]["std"], factor)[0]), unit)
 
 
 def stage_blocks(document: Document, command: str) -> Iterator[Block]:
@@ -582,14 +603,19 @@ def _alternative(alternative: Part) -> str:
     )
 
 
+def _remaining(unexplained: Part) -> str:
+    """Return the size of the remaining error, and that of the measurement noise in it."""
+    text = f"{_mm(unexplained['rms_m'])} rms on the calibration poses"
+    if unexplained["noise_rms_m"] is None:
+        return text
+    size = _mm(unexplained["noise_rms_m"])
+    is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
+    return text + (f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}")
+
+
 def _remaining_error(document: Document) -> Iterator[str]:
     unexplained = document["unexplained"]
-    text = f"{_mm(unexplained['rms_m'])} rms on the calibration poses"
-    if unexplained["noise_rms_m"] is not None:
-        size = _mm(unexplained["noise_rms_m"])
-        is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
-        text += f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}"
-    yield text
+    yield _remaining(unexplained)
     shown = f" ({p_value(unexplained['p_value'])})"
     if unexplained["structured"]:
         # The p-value stands where it is what shows the structure.

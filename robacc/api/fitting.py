@@ -77,13 +77,13 @@ class FitResult(Result):
     baseline: Baseline
     """Effects that were declared, or that were to be fitted, and whether the call named them."""
 
-    def draw(self, stream: TextIO, full: bool = False) -> None:
-        """Write how good, why, and what now; with ``full`` all that was computed."""
+    def draw(self, stream: TextIO, full: bool = False, model: str | None = None) -> None:
+        """Write how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
         from robacc.render.views.elements import draw
         from robacc.render.views.fit import fit_view
 
         poses, robot = (self.fit_inputs.names[kind] or self.named(kind) for kind in ("poses", "robot"))
-        draw(fit_view(self.payload(), self.command, poses, robot, full), stream)
+        draw(fit_view(self.payload(), self.command, poses, robot, full, model), stream)
 
     @property
     def converged(self) -> bool:

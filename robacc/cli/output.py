@@ -127,7 +127,7 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, fu
 
     if write_model is not None and result.converged:
         result.write_model(write_model)
-    deliver(outlets, result, lambda stream: result.draw(stream, full))
+    deliver(outlets, result, lambda stream: result.draw(stream, full, write_model))
     if result.suspicions and write_model is not None:
         say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
     if result.suspicions or not result.converged:

@@ -94,15 +94,17 @@ _MAX_DROPPED = 3
 _MAX_PAIRS = 8
 
 
-def fit_view(document: Document, command: str, poses: str, robot: str, full: bool) -> Iterator[Section]:
+def fit_view(
+    document: Document, command: str, poses: str, robot: str, full: bool, model: str | None = None
+) -> Iterator[Section]:
     """Return how good, why, and what now; with ``full`` all that was tested or fitted.
 
-    ``poses`` and ``robot`` are the names of the files.
+    ``poses`` and ``robot`` are the names of the files, ``model`` that of the model if it was written.
     """
     facts = [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, _declared(document, command))]
     yield Section(_title(document, command), facts)
     if not full:
-        yield from _first_screen(document, command)
+        yield from _first_screen(document, command, model)
     elif command == "trace":
         causes, *sections = trace_sections(document)
         yield causes
@@ -130,7 +132,7 @@ def _declared(document: Document, command: str) -> Iterator[str]:
         yield f"{each['effect']} is not {what}: {each['why']}"
 
 
-def _first_screen(document: Document, command: str) -> Iterator[Section]:
+def _first_screen(document: Document, command: str, model: str | None) -> Iterator[Section]:
     """Yield causes, what is not distinguishable, what remains, and what to do."""
     yield Section("", causes_blocks(document, 6, short=True))
     notes = [
@@ -144,18 +146,19 @@ def _first_screen(document: Document, command: str) -> Iterator[Section]:
         if len(hints) > _MAX_HINTS:
             notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
     listed = [Listing(notes)] if notes else []
-    yield Section("", [*listed, Text(f"next: {next_step(document)}"), Text(_MORE[command], is_note=True)])
+    yield Section("", [*listed, Text(f"next: {next_step(document, model)}"), Text(_MORE[command], is_note=True)])
 
 
-def next_step(document: Document) -> str:
-    """Return what to do after a trace or a calibration."""
+def next_step(document: Document, model: str | None = None) -> str:
+    """Return what to do after a trace or a calibration; ``model`` is the file of the model if it was written."""
     before, after, _ = _was_and_is(document)
     registered = " with base and tool registered" if _has_frames(document) else ""
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if after > _WORTH_CORRECTING * before:
         return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
-    return "write the model (`write_model`), then change the robot's targets: robacc correct TARGETS --model MODEL"
+    start = "" if model else "write the model (`write_model`), then "
+    return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
 
 
 def _has_frames(document: Document) -> bool:

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from robacc.errors import Counted, InputError, Problem
 from robacc.geometry import Array
-from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
 from robacc.io.dialect import (
     GAPS,
     PLAIN,
@@ -51,8 +50,8 @@ class TableOptions:
     """Leave out rows with a missing value, in place of a problem for each."""
     sheet: str | None = None
     """Sheet of a workbook; None for its only sheet."""
-    bag: BagOptions = NO_BAG_OPTIONS
-    """Topics and samples of a recording."""
+    bag: str | None = None
+    """Topics and samples of a recording, as the reader of recordings takes them."""
     frame: Any = None
     """Data frame that is read in place of a file."""
 

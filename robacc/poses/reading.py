@@ -13,7 +13,6 @@ import yaml
 
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
-from robacc.io.bag_options import BagOptions
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
 from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
@@ -273,7 +272,6 @@ class Reading:
             raise UsageError(f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}")
         if self.coverage is not None and not 0 < self.coverage < 10:
             raise UsageError(f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}")
-        BagOptions.of(self.bag)
         self.unit_of  # noqa: B018 (the property checks)
 
     @property
@@ -393,4 +391,4 @@ def table_options(path: str | os.PathLike[str]) -> TableOptions:
 
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, BagOptions.of(reading.bag), frame)
+    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, frame)

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 from robacc.io.open_table import open_table
 from robacc.io.table import Table, TableOptions
-from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
-from robacc.poses.foreign_columns import ForeignColumns, find_columns
-from robacc.poses.reading import AS_NAMED, OPEN
+from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, is_documented
+from robacc.poses.layout import Layout, Names, documented_columns, find_columns
+from robacc.poses.reading import AS_NAMED, OPEN, UNKNOWN_ROBOT
 from robacc.poses.reshaped_tables import with_known_names, with_poses_of_matrices
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
@@ -44,14 +44,9 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     with open_table(name, TableOptions(is_documented)) as plain:
         plain.names = with_known_names(plain, required=False)
         table = with_poses_of_matrices(plain)
-    names = Names.of(table.names, None, None)
-    known: dict[str, Column] = {}
-    for index, text in enumerate(table.names):
-        column = parse_column(text, index, names, table)
-        if column is not None:
-            known.setdefault(column.key, with_cell_unit(column, table))
+    known = documented_columns(table, Names.of(table.names, UNKNOWN_ROBOT))
     # The map itself asks for the coverage factor, so that it is not a question of columns.
-    foreign = find_columns(table, known, names, replace(AS_NAMED, coverage=1.0))
+    foreign = find_columns(table, known, replace(AS_NAMED, coverage=1.0))
     statements = _statements(foreign)
     questions = _questions(table, foreign)
     lines = [
@@ -75,7 +70,7 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     )
 
 
-def _questions(table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
+def _questions(table: Table, foreign: Layout) -> tuple[str, ...]:
     """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
     texts = [
         f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in table.log.problems
@@ -91,7 +86,7 @@ def _questions(table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
     return tuple(result)
 
 
-def _statements(foreign: ForeignColumns) -> dict[str, tuple[str, str]]:
+def _statements(foreign: Layout) -> dict[str, tuple[str, str]]:
     """Return the value and the comment of each statement that the names leave open."""
     result: dict[str, tuple[str, str]] = {}
     candidates = [options for options in foreign.angles.values() if options != ("fixed-xyz",)]
@@ -106,11 +101,11 @@ def _statements(foreign: ForeignColumns) -> dict[str, tuple[str, str]]:
     return result
 
 
-def _has_commands(foreign: ForeignColumns) -> bool:
+def _has_commands(foreign: Layout) -> bool:
     return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in foreign.columns)
 
 
-def _entries(table: Table, foreign: ForeignColumns) -> list[str]:
+def _entries(table: Table, foreign: Layout) -> list[str]:
     by_index = {column.index: column for column in foreign.columns.values()}
     fixed = {prefix for prefix, options in foreign.angles.items() if options == ("fixed-xyz",)}
 

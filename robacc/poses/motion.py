@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.layout import COMMANDED_AXES, Values, listing
+from robacc.poses.columns import COMMANDED_AXES
+from robacc.poses.layout import Values, listing
 
 # Dates and times of day as seconds.
 
@@ -196,32 +196,27 @@ def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, A
     return direction[:, place[number]], speed[:, place[number]]
 
 
-def check_visits(values: Values, ordered: bool, log: ProblemLog) -> None:
+def check_visits(values: Values, ordered: bool) -> None:
     """Log each row that contradicts its ``visit``: other commands, or with ``ordered`` an earlier visit continued."""
     visit = values.texts.get("visit")
     if visit is None or visit.size < 2:
         return
     _, first, number = np.unique(visit, return_index=True, return_inverse=True)
     origin = first[number]
-    commands = values.column_set(values.layout.joints())
-    if commands is None:
-        commands = values.column_set(COMMANDED_AXES)
-    if commands is not None:
-        distance = np.max(np.abs(commands - commands[:, origin]), axis=0)
-        log.add_rows(
-            distance > _SAME_VISIT,
+    sets = (values.column_set(keys) for keys in (values.layout.joints(), COMMANDED_AXES))
+    if (commands := next((commands for commands in sets if commands is not None), None)) is not None:
+        values.log.add_rows(
+            np.max(np.abs(commands - commands[:, origin]), axis=0) > _SAME_VISIT,
             values.lines,
             "visit",
             lambda i: (
-                f"visit {clip(str(visit[i]))} has another command than on {log.counted} {values.lines[origin[i]]}; "
-                "a visit is one arrival of the arm, so number each arrival differently"
+                f"visit {clip(str(visit[i]))} has another command than on {values.log.counted} "
+                f"{values.lines[origin[i]]}; a visit is one arrival of the arm, so number each arrival differently"
             ),
         )
     if ordered:
-        returned = np.zeros(visit.size, dtype=bool)
-        returned[1:] = (visit[1:] != visit[:-1]) & (origin[1:] < np.arange(1, visit.size))
-        log.add_rows(
-            returned,
+        values.log.add_rows(
+            np.append(False, visit[1:] != visit[:-1]) & (origin < np.arange(visit.size)),
             values.lines,
             "visit",
             lambda i: (
@@ -231,19 +226,26 @@ def check_visits(values: Values, ordered: bool, log: ProblemLog) -> None:
         )
 
 
-def motion_of(
-    values: Values, ordered: bool, counted: Counted
-) -> tuple[tuple[Array | None, Array | None], tuple[str, ...]]:
+def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None]:
     """Return direction and speed ``(J, N)``: as given, derived from the order of visits, or 0 with a warning."""
-    layout = values.layout
-    warnings: list[str] = []
-    derived = _derived(values) if ordered else None
-    if ordered and derived is None:
-        warnings.append("the file has no joint columns, so the order of rows does not give the joints' directions")
-    if (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
+    layout, log = values.layout, values.log
+    q, time = values.column_set(layout.joints()), values.column("time_s")
+    derived: Sequence[Array] | None = None
+    if ordered and q is None:
+        text = "the file has no joint columns, so the order of rows does not give the joints' directions"
+        log.warn(text, of_file=True)
+    elif ordered and q is not None:
+        visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
+        if visit is None and cycle is None and target is None:
+            derived = motion_between_rows(q)
+        else:
+            grouping = commanded_groups(pose, q)
+            groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
+            derived = motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
+    if time is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
         cause = "the clock was set back, or the rows are not in the order measured"
-        warnings.append(f"time_s decreases at {counted} {line}: {cause}")
+        log.warn(f"time_s decreases at {log.counted} {line}: {cause}", of_file=True)
     result: list[Array | None] = []
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)
@@ -256,27 +258,11 @@ def motion_of(
             row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
         result.append(table)
         if derived is None:
-            warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
-    return (result[0], result[1]), (*warnings, *_opposite_sign_warnings(values, counted))
-
-
-def _derived(values: Values) -> tuple[Array, Array] | None:
-    """Return direction and speed from the order of visits; None without joint columns."""
-    q = values.column_set(values.layout.joints())
-    if q is None:
-        return None
-    visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
-    if visit is None and cycle is None and target is None:
-        return motion_between_rows(q)
-    grouping = commanded_groups(pose, q)
-    groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
-    return motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
-
-
-def _opposite_sign_warnings(values: Values, counted: Counted) -> Iterator[str]:
-    """Yield a warning for each joint whose given direction and speed have opposite signs."""
-    for keys in zip(values.layout.joints("dir_"), values.layout.joints("speed_"), strict=True):
-        direction, speed = (values.column(key) for key in keys)
-        if direction is not None and speed is not None and (opposite := direction * speed < 0).any():
-            place = f"{counted} {values.lines[np.argmax(opposite)]}"
-            yield f"{' and '.join(keys)} have opposite signs at {place}: one of them is wrong"
+            log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
+    for names in zip(layout.joints("dir_"), layout.joints("speed_"), strict=True):
+        pair = values.numbers[[values.row_index[key] for key in names if key in values.row_index]]
+        if len(pair) == 2 and (opposite := pair[0] * pair[1] < 0).any():
+            place = f"{log.counted} {values.lines[np.argmax(opposite)]}"
+            text = f"{' and '.join(names)} have opposite signs at {place}: one of them is wrong"
+            log.warn(text, of_file=True)
+    return result[0], result[1]

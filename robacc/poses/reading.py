@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
-from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
+from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
 
 if TYPE_CHECKING:
     from robacc.io.table import TableOptions
@@ -178,11 +179,11 @@ def _columns(top: YamlSection) -> dict[str, str | None] | None:
     for name, _, value in source.entries(node, "columns"):
         result[name] = None if is_null(value) else source.text(value, f"columns.{name}")
         meaning = result[name]
-        if meaning is not None and not is_documented(meaning) and time_column(meaning, 0) is None:
+        if meaning is not None and not is_documented(meaning) and time_column(meaning) is None:
             import difflib
 
             known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
-            known += [f"{key}_{unit}" for key in known for unit in UNITS]
+            known += [f"{key}_{unit}" for key in known for unit in NAME_UNITS]
             nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
             source.report(
                 value, f"columns.{name}", f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?"
@@ -196,6 +197,9 @@ JointLimits = Sequence[tuple[float, float] | None]
 """Lowest and highest value of each joint, rad or m; None for a joint without limits."""
 PoseAt = Callable[[Array], Poses]
 """Nominal poses of the robot at joint variables ``(J, N)``."""
+KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
+N rows without names; None for what it does not give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,7 +288,7 @@ class Reading:
         result: dict[str, str] = {}
         for part in (self.units or "").split(",") if self.units else ():
             unit = _UNIT_WORDS.get(part.strip(), part.strip())
-            quantity = {**UNITS, **FOREIGN_UNITS}.get(unit, ("", 0.0))[0]
+            quantity = UNITS.get(unit, ("", 0.0))[0]
             if quantity not in ("length", "angle") or quantity in result:
                 raise UsageError(
                     f"`units`: expected a unit of length (m, mm, um, in) and one of angle (rad, mrad, deg), such as "

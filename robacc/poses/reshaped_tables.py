@@ -241,13 +241,13 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
     return _axes_in_rows(table) or _targets_in_rows(table, robot.targets_in_columns) or table
 
 
-def with_named_quaternion(table: Table) -> list[Note]:
-    """Name Q0 … Q3 beside no Q4 as a quaternion, and return a note of it."""
+def with_named_quaternion(table: Table) -> tuple[str, ...]:
+    """Return the names with Q0 … Q3 beside no Q4 as a quaternion; a note of it goes to the log."""
     lower = [name.lower() for name in table.names]
     if not {*_COUNTED} <= {*lower} or "q4" in lower:
-        return []
-    table.names = tuple(_COUNTED.get(key, name) for key, name in zip(lower, table.names, strict=True))
-    return [Note("q0 … q3 are taken as a quaternion, scalar part first")]
+        return table.names
+    table.log.warn(Note("q0 … q3 are taken as a quaternion, scalar part first"), of_file=True)
+    return tuple(_COUNTED.get(key, name) for key, name in zip(lower, table.names, strict=True))
 
 
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:

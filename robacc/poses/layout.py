@@ -395,7 +395,7 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
             message = f"the cells are in {unit}, but the name is of {heading.unit}"
             table.log.add(message, table.line, heading.name)
         joint = _named_joint(heading, names)
-        meaning = Meaning(joint, si=is_of_ros(heading)) if joint else meaning_of(heading, siblings)
+        meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
         is_command = meaning.commanded and meaning.key in FIXED_KINDS and f"cmd_{meaning.key}" in FIXED_KINDS
@@ -532,7 +532,8 @@ def _column(
         table.log.add(f"found unit {unit} for {key}, {expected}", table.line, heading.name)
         unit = None
     if quantity and unit is None:
-        si_unit = ("m" if quantity == "length" else "rad") if meaning.si else None
+        is_si = meaning.family == "ur" or (not meaning.family and is_of_ros(heading))
+        si_unit = ("m" if quantity == "length" else "rad") if is_si else None
         unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
     return Column(heading.name, candidate.place, key, kind, unit, coverage)

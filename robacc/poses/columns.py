@@ -370,6 +370,12 @@ class Column:
     """Coverage factor of an uncertainty."""
 
     @property
+    def label(self) -> str:
+        """Documented name with the unit."""
+        has_unit = self.unit is not None and self.key not in ("temperature_c", "payload_kg")
+        return f"{self.key}_{self.unit}" if has_unit else self.key
+
+    @property
     def divisor(self) -> float:
         """Number of the column's unit that makes one SI unit."""
         return (1.0 if self.unit is None else UNITS[self.unit][1]) * self.coverage

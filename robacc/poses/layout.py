@@ -551,28 +551,19 @@ def _unit_of_preamble(table: Table) -> tuple[str | None, str]:
 def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:
     """Return which column was taken for what, without the columns whose names are documented."""
     taken = sorted((column for key, column in columns.items() if key not in documented), key=lambda item: item.index)
+
+    def run(item: tuple[int, Column]) -> object:
+        """Return what joints that follow each other have in common."""
+        match = re.fullmatch(r"(read_)?q(\d+)", item[1].key)
+        return (match[1], item[1].unit, int(match[2]) - item[0]) if match else item[1].key
+
     parts = []
-    run: list[Column] = []
-    for column in (*taken, None):
-        if column is not None and run and _continues(run[-1], column):
-            run.append(column)
-            continue
-        if run:
-            names, keys = [item.name for item in run], [_key_text(item) for item in run]
-            if len(run) > 2:
-                parts.append(f"{names[0]} … {names[-1]} -> {keys[0]} … {keys[-1]}")
-            else:
-                parts += [f"{name} -> {key}" for name, key in zip(names, keys, strict=True)]
-        run = [] if column is None else [column]
+    for _, group in itertools.groupby(enumerate(taken), run):
+        pairs = [(column.name, _taken_for(column)) for _, column in group]
+        if len(pairs) > 2:
+            pairs = [(f"{pairs[0][0]} … {pairs[-1][0]}", f"{pairs[0][1]} … {pairs[-1][1]}")]
+        parts += [f"{name} -> {key}" for name, key in pairs]
     return ", ".join(parts)
-
-
-def _continues(before: Column, column: Column) -> bool:
-    """Return whether a joint's column follows that of the joint before it."""
-    numbers = [re.fullmatch(r"(read_)?q(\d+)", item.key) for item in (before, column)]
-    if numbers[0] is None or numbers[1] is None or numbers[0][1] != numbers[1][1]:
-        return False
-    return before.unit == column.unit and int(numbers[1][2]) == int(numbers[0][2]) + 1
 
 
 def documented_name(name: str) -> str | None:
@@ -586,12 +577,10 @@ def documented_name(name: str) -> str | None:
     return f"{key}_{heading.unit}" if takes_unit else key
 
 
-def _key_text(column: Column) -> str:
+def _taken_for(column: Column) -> str:
     if column.key in TIME_KEYS:
         return "time_s"
-    if column.unit is None or column.key in ("temperature_c", "payload_kg"):
-        return column.key
-    return f"{column.key}_{column.unit}" + (f" times {column.coverage:g}" if column.coverage != 1 else "")
+    return column.label + (f" times {column.coverage:g}" if column.coverage != 1 else "")
 
 
 def compact(names: Sequence[str]) -> str:

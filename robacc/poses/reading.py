@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
-from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
+from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
 from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
 
 if TYPE_CHECKING:
@@ -136,7 +137,6 @@ def _turns(rotation: Array, fours: Array) -> Array:
 _VERSION = "1"
 OPEN = "unknown"
 """Entry of a statement that the user has to fill in; a command refuses it."""
-_KEYS = ("robacc_columns", "angles", "units", "coverage", "sheet", "bag", "columns")
 
 
 def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -147,47 +147,41 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     name = os.fspath(path)
     source = Source(name)
-    top = source.section(compose(read_text(name), name), "", _KEYS)
+    kinds: dict[str, Callable[[yaml.Node, str], Any]] = {
+        "angles": partial(source.choice, options=tuple(CONVENTIONS)),
+        "units": source.text,
+        "coverage": source.number,
+        "sheet": source.text,
+        "bag": source.text,
+        "columns": partial(_read_columns, source),
+    }
     result: dict[str, Any] = {}
-    if top is not None:
+    if (top := source.section(compose(read_text(name), name), "", ("robacc_columns", *kinds))) is not None:
         version = top.require("robacc_columns")
         if version is not None and getattr(version, "value", None) != _VERSION:
             source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
-        if (node := top.get("angles")) is not None:
-            result["angles"] = source.choice(node, "angles", tuple(CONVENTIONS))
-        for key in ("units", "sheet", "bag"):
-            if (node := top.get(key)) is not None:
-                result[key] = source.text(node, key)
+        result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
         if result.get("units") == OPEN:
             source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-        if (node := top.get("coverage")) is not None:
-            result["coverage"] = source.number(node, "coverage")
-        result["columns"] = _columns(top)
     source.finish()
     return result
 
 
-def _columns(top: YamlSection) -> dict[str, str | None] | None:
-    node = top.get("columns")
-    if node is None:
-        return None
-    source = top.source
+def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str | None]:
+    """Return the documented name by the name in the file, None for a column that is not read."""
     if not isinstance(node, yaml.MappingNode):
-        source.report(node, "columns", f"expected names with documented names, found {describe(node)}")
-        return None
+        source.report(node, path, f"expected names with documented names, found {describe(node)}")
+        return {}
     result: dict[str, str | None] = {}
-    for name, _, value in source.entries(node, "columns"):
-        result[name] = None if is_null(value) else source.text(value, f"columns.{name}")
-        meaning = result[name]
+    for name, _, value in source.entries(node, path):
+        key = join(path, name)
+        result[name] = meaning = None if is_null(value) else source.text(value, key)
         if meaning is not None and not is_documented(meaning) and time_column(meaning) is None:
-            import difflib
-
             known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
             known += [f"{key}_{unit}" for key in known for unit in NAME_UNITS]
             nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
-            source.report(
-                value, f"columns.{name}", f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?"
-            )
+            message = f"expected a documented name, found {meaning!r}"
+            source.report(value, key, message, f"did you mean {nearest}?")
     return result
 
 

@@ -255,29 +255,23 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:
-    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
-    if target.exists() and not os.access(target, os.W_OK):
+    is_new = not target.exists()
+    mode = 0o666 if is_new else target.stat().st_mode & 0o777
+    if not is_new and not os.access(target, os.W_OK):
         # Another file could replace it; a write-protected file stays as it is all the same.
         raise PermissionError(None, "the file is write-protected")
-    import tempfile
-
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    temporary = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
     try:
-        with os.fdopen(handle, "wb") as raw:
+        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode)) as raw:
             raw.writelines(pieces)
             raw.flush()
             os.fsync(raw.fileno())
-        os.chmod(temporary, mode)
+        if not is_new:  # the mask for new files may have taken permissions away
+            os.chmod(temporary, mode)
         os.replace(temporary, target)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _reason(error: Exception) -> str:

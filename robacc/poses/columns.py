@@ -188,6 +188,11 @@ class Meaning:
     expanded: bool = False
     """Whether the name is of an uncertainty whose coverage factor it does not say."""
 
+    @property
+    def full_key(self) -> str:
+        """The key, of a commanded pose with ``cmd_`` before it."""
+        return f"cmd_{self.key}" if self.commanded and f"cmd_{self.key}" in FIXED_KINDS else self.key
+
 
 _COORDINATES: Mapping[str, Meaning] = {
     **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},

@@ -181,16 +181,15 @@ def _read_values(table: Table, layout: Layout) -> Values:
     }
     count, listed = len(body.gaps), ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
     left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
-    numbers, beginning = body.numbers, ""
+    for remark in (Note(table.description()), left_out * bool(count), body.cut):
+        if remark:
+            log.warn(remark, of_file=True)
+    numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}
         stamps = {key: by_key.pop(key) for key in times}
-        seconds, beginning = read_times(stamps, body.lines, names, columns[times[0]].divisor, log)
-        numbers = np.vstack([numbers, seconds])
+        numbers = np.vstack([numbers, read_times(stamps, body.lines, names, columns[times[0]].divisor, log)])
         keys.append("time_s")
-    for remark in (Note(table.description()), left_out * bool(count), body.cut, Note(beginning)):
-        if remark:
-            log.warn(remark, of_file=True)
     row_index = {key: i for i, key in enumerate(keys)}
     return Values(layout, numbers, row_index, by_key, body.lines, log, table.line)
 

@@ -398,8 +398,7 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
-        is_command = meaning.commanded and meaning.key in FIXED_KINDS and f"cmd_{meaning.key}" in FIXED_KINDS
-        key = f"cmd_{meaning.key}" if is_command else meaning.key
+        key = meaning.full_key
         # One uncertainty may be of all axes.
         for name in SIGMAS if key == "sigma" else (key,):
             yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
@@ -572,7 +571,7 @@ def documented_name(name: str) -> str | None:
     meaning = meaning_of(heading, frozenset())
     if meaning is None or meaning.key in TIME_KEYS or meaning.key not in FIXED_KINDS:
         return None
-    key = f"cmd_{meaning.key}" if meaning.commanded and f"cmd_{meaning.key}" in FIXED_KINDS else meaning.key
+    key = meaning.full_key
     takes_unit = FIXED_KINDS[key] in ("length", "angle") and heading.unit in NAME_UNITS
     return f"{key}_{heading.unit}" if takes_unit else key
 

@@ -68,8 +68,6 @@ class TableBody:
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
     gaps: tuple[int, ...] = ()
     """Lines of the rows that were left out because a value is missing."""
-    cut: str = ""
-    """Warning of a last row that may have been cut off."""
 
     def without(self, gaps: Collection[int]) -> TableBody:
         """Return the rows that are not on the lines ``gaps``."""
@@ -77,7 +75,7 @@ class TableBody:
             return self
         complete = ~np.isin(self.lines, list(gaps))
         texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)), self.cut)
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
 
 
 class Table:
@@ -87,8 +85,6 @@ class Table:
     """Form of the table, where it is not the documented one."""
     sha256 = ""
     """Digest of the file's bytes, once the body was read."""
-    remark = ""
-    """How the table came to be, for a message."""
 
     def __init__(
         self,
@@ -119,6 +115,8 @@ class Table:
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
         self.skip_gaps = skip_gaps
+        self.remarks: list[str] = []
+        """How the table differs from the documented form, and how it came to be, for a message."""
         self.gaps: set[int] = set()
         """Lines or rows that are left out because a value is missing."""
         if len(names) > MAX_COLUMNS:
@@ -126,7 +124,7 @@ class Table:
 
     def description(self) -> str:
         """Return how the table differs from the documented form; empty where it does not."""
-        return self.remark
+        return ", ".join(filter(None, self.remarks))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -233,6 +231,7 @@ class TextTable(Table):
         with contextlib.suppress(csv.Error):  # the row is reported when it is read
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
+        self.remarks.append(self.dialect.description())
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
@@ -251,14 +250,6 @@ class TextTable(Table):
         fix = "expected a header row of column names and one row per pose"
         raise InputError(Problem("the file is empty", file, fix=fix))
 
-    def description(self) -> str:
-        """Return how the table differs from the documented form, for a message; empty where it does not."""
-        grouped = "separators of thousands" if self._has_grouped else ""
-        encoding = "" if self._reader.encoding == "UTF-8" else self._reader.encoding
-        units = f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else ""
-        below = f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else ""
-        return ", ".join(filter(None, (self.dialect.description(), grouped, encoding, units, below, self.remark)))
-
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         store = GrowingColumns(len(numbers))
@@ -276,10 +267,17 @@ class TextTable(Table):
         if self.dialect is PLAIN:
             for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
-        joined = tuple(np.concatenate(column) for column in columns)
-        body = TableBody(store.columns(), joined, np.concatenate(lines), cut=self._cut(last))
+        if cut := self._cut(last):
+            self.log.warn(cut, of_file=True)
+        self.remarks += [
+            "separators of thousands" if self._has_grouped else "",
+            "" if self._reader.encoding == "UTF-8" else self._reader.encoding,
+            f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
+            f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else "",
+        ]
         self.sha256 = self.sha256 or self._reader.sha256
-        return body.without(self.gaps)
+        joined = tuple(np.concatenate(column) for column in columns)
+        return TableBody(store.columns(), joined, np.concatenate(lines)).without(self.gaps)
 
     def _cut(self, lines: list[str]) -> str:
         """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""

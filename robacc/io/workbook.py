@@ -33,13 +33,10 @@ class WorkbookTable(TextTable):
         data = stream.read(_LIMIT + 1)
         if len(data) > _LIMIT:
             raise InputError(Problem("the workbook is too large", file, fix="export the sheet as CSV"))
-        text, self._sheet = _sheet_text(data, file, options.sheet)
+        text, sheet = _sheet_text(data, file, options.sheet)
         super().__init__(io.BytesIO(text.encode("utf-8", errors="replace")), file, options, "row")
+        self.remarks = [remark.replace("separated by tabs", f"sheet {sheet!r}") for remark in self.remarks]
         self.sha256 = hashlib.sha256(data).hexdigest()
-
-    def description(self) -> str:
-        """Return the name of the sheet and what else is worth a note."""
-        return super().description().replace("separated by tabs", f"sheet {self._sheet!r}")
 
 
 def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:

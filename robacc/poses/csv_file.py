@@ -181,7 +181,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
     }
     count, listed = len(body.gaps), ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
     left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
-    for remark in (Note(table.description()), left_out * bool(count), body.cut):
+    for remark in (Note(table.description()), left_out * bool(count)):
         if remark:
             log.warn(remark, of_file=True)
     numbers = body.numbers

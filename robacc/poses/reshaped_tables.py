@@ -114,7 +114,7 @@ def _of_numbers(
     named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
     columns = f"columns {min(found) + 1} to {max(found) + 1}"
-    table.remark = f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}"
+    table.remarks.append(f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}")
     return tuple(named)
 
 
@@ -295,7 +295,7 @@ class ReshapedTable(Table):
         new: Mapping[str, int | None],
         made_of: tuple[Sequence[int], Sequence[int]],
         make: Callable[[TableBody], _Rows],
-        remark: str | Callable[[], str],
+        remark: str,
     ) -> None:
         """Form a table.
 
@@ -305,19 +305,15 @@ class ReshapedTable(Table):
             new: Names of the new columns, and the old columns in whose units their values are.
             made_of: Old columns of numbers and of texts that make the new ones.
             make: Returns the rows from these columns.
-            remark: How the rows are formed, for a message; called after the rows were read.
+            remark: How the rows are formed, for a message.
         """
         self._kept = [i for i in range(len(table.names)) if i not in used]
         super().__init__(table.file, [*(table.names[i] for i in self._kept), *new], table.line)
-        self.log, self.dialect = table.log, table.dialect
+        self.log, self.dialect, self.remarks = table.log, table.dialect, table.remarks
+        self.remarks.append(remark)
         units = enumerate([*self._kept, *new.values()])
         self.cell_units = {i: unit for i, old in units if old is not None and (unit := table.cell_units.get(old))}
-        self._table, self._made_of, self._make, self._remark = table, made_of, make, remark
-
-    def description(self) -> str:
-        """Return how the other table differs from the documented form, and how rows were formed."""
-        text = self._remark if isinstance(self._remark, str) else self._remark()
-        return ", ".join(filter(None, (self._table.description(), text)))
+        self._table, self._made_of, self._make = table, made_of, make
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
@@ -338,7 +334,7 @@ class ReshapedTable(Table):
         for row, i in zip(table, numbers, strict=True):
             row[:] = by_column[0][self._kept[i]][rows[0]] if i < n else new[i - n]
         columns = tuple(by_column[1][self._kept[i]][rows[0]] if i < n else new[i - n] for i in texts)
-        return TableBody(table, columns, old.lines[rows[0]], tuple(sorted({*old.gaps, *gaps})), old.cut)
+        return TableBody(table, columns, old.lines[rows[0]], tuple(sorted({*old.gaps, *gaps})))
 
 
 def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
@@ -363,25 +359,23 @@ def _axes_in_rows(table: Table) -> Table | None:
     names = [table.names[i] for i in (*axis, *values)]
     point = next((i for i, name in enumerate(table.names) if i not in (*axis, *values) and is_point_name(name)), None)
     new = _coordinates(table, "", measured * 3) | (_coordinates(table, "Nominal", nominal * 3) if nominal else {})
-    unused: dict[str, None] = {}
-    text = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
-    text += f" and {names[2]} the commanded value" if nominal else " value"
+    remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
+    remark += f" and {names[2]} the commanded value" if nominal else " value"
 
     def make(old: TableBody) -> _Rows:
-        rows, gaps = _rows_of_points(old, unused, table.log, names[0])
+        rows, gaps = _rows_of_points(old, table, names[0])
         return _Rows(rows, [value[row] for value in old.numbers for row in rows], gaps)
-
-    def remark() -> str:
-        return text + (f"; rows of {', '.join(unused)} not used" if unused else "")
 
     texts = axis if point is None else [*axis, point]
     return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
 
 
-def _rows_of_points(
-    old: TableBody, unused: dict[str, None], log: ProblemLog, name: str
-) -> tuple[NDArray[np.int64], list[int]]:
-    """Return the rows ``(3, P)`` of the x, y and z of each point, and lines of points with a gap."""
+def _rows_of_points(old: TableBody, table: Table, name: str) -> tuple[NDArray[np.int64], list[int]]:
+    """Return the rows ``(3, P)`` of the x, y and z of each point, and lines of points with a gap.
+
+    A remark names rows of other axes; ``name`` is the column of axes.
+    """
+    unused: dict[str, None] = {}
     axes = [text.strip().lower() for text in old.texts[0].tolist()]
     labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
     points: list[tuple[str, dict[str, int]]] = []
@@ -403,9 +397,11 @@ def _rows_of_points(
         else:
             point = f"point {clip(label)}" if label else "the point"
             fix = "the rows of one point stand below each other, one for each of X, Y and Z"
-            log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
+            table.log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
     if not points:
-        log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
+        table.log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
+    elif unused:
+        table.remarks.append(f"rows of {', '.join(unused)} not used")
     return np.array(complete, dtype=np.int64).reshape(-1, 3).T, gaps
 
 

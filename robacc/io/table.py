@@ -66,8 +66,6 @@ class TableBody:
     """Columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
-    gaps: tuple[int, ...] = ()
-    """Lines of the rows that were left out because a value is missing."""
 
     def without(self, gaps: Collection[int]) -> TableBody:
         """Return the rows that are not on the lines ``gaps``."""
@@ -75,7 +73,7 @@ class TableBody:
             return self
         complete = ~np.isin(self.lines, list(gaps))
         texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)))
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete])
 
 
 class Table:

@@ -179,7 +179,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    count, listed = len(body.gaps), ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
+    count, listed = len(table.gaps), ", ".join(map(str, sorted(table.gaps)[:6])) + " …" * (len(table.gaps) > 6)
     left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
     for remark in (Note(table.description()), left_out * bool(count)):
         if remark:

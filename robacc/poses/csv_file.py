@@ -153,8 +153,7 @@ def read_poses(
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
             values = with_units(values, robot, known_poses)
-            is_read = np.flatnonzero(np.isfinite(values.numbers).all(axis=0))
-            wrong_joints, _ = check_units(values.rows(is_read) if log.total else values, robot.limits)
+            wrong_joints, _ = check_units(values.complete() if log.total else values, robot.limits)
         check_rows(values, robot, wrong_joints, ignore_limits)
         check_visits(values, ordered)
         angles = conventions(values, reading, robot.pose_at, known_poses)

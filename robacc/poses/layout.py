@@ -618,6 +618,10 @@ class Values:
         start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
 
+    def complete(self) -> Values:
+        """Return the rows in which every number could be read."""
+        return self.rows(np.flatnonzero(np.isfinite(self.numbers).all(axis=0)))
+
     def rows(self, index: NDArray[Any]) -> Values:
         """Return some of the rows."""
         texts = {key: text[index] for key, text in self.texts.items()}

@@ -163,34 +163,17 @@ def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
     return names
 
 
-# Columns of numbers that grow while a file is read.
+def _with_room(numbers: Array, n_rows: int, share: float) -> Array:
+    """Return columns ``(C, N)`` of numbers with room for ``n_rows``, the rows in ``share`` (0 to 1) of a file.
 
-
-class GrowingColumns:
-    """``(C, N)`` numbers in one array, where N is known only at the end of the file.
-
-    The array grows to the size that the share of the file read so far suggests. Pages that are never written cost
-    nothing, while joining parts at the end would touch all of the memory twice.
+    They grow to the size that this share suggests. Pages that are never written cost nothing, while joining parts at
+    the end of the file would touch all of the memory twice.
     """
-
-    def __init__(self, n_columns: int) -> None:
-        """Begin with no rows of ``n_columns`` numbers."""
-        self._numbers = np.empty((n_columns, 0))
-        self._size = 0
-
-    def append(self, part: Array, share: float) -> None:
-        """Add rows; ``share`` is the share of the file (0 to 1) read so far."""
-        end = self._size + part.shape[1]
-        if end > self._numbers.shape[1]:
-            larger = np.empty((len(part), max(int(end / share * 1.02), end)))
-            larger[:, : self._size] = self._numbers[:, : self._size]
-            self._numbers = larger
-        self._numbers[:, self._size : end] = part
-        self._size = end
-
-    def columns(self) -> Array:
-        """Return the numbers; each column is contiguous."""
-        return self._numbers[:, : self._size]
+    if n_rows <= numbers.shape[1]:
+        return numbers
+    larger = np.empty((len(numbers), max(int(n_rows / share * 1.02), n_rows)))
+    larger[:, : numbers.shape[1]] = numbers
+    return larger
 
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
@@ -250,18 +233,19 @@ class TextTable(Table):
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
-        store = GrowingColumns(len(numbers))
+        table, size = np.empty((len(numbers), 0)), 0
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
-        columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
+        columns: list[tuple[NDArray[np.str_], ...]] = [tuple(np.empty(0, dtype=str) for _ in texts)]
         last: list[str] = []
         for block in self._remaining():
             parsed = self._parse(block, numbers, texts)
-            store.append(parsed.numbers, self._reader.share_read)
+            start, size = size, size + parsed.lines.size
+            table = _with_room(table, size, self._reader.share_read)
+            table[:, start:size] = parsed.numbers
             lines.append(parsed.lines)
+            columns.append(parsed.texts)
             last = [*last, *block.lines][-_LAST_ROWS:]
-            for column, part in zip(columns, parsed.texts, strict=True):
-                column.append(part)
-        self._report_widths(body_rows=sum(part.size for part in lines))
+        self._report_widths(body_rows=size)
         if self.dialect is PLAIN:
             for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
@@ -274,8 +258,8 @@ class TextTable(Table):
             f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else "",
         ]
         self.sha256 = self.sha256 or self._reader.sha256
-        joined = tuple(np.concatenate(column) for column in columns)
-        return TableBody(store.columns(), joined, np.concatenate(lines)).without(self.gaps)
+        joined = tuple(map(np.concatenate, zip(*columns, strict=True)))
+        return TableBody(table[:, :size], joined, np.concatenate(lines)).without(self.gaps)
 
     def _cut(self, lines: list[str]) -> str:
         """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""

@@ -10,7 +10,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.poses.columns import QUATERNION, ROTATION_VECTOR, RPY, is_documented
 from robacc.poses.layout import Values
-from robacc.poses.reading import CONVENTIONS, AngleTrial, KnownPoses, PoseAt, Reading, try_conventions
+from robacc.poses.reading import CONVENTIONS, KnownPoses, PoseAt, Reading, is_ruled_out, try_conventions
 
 _BLOCK = 4096
 """Rotations converted at a time: the working arrays of a block fit the cache."""
@@ -96,9 +96,9 @@ def conventions(
         columns = [layout.columns[key].name for key in keys]
         names, doubt = ", ".join(columns), ""
         if open_names is not None:
-            if trial is None or not trial.decided:
+            if trial is None or sum(not is_ruled_out(name, trial) for name in trial) > 1:
                 doubt = "may be angles of several conventions"
-        elif trial is None or not trial.rules_out(chosen[prefix]):
+        elif trial is None or not is_ruled_out(chosen[prefix], trial):
             continue
         elif keys[0] == prefix + ROTATION_VECTOR[0]:
             doubt = "are documented as a rotation vector, which they do not fit"
@@ -107,16 +107,15 @@ def conventions(
         if doubt:
             log.add(f"these {doubt}{_sizes(trial)}", values.header, names, f"give `angles`: {_listed(options)}")
         elif trial is not None:
-            chosen[prefix] = trial.best
-            worse = min(size for name, size in trial.disagreement.items() if name != trial.best)
-            fits = f"it fits the known orientations to {_degrees(trial.disagreement[trial.best])}"
-            note = Note(f"{names} taken as {trial.best}: {fits}, others miss by {_degrees(worse)}")
-            log.warn(note, of_file=True)
+            best, worse, *_ = sorted(trial, key=trial.__getitem__)
+            fits = f"it fits the known orientations to {_degrees(trial[best])}, others miss by {_degrees(trial[worse])}"
+            log.warn(Note(f"{names} taken as {best}: {fits}"), of_file=True)
+            chosen[prefix] = best
     return chosen
 
 
-def _sizes(trial: AngleTrial | None) -> str:
-    sizes = ", ".join(f"{name} by {_degrees(size)}" for name, size in trial.disagreement.items()) if trial else ""
+def _sizes(trial: Mapping[str, float] | None) -> str:
+    sizes = ", ".join(f"{name} by {_degrees(size)}" for name, size in (trial or {}).items())
     return f" (they miss the known orientations: {sizes})" if trial else ""
 
 

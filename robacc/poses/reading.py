@@ -65,30 +65,13 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 """
 
 
-@dataclass(frozen=True, slots=True)
-class AngleTrial:
-    """Disagreement of each convention with known orientations."""
-
-    disagreement: Mapping[str, float]
-    """rad; median difference between measured and known turn, by convention."""
-
-    @property
-    def best(self) -> str:
-        """Return the convention with the smallest disagreement."""
-        return min(self.disagreement, key=lambda name: self.disagreement[name])
-
-    def rules_out(self, name: str) -> bool:
-        """Return whether the best convention fits and ``name`` does not."""
-        best = self.disagreement[self.best]
-        return bool(best < _AGREES and self.disagreement[name] > max(_RATIO * best, _AGREES))
-
-    @property
-    def decided(self) -> bool:
-        """Return whether every convention but the best is ruled out."""
-        return all(name == self.best or self.rules_out(name) for name in self.disagreement)
+def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
+    """Return whether the convention with the smallest disagreement fits and another one does not."""
+    best = min(trial.values())
+    return bool(best < _AGREES and trial[name] > max(_RATIO * best, _AGREES))
 
 
-def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> AngleTrial | None:
+def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> dict[str, float] | None:
     """Compare turns between poses under each convention with those of known orientations.
 
     The turn of R_i^T R_j R_k^T R_l depends on no frame. Two poses alone would not tell a convention from its mirror
@@ -100,7 +83,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
         conventions: Names of :data:`CONVENTIONS`.
 
     Returns:
-        The trial; None if too few poses differ.
+        Median difference between measured and known turn by convention, rad; None if too few poses differ.
     """
     n = angles.shape[1]
     first = np.unique(np.linspace(0, n - 1, min(n, _PLACES)).astype(int))
@@ -111,7 +94,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     if n < len(steps) or turned.size < _FEWEST:
         return None
     tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
-    return AngleTrial({name: float(np.median(np.abs(difference))) for name, difference in tried.items()})
+    return {name: float(np.median(np.abs(difference))) for name, difference in tried.items()}
 
 
 def _turns(rotation: Array, fours: Array) -> Array:

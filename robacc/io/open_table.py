@@ -114,9 +114,9 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
 
         return ParquetTable(stream, file, options.skip_gaps)
     if first.startswith(SIGNATURES):
-        from robacc.io.workbook import WorkbookTable
+        from robacc.io.workbook import workbook_table
 
-        return WorkbookTable(stream, file, options)
+        return workbook_table(stream, file, options)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
     if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
         from robacc.io.column_table import records_table

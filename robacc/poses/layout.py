@@ -91,8 +91,10 @@ class Names:
 
     def key(self, name: str) -> str | None:
         """Return the key of a name without unit; None for an unknown name."""
-        name = self.keys.get(name) or re.sub(r"^cmd_(?=q[1-9]\d{0,2}$)", "", name)
-        return name if name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name) or BRANCH_KEY.fullmatch(name) else None
+        if name in self.keys:
+            return self.keys[name]
+        name = re.sub(r"^cmd_(?=q[1-9]\d{0,2}$)", "", name, flags=re.ASCII)  # another name of a commanded joint
+        return name if name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name) else None
 
     def kind(self, key: str) -> Kind:
         """Return the kind of a key's column; a joint of unknown type may be an angle or a length."""

@@ -243,8 +243,8 @@ def test_the_same_words_are_numbers_as_for_numpy(
         assert values.startswith("2, y: ")
 
 
-@pytest.mark.parametrize("heading", ["q ¹", "q²", "actual q ₃", "joint ①"])
-def test_superscripts_and_circled_digits_number_no_joint(read: Reader, heading: str) -> None:
+@pytest.mark.parametrize("heading", ["q ¹", "q²", "actual q ₃", "joint ①", "branch_q1", "rot i"])
+def test_names_that_resemble_keys_are_no_joints(read: Reader, heading: str) -> None:
     with contextlib.suppress(InputError):
         assert np.isfinite(read(f"{heading},x,y,z\n1,2,3,4\n").position).all()
 

@@ -243,10 +243,12 @@ def test_the_same_words_are_numbers_as_for_numpy(
         assert values.startswith("2, y: ")
 
 
-@pytest.mark.parametrize("heading", ["q ¹", "q²", "actual q ₃", "joint ①", "branch_q1", "rot i"])
+@pytest.mark.parametrize(
+    "heading", ["q ¹", "q²", "actual q ₃", "joint ①", "branch_q1", "rot 1,rot 2,rot 3,rot 4,rot i"]
+)
 def test_names_that_resemble_keys_are_no_joints(read: Reader, heading: str) -> None:
     with contextlib.suppress(InputError):
-        assert np.isfinite(read(f"{heading},x,y,z\n1,2,3,4\n").position).all()
+        assert np.isfinite(read(f"{heading},x,y,z\n{'1,' * len(heading.split(','))}2,3,4\n").position).all()
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)

@@ -110,6 +110,11 @@ def test_no_import_goes_round_in_a_circle() -> None:
     TopologicalSorter(graph).prepare()
 
 
+def test_the_package_does_not_know_its_plug_ins() -> None:
+    for module, path in modules().items():
+        assert "robacc_plugins" not in path.read_text(encoding="utf-8"), module
+
+
 def test_reports_and_files_leave_each_other_alone() -> None:
     known = modules()
     for module, path in known.items():

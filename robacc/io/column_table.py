@@ -48,7 +48,7 @@ class ColumnTable(Table):
         super().__init__(file, [name for name, _ in columns], skip_gaps=skip_gaps)
         self._columns = [column for _, column in columns]
         self.n = self._columns[0].size if columns else 0
-        self.remark = remark
+        self.remarks.append(remark)
         self.sha256 = sha256 or self._digest()
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:

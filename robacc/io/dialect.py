@@ -188,11 +188,9 @@ class TableDialect:
         if self.separator is None:
             return line.split()
         if '"' not in line:
-            fields = [part.strip() for part in line.split(self.separator)]
-        else:
-            reader = csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True)
-            fields = [part.strip() for part in next(reader)]
-        return fields
+            return [part.strip() for part in line.split(self.separator)]
+        reader = csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True)
+        return [part.strip() for part in next(reader)]
 
     def is_row(self, line: str) -> bool:
         """Return whether a line is neither blank nor a comment."""
@@ -259,16 +257,21 @@ def _candidate(
     lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int = _FEWEST_NUMBERS
 ) -> tuple[tuple[int, bool, int], TableDialect] | None:
     """Return the best table with this separator and its score; None where there is none."""
-    comma = separator != "," and _has_decimal_comma(lines, separator)
-    dialect = TableDialect(separator, comma, _COMMENTS)
+    dialect = TableDialect(separator, comments=_COMMENTS)
+    grid = [_split(dialect, line) for line in lines]
+    if separator != ",":
+        texts = [split_cell(text)[0] for line, fields in zip(lines, grid, strict=True) for text in fields
+                 if dialect.is_row(line)]  # fmt: skip
+        points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in texts)
+        commas = sum(_NUMBER_COMMA.fullmatch(text) is not None for text in texts)
+        dialect = replace(dialect, decimal_comma=commas > points)
     best: tuple[int, int, int] | None = None  # rows, start, fields
     start, width, rows = 0, 0, 0
     first_of_width: dict[int, int] = {}  # of the rows since the last line without numbers
-    for i, line in enumerate(lines):
+    for i, (line, fields) in enumerate(zip(lines, grid, strict=True)):
         if not dialect.is_row(line):
             continue
-        fields = _split(dialect, line)
-        numbers = sum(dialect.is_number(text) for text in fields)
+        numbers = sum(map(dialect.is_number, fields))
         gaps = sum(text.lower() in GAPS for text in fields if text)
         if rows and not numbers and gaps >= fewest and len(fields) == width:
             continue  # a row whose values are all missing
@@ -285,25 +288,26 @@ def _candidate(
     if best is None:
         return None
     rows, start, width = best
-    result = _with_header(lines, dialect, start, width, is_known)
+    result = _with_header(lines, grid, dialect, start, is_known)
     # Names above the rows are as good as twice as many rows: a text may split into more fields at blanks.
     return (rows * (2 if result.names else 1), separator is not None, width), result
 
 
 def _with_header(
-    lines: list[str], dialect: TableDialect, start: int, width: int, is_known: Callable[[str], bool]
+    lines: list[str], grid: list[list[str]], dialect: TableDialect, start: int, is_known: Callable[[str], bool]
 ) -> TableDialect:
-    """Return the dialect with the names that stand above the first row, if there are any."""
+    """Return the dialect with the names that stand above the first row, if there are any; ``grid`` are the fields."""
+    width = len(grid[start])
     names: tuple[str, ...] = ()
     units: list[str] | None = None
     header_line = None
-    alike = [i for i in range(start) if len(_split(dialect, lines[i])) == width]
+    alike = [i for i in range(start) if len(grid[i]) == width]
     # Below the first line with as many fields as the rows, a line with a number is a row.
-    rows_above = {i for i in alike[1:] if any(map(dialect.is_number, _split(dialect, lines[i])))}
+    rows_above = {i for i in alike[1:] if any(map(dialect.is_number, grid[i]))}
     above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
     for i in above:
         # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
-        line, marked = lines[i], _split(dialect, lines[i])
+        line, marked = lines[i], grid[i]
         if len(marked) != width or marked[0] != "#":  # else the name of a count
             line = _MARK.sub("", line).strip() if _MARK.match(line) else line
         fields = _split(dialect, line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
@@ -313,7 +317,7 @@ def _with_header(
             fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
         if len(fields) == width + 1 and not fields[-1]:
             fields = fields[:-1]
-        if len(fields) == width - 1 and not _split(dialect, lines[start])[-1]:
+        if len(fields) == width - 1 and not grid[start][-1]:
             fields = [*fields, ""]  # every row ends with a separator
         if len(fields) != width or _is_gap(fields) or any(map(_DECIMAL.fullmatch, fields)):
             continue
@@ -321,17 +325,24 @@ def _with_header(
             units = fields
             continue
         if sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
-            names, header_line = _with_groups(tuple(fields), lines[:i], dialect), i
+            names, header_line = _with_groups(tuple(fields), grid[:i]), i
             break
     if names and units is not None:
         names = tuple(f"{name} [{unit.strip('[]()<>{} ')}]" if unit.strip("[]()<>{} -") else name
                       for name, unit in zip(names, units, strict=True))  # fmt: skip
     preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
-    rows = [tuple(_split(dialect, line)) for line in lines[start : start + _SAMPLED] if dialect.is_row(line)]
+    rows = [tuple(grid[i]) for i in range(start, min(start + _SAMPLED, len(lines))) if dialect.is_row(lines[i])]
     if names and header_line is not None:
         # Rows of another width below the names are rows too: the reader reports them.
-        below = (i for i in range(header_line + 1, start) if _has_values(lines[i], dialect))
-        start = next(below, start)
+        start = next(
+            (
+                i
+                for i in range(header_line + 1, start)
+                if dialect.is_row(lines[i])
+                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS or _is_gap(grid[i])
+            ),
+            start,
+        )
     return replace(
         dialect, header_line=header_line, first_row=start, names=names, preamble=preamble, sample=tuple(rows)
     )
@@ -343,21 +354,14 @@ def _is_gap(fields: Sequence[str]) -> bool:
     return marks >= _FEWEST_NUMBERS and not all(map(_UNIT_FIELD.fullmatch, fields))
 
 
-def _has_values(line: str, dialect: TableDialect) -> bool:
-    """Return whether a line is a row of a table: several numbers, or marks of missing ones."""
-    fields = _split(dialect, line) if dialect.is_row(line) else []
-    return sum(map(dialect.is_number, fields)) >= _FEWEST_NUMBERS or _is_gap(fields)
-
-
-def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDialect) -> tuple[str, ...]:
+def _with_groups(names: tuple[str, ...], above: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """Return names with their group in the line above where a name is repeated: ``Position X``, ``Rotation X``.
 
     A group applies to the columns to its right up to the next group.
     """
-    for line in reversed(above[-_ABOVE:]):
+    for groups in reversed(above[-_ABOVE:]):
         stems = [_UNIT_BEHIND.sub("", name) for name in names]
         repeated = {stem for stem in stems if stem and stems.count(stem) > 1}
-        groups = _split(dialect, line)
         if not repeated or len(groups) != len(names):
             break
         filled = [next((text for text in reversed(groups[: i + 1]) if text), "") for i in range(len(names))]
@@ -367,18 +371,10 @@ def _with_groups(names: tuple[str, ...], above: Sequence[str], dialect: TableDia
             for group, name in zip(filled, names, strict=True)
         )
     # A spreadsheet merges the name of a column over both lines.
-    upper = _split(dialect, above[-1]) if above else []
+    upper = above[-1] if above else []
     if len(upper) == len(names) and sum(map(bool, upper)) > 1:
         names = tuple(name or text for name, text in zip(names, upper, strict=True))
     return names
-
-
-def _has_decimal_comma(lines: Sequence[str], separator: str | None) -> bool:
-    dialect = TableDialect(separator, comments=_COMMENTS)
-    fields = (text for line in lines if dialect.is_row(line) for text in _split(dialect, line))
-    numbers = [split_cell(text)[0] for text in fields]
-    points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in numbers)
-    return sum(_NUMBER_COMMA.fullmatch(text) is not None for text in numbers) > points
 
 
 def _split(dialect: TableDialect, line: str) -> list[str]:

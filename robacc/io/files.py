@@ -20,20 +20,21 @@ _MAX_STORED = 1000
 
 
 class ProblemLog:
-    """Problems of one file: stores enough to report, counts them all."""
+    """Problems of one file, and warnings of how it was read: stores enough problems to report, counts them all."""
 
     def __init__(self, file: str, counted: Counted = "line") -> None:
         """Collect problems of ``file``; places in it are counted in lines, or in rows where it has no lines."""
-        self.file = file
-        self.counted = counted
+        self.file, self.counted = file, counted
         self.total = 0
-        self._problems: list[Problem] = []
+        self.problems: list[Problem] = []
+        """The problems so far, as far as they are stored."""
+        self._warnings: list[tuple[bool, str]] = []
 
     def add(self, message: str, line: int | None = None, column: str | None = None, fix: str | None = None) -> None:
         """Add a problem."""
         self.total += 1
         if self.total <= _MAX_STORED:
-            self._problems.append(self._problem(message, line, column, fix))
+            self.problems.append(self._problem(message, line, column, fix))
 
     def add_rows(
         self,
@@ -50,7 +51,17 @@ class ProblemLog:
         rows = np.flatnonzero(bad)
         self.total += rows.size
         for i in rows[:MAX_PROBLEMS]:
-            self._problems.append(self._problem(describe(int(i)), int(lines[i]), column, fix if i == rows[0] else None))
+            self.problems.append(self._problem(describe(int(i)), int(lines[i]), column, fix if i == rows[0] else None))
+
+    def warn(self, text: str, line: int | None = None, *, of_file: bool = False) -> None:
+        """Add a warning, or a :class:`~robacc.errors.Note`, of a line or row, or of the file as a whole."""
+        place = self.file if of_file else self._problem("", line).place
+        self._warnings.append((of_file, type(text)(f"{place}: {text}")))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of places in the file, then those of the file as a whole."""
+        return tuple(text for _, text in sorted(self._warnings, key=lambda warning: warning[0]))
 
     def raise_if_any(self) -> None:
         """Raise an error where there is a problem.
@@ -59,22 +70,12 @@ class ProblemLog:
             InputError: The first problems in the order of their lines.
         """
         if self.total:
-            ordered = sorted(self._problems, key=lambda problem: problem.line or problem.row or 0)
+            ordered = sorted(self.problems, key=lambda problem: problem.line or problem.row or 0)
             raise InputError(ordered, total=self.total)
 
-    @property
-    def problems(self) -> tuple[Problem, ...]:
-        """The problems so far, as far as they are stored."""
-        return tuple(self._problems)
-
-    def at(self, number: int | None) -> str:
-        """Return the file and its line or row ``number``, for a message."""
-        return self._problem("", number).place
-
     def _problem(self, message: str, number: int | None, column: str | None = None, fix: str | None = None) -> Problem:
-        if self.counted == "row":
-            return Problem(message, self.file, None, column, fix, number)
-        return Problem(message, self.file, number, column, fix)
+        line, row = (None, number) if self.counted == "row" else (number, None)
+        return Problem(message, self.file, line, column, fix, row)
 
 
 def clip(text: str) -> str:
@@ -254,29 +255,23 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:
-    mode = target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask()
-    if target.exists() and not os.access(target, os.W_OK):
+    is_new = not target.exists()
+    mode = 0o666 if is_new else target.stat().st_mode & 0o777
+    if not is_new and not os.access(target, os.W_OK):
         # Another file could replace it; a write-protected file stays as it is all the same.
         raise PermissionError(None, "the file is write-protected")
-    import tempfile
-
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.", suffix=".part")
+    temporary = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
     try:
-        with os.fdopen(handle, "wb") as raw:
+        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode)) as raw:
             raw.writelines(pieces)
             raw.flush()
             os.fsync(raw.fileno())
-        os.chmod(temporary, mode)
+        if not is_new:  # the mask for new files may have taken permissions away
+            os.chmod(temporary, mode)
         os.replace(temporary, target)
     except BaseException:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
 
 
 def _reason(error: Exception) -> str:

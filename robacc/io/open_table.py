@@ -1,4 +1,7 @@
-"""Open a table: a Parquet file, a workbook or a recording, known by its first bytes, a data frame, or else text."""
+"""Open a table: a Parquet file or a workbook, known by its first bytes, a data frame, or else text.
+
+Other packages add readers of further kinds of files, see :class:`Reader`.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,9 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import PurePath
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT
 from robacc.io.table import Table, TableOptions, TextTable
 
@@ -18,8 +21,6 @@ _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""
 SIGNATURES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
 """First bytes of zipped and of old workbooks."""
-_RECORDINGS = (b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"#ROSBAG V")
-"""First bytes of an MCAP file, of a ROS 2 bag in SQLite, and of a ROS 1 bag."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
@@ -36,6 +37,41 @@ _OTHER_FILES = {
 _LONGEST = 16
 """Bytes that tell one kind of file from another."""
 _SUFFIXES = frozenset({".parquet", ".pq"})
+_OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
+"""Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
+
+
+class Reader(Protocol):
+    """Reader of a further kind of files: an entry point of the group ``robacc.readers`` names an object or a module.
+
+    Readers are asked about a folder, and about a file that no reader of this package takes by its first bytes and whose
+    name or bytes are not those of a text file.
+    """
+
+    def takes(self, path: str, first: bytes) -> bool:
+        """Return whether a file is of this kind, by its name or its first 16 bytes; of a folder there are none."""
+
+    def read(self, path: str, options: TableOptions) -> Table:
+        """Return the file as a table; ``-`` is standard input, of which the first bytes are not consumed yet.
+
+        Raises:
+            InputError: The file cannot be read; with its name, and the line where there is one.
+            UsageError: A statement of ``options`` is wrong, or a package is missing.
+        """
+
+
+def _by_plug_in(path: str, first: bytes, options: TableOptions) -> Table | None:
+    """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
+    from importlib.metadata import entry_points
+
+    for entry in entry_points(group="robacc.readers"):
+        try:
+            reader: Reader = entry.load()
+        except (ImportError, AttributeError) as error:
+            raise UsageError(f"the reader {entry.name} ({entry.value}) cannot be loaded: {error}") from error
+        if reader.takes(path, first):
+            return reader.read(path, options)
+    return None
 
 
 @contextmanager
@@ -53,10 +89,10 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
 
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path):
-        if not os.path.isfile(os.path.join(path, "metadata.yaml")):
+        if (table := _by_plug_in(path, b"", options)) is None:
             fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
             raise InputError(Problem("is a folder, expected a file", path, fix=fix))
-        yield _recording(path, options)
+        yield table
     else:
         try:
             with nullcontext(sys.stdin.buffer) if is_stream else open(path, "rb") as stream:
@@ -67,40 +103,36 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
             raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", file)) from error
 
 
-def _recording(path: str, options: TableOptions) -> Table:
-    from robacc.io.bag import bag_table
-
-    return bag_table(path, options)
-
-
 def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     if hasattr(stream, "peek"):
         first = bytes(stream.peek(_LONGEST)[:_LONGEST])
     else:
         first = stream.read(_LONGEST)
         stream.seek(0)
-    if first.startswith(_RECORDINGS):
-        if stream is sys.stdin.buffer:
-            fix = "name the file instead"
-            raise InputError(Problem("is a recording, which is not read from a pipe", file, fix=fix))
-        return _recording(file, options)
     if first.startswith(_PARQUET):
         from robacc.io.parquet import ParquetTable
 
         return ParquetTable(stream, file, options.skip_gaps)
     if first.startswith(SIGNATURES):
-        from robacc.io.workbook import WorkbookTable
+        from robacc.io.workbook import workbook_table
 
-        return WorkbookTable(stream, file, options)
+        return workbook_table(stream, file, options)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
     if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
         from robacc.io.column_table import records_table
 
         return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)
-    for start, (kind, fix) in _OTHER_FILES.items():
-        if first.startswith(start) or text.lower().startswith(start):
-            raise InputError(Problem(f"is {kind}, expected a table of poses", file, fix=fix))
-    if PurePath(file).suffix.lower() in _SUFFIXES:
+    suffix = PurePath(file).suffix.lower()
+    starts = (first, text.lower())
+    other = next((kind for start, kind in _OTHER_FILES.items() if any(s.startswith(start) for s in starts)), None)
+    is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
+    if other or not is_text or suffix not in _OF_TEXT:
+        path = STANDARD_STREAM if stream is sys.stdin.buffer else file
+        if (table := _by_plug_in(path, first, options)) is not None:
+            return table
+    if other:
+        raise InputError(Problem(f"is {other[0]}, expected a table of poses", file, fix=other[1]))
+    if suffix in _SUFFIXES:
         fix = "export it again, or rename it to .csv if it is text"
         raise InputError(Problem("is not a Parquet file: it does not begin with PAR1", file, fix=fix))
     return TextTable(stream, file, options)

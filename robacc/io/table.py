@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from robacc.errors import Counted, InputError, Problem
 from robacc.geometry import Array
-from robacc.io.bag_options import NO_BAG_OPTIONS, BagOptions
 from robacc.io.dialect import (
     GAPS,
     PLAIN,
@@ -51,8 +50,8 @@ class TableOptions:
     """Leave out rows with a missing value, in place of a problem for each."""
     sheet: str | None = None
     """Sheet of a workbook; None for its only sheet."""
-    bag: BagOptions = NO_BAG_OPTIONS
-    """Topics and samples of a recording."""
+    bag: str | None = None
+    """Topics and samples of a recording, as the reader of recordings takes them."""
     frame: Any = None
     """Data frame that is read in place of a file."""
 
@@ -67,10 +66,6 @@ class TableBody:
     """Columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
-    gaps: tuple[int, ...] = ()
-    """Lines of the rows that were left out because a value is missing."""
-    cut: str = ""
-    """Warning of a last row that may have been cut off."""
 
     def without(self, gaps: Collection[int]) -> TableBody:
         """Return the rows that are not on the lines ``gaps``."""
@@ -78,7 +73,7 @@ class TableBody:
             return self
         complete = ~np.isin(self.lines, list(gaps))
         texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete], tuple(sorted(gaps)), self.cut)
+        return TableBody(self.numbers[:, complete], texts, self.lines[complete])
 
 
 class Table:
@@ -88,8 +83,6 @@ class Table:
     """Form of the table, where it is not the documented one."""
     sha256 = ""
     """Digest of the file's bytes, once the body was read."""
-    remark = ""
-    """How the table came to be, for a message."""
 
     def __init__(
         self,
@@ -120,6 +113,8 @@ class Table:
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
         self.skip_gaps = skip_gaps
+        self.remarks: list[str] = []
+        """How the table differs from the documented form, and how it came to be, for a message."""
         self.gaps: set[int] = set()
         """Lines or rows that are left out because a value is missing."""
         if len(names) > MAX_COLUMNS:
@@ -127,7 +122,7 @@ class Table:
 
     def description(self) -> str:
         """Return how the table differs from the documented form; empty where it does not."""
-        return self.remark
+        return ", ".join(filter(None, self.remarks))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -168,34 +163,17 @@ def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
     return names
 
 
-# Columns of numbers that grow while a file is read.
+def _with_room(numbers: Array, n_rows: int, share: float) -> Array:
+    """Return columns ``(C, N)`` of numbers with room for ``n_rows``, the rows in ``share`` (0 to 1) of a file.
 
-
-class GrowingColumns:
-    """``(C, N)`` numbers in one array, where N is known only at the end of the file.
-
-    The array grows to the size that the share of the file read so far suggests. Pages that are never written cost
-    nothing, while joining parts at the end would touch all of the memory twice.
+    They grow to the size that this share suggests. Pages that are never written cost nothing, while joining parts at
+    the end of the file would touch all of the memory twice.
     """
-
-    def __init__(self, n_columns: int) -> None:
-        """Begin with no rows of ``n_columns`` numbers."""
-        self._numbers = np.empty((n_columns, 0))
-        self._size = 0
-
-    def append(self, part: Array, share: float) -> None:
-        """Add rows; ``share`` is the share of the file (0 to 1) read so far."""
-        end = self._size + part.shape[1]
-        if end > self._numbers.shape[1]:
-            larger = np.empty((len(part), max(int(end / share * 1.02), end)))
-            larger[:, : self._size] = self._numbers[:, : self._size]
-            self._numbers = larger
-        self._numbers[:, self._size : end] = part
-        self._size = end
-
-    def columns(self) -> Array:
-        """Return the numbers; each column is contiguous."""
-        return self._numbers[:, : self._size]
+    if n_rows <= numbers.shape[1]:
+        return numbers
+    larger = np.empty((len(numbers), max(int(n_rows / share * 1.02), n_rows)))
+    larger[:, : numbers.shape[1]] = numbers
+    return larger
 
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
@@ -234,6 +212,7 @@ class TextTable(Table):
         with contextlib.suppress(csv.Error):  # the row is reported when it is read
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
+        self.remarks.append(self.dialect.description())
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
@@ -252,35 +231,35 @@ class TextTable(Table):
         fix = "expected a header row of column names and one row per pose"
         raise InputError(Problem("the file is empty", file, fix=fix))
 
-    def description(self) -> str:
-        """Return how the table differs from the documented form, for a message; empty where it does not."""
-        grouped = "separators of thousands" if self._has_grouped else ""
-        encoding = "" if self._reader.encoding == "UTF-8" else self._reader.encoding
-        units = f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else ""
-        below = f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else ""
-        return ", ".join(filter(None, (self.dialect.description(), grouped, encoding, units, below, self.remark)))
-
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
-        store = GrowingColumns(len(numbers))
+        table, size = np.empty((len(numbers), 0)), 0
         lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
-        columns: list[list[NDArray[np.str_]]] = [[np.empty(0, dtype=str)] for _ in texts]
+        columns: list[tuple[NDArray[np.str_], ...]] = [tuple(np.empty(0, dtype=str) for _ in texts)]
         last: list[str] = []
         for block in self._remaining():
             parsed = self._parse(block, numbers, texts)
-            store.append(parsed.numbers, self._reader.share_read)
+            start, size = size, size + parsed.lines.size
+            table = _with_room(table, size, self._reader.share_read)
+            table[:, start:size] = parsed.numbers
             lines.append(parsed.lines)
+            columns.append(parsed.texts)
             last = [*last, *block.lines][-_LAST_ROWS:]
-            for column, part in zip(columns, parsed.texts, strict=True):
-                column.append(part)
-        self._report_widths(body_rows=sum(part.size for part in lines))
+        self._report_widths(body_rows=size)
         if self.dialect is PLAIN:
             for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
-        joined = tuple(np.concatenate(column) for column in columns)
-        body = TableBody(store.columns(), joined, np.concatenate(lines), cut=self._cut(last))
+        if cut := self._cut(last):
+            self.log.warn(cut, of_file=True)
+        self.remarks += [
+            "separators of thousands" if self._has_grouped else "",
+            "" if self._reader.encoding == "UTF-8" else self._reader.encoding,
+            f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
+            f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else "",
+        ]
         self.sha256 = self.sha256 or self._reader.sha256
-        return body.without(self.gaps)
+        joined = tuple(map(np.concatenate, zip(*columns, strict=True)))
+        return TableBody(table[:, :size], joined, np.concatenate(lines)).without(self.gaps)
 
     def _cut(self, lines: list[str]) -> str:
         """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""

@@ -20,26 +20,21 @@ _EXAMINED = 100
 _FEWEST_NUMBERS = 3
 
 
-class WorkbookTable(TextTable):
-    """Table in a sheet, whose cells are its text."""
+def workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextTable:
+    """Return the table in a sheet of the workbook ``stream``, called ``file`` in messages; its cells are its text.
 
-    def __init__(self, stream: BinaryIO, file: str, options: TableOptions) -> None:
-        """Read ``stream``, called ``file`` in messages.
-
-        Raises:
-            UsageError: The extra ``excel`` is not installed, or the workbook has several sheets and none is chosen.
-            InputError: The file is no workbook.
-        """
-        data = stream.read(_LIMIT + 1)
-        if len(data) > _LIMIT:
-            raise InputError(Problem("the workbook is too large", file, fix="export the sheet as CSV"))
-        text, self._sheet = _sheet_text(data, file, options.sheet)
-        super().__init__(io.BytesIO(text.encode("utf-8", errors="replace")), file, options, "row")
-        self.sha256 = hashlib.sha256(data).hexdigest()
-
-    def description(self) -> str:
-        """Return the name of the sheet and what else is worth a note."""
-        return super().description().replace("separated by tabs", f"sheet {self._sheet!r}")
+    Raises:
+        UsageError: The extra ``excel`` is not installed, or the workbook has several sheets and none is chosen.
+        InputError: The file is no workbook.
+    """
+    data = stream.read(_LIMIT + 1)
+    if len(data) > _LIMIT:
+        raise InputError(Problem("the workbook is too large", file, fix="export the sheet as CSV"))
+    text, sheet = _sheet_text(data, file, options.sheet)
+    table = TextTable(io.BytesIO(text.encode("utf-8", errors="replace")), file, options, "row")
+    table.remarks = [remark.replace("separated by tabs", f"sheet {sheet!r}") for remark in table.remarks]
+    table.sha256 = hashlib.sha256(data).hexdigest()
+    return table
 
 
 def _sheet_text(data: bytes, file: str, sheet: str | None) -> tuple[str, str]:

@@ -6,7 +6,9 @@ nothing else. A library that reads and writes whole documents (ruamel.yaml) woul
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -147,20 +149,15 @@ def _is_block(node: yaml.Node) -> bool:
 
 
 def _has_items_for(node: yaml.Node, value: Any) -> bool:
-    """Return whether each item of a list has an item of the same kind in ``value``."""
-    return (
-        isinstance(node, yaml.SequenceNode)
-        and isinstance(value, list)
-        and len(value) >= len(node.value)
-        and all(_kind(item) is _kind(new) for item, new in zip(node.value, value, strict=False))
+    """Return whether each item of a list has an item of the same kind (mapping, list, scalar) in ``value``."""
+    if not isinstance(node, yaml.SequenceNode) or not isinstance(value, list) or len(value) < len(node.value):
+        return False
+    nodes_and_values = ((yaml.MappingNode, Mapping), (yaml.SequenceNode, list))
+    return all(
+        isinstance(item, of_node) is isinstance(new, of_value)
+        for item, new in zip(node.value, value, strict=False)
+        for of_node, of_value in nodes_and_values
     )
-
-
-def _kind(item: yaml.Node | Any) -> type:
-    """Return dict, list or, for any scalar, str."""
-    if isinstance(item, yaml.MappingNode | Mapping):
-        return dict
-    return list if isinstance(item, yaml.SequenceNode | list) else str
 
 
 def _is_extended(node: yaml.Node, value: Any) -> bool:
@@ -210,16 +207,17 @@ def _is_zero(value: Any) -> bool:
 
 def _flow(value: Any) -> str:
     """Return a value as text in one line."""
-    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=True, allow_unicode=True, width=float("inf"))
-    return text.removesuffix("\n").removesuffix("\n...")
+    return _dumped(value, flow=True, width=math.inf)
 
 
 def _block(value: Any, column: int) -> str:
     """Return a value as lines, the second and later ones indented."""
-    text: str = yaml.safe_dump(
-        value, sort_keys=False, default_flow_style=None, allow_unicode=True, width=_WIDTH - column
-    )
-    return "\n".join(_indented(text.removesuffix("\n").removesuffix("\n..."), column))
+    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=_WIDTH - column))
+
+
+def _dumped(value: Any, flow: bool | None, width: float) -> str:
+    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=width)
+    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def _entry(key: str, value: Any, column: int) -> str:
@@ -227,9 +225,3 @@ def _entry(key: str, value: Any, column: int) -> str:
     text, name = _block(value, column + 2), _flow({key: 0})[1:-4]
     is_block = isinstance(value, Mapping | list) and text[0] not in "[{"
     return f"{name}:\n{' ' * (column + 2)}{text}" if is_block else f"{name}: {text}"
-
-
-def _indented(text: str, column: int) -> Iterator[str]:
-    """Yield the lines of a text, all but the first indented by ``column`` spaces."""
-    for number, line in enumerate(text.split("\n")):
-        yield f"{' ' * column}{line}" if number and line else line

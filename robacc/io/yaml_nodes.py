@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 import re
@@ -29,50 +30,28 @@ _POINT = "write decimals with a point, as in 162.5; a comma separates entries"
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf(inity)?|nan)", re.IGNORECASE)
 
 
-class _Loader(yaml.SafeLoader):
-    """PyYAML's safe loader, limited in depth and size, without tags and aliases (which can expand to gigabytes)."""
-
-    depth = 0
-    count = 0
-
-    def compose_node(self, parent: yaml.Node | None, index: int) -> yaml.Node | None:
-        event = self.peek_event()  # type: ignore[no-untyped-call]
-        self.count += 1
+def _check_events(text: str, loader: Any) -> None:
+    """Raise an error of a text that is too deep or too large, or has tags or aliases, which can expand to gigabytes."""
+    depth = count = 0
+    for event in yaml.parse(text, Loader=loader):
+        if isinstance(event, yaml.DocumentEndEvent):
+            return  # a second document is refused as such
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if not isinstance(event, yaml.NodeEvent):
+            continue
+        count += 1
         problem = None
-        if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
             problem = "anchors (&) and aliases (*) are not supported"
-        elif getattr(event, "tag", None) is not None:
-            problem = f"tags (!) are not supported, found {event.tag[:40]}"
-        elif self.depth >= MAX_DEPTH:
+        elif (tag := getattr(event, "tag", None)) is not None:
+            problem = f"tags (!) are not supported, found {tag[:40]}"
+        elif depth >= MAX_DEPTH:
             problem = f"nested deeper than {MAX_DEPTH}"
-        elif self.count > MAX_NODES:
+        elif count > MAX_NODES:
             problem = f"more than {MAX_NODES} entries"
         if problem:
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-        self.depth += 1
-        node: yaml.Node | None = super().compose_node(parent, index)
-        self.depth -= 1
-        return node
-
-
-def _composed_fast(text: str) -> yaml.Node | None:
-    """Return the root node of a long text by PyYAML's reader in C, fifty times as fast as the other.
-
-    Return None if the text is short, or if the other reader must judge it: it has limits and messages of its own.
-    """
-    if len(text) < _LONG or not yaml.__with_libyaml__ or not _READ_OTHERWISE.isdisjoint(text):
-        return None
-    depth = count = 0
-    try:
-        for event in yaml.parse(text, Loader=yaml.CSafeLoader):
-            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            count += isinstance(event, yaml.NodeEvent)
-            if depth > MAX_DEPTH or count > MAX_NODES:
-                return None
-        node: yaml.Node | None = yaml.compose(text, Loader=yaml.CSafeLoader)
-    except yaml.YAMLError:
-        return None
-    return node
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)  # type: ignore[arg-type]
+        depth += isinstance(event, yaml.CollectionStartEvent)
 
 
 def compose(text: str, file: str) -> yaml.Node:
@@ -84,7 +63,14 @@ def compose(text: str, file: str) -> yaml.Node:
     if len(text) > MAX_LENGTH:
         raise InputError(Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
     try:
-        node = _composed_fast(text) or yaml.compose(text, Loader=_Loader)
+        loader: Any = yaml.SafeLoader
+        if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):
+            with contextlib.suppress(yaml.scanner.ScannerError, yaml.parser.ParserError):  # the other reader words it
+                _check_events(text, yaml.CSafeLoader)
+                loader = yaml.CSafeLoader if len(text) >= _LONG else None
+        if loader is yaml.SafeLoader:
+            _check_events(text, loader)
+        node: yaml.Node | None = yaml.compose(text, Loader=loader or yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"cannot be read as YAML: {', '.join(part for part in (error.context, error.problem) if part)}"

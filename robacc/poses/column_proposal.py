@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 from robacc.io.open_table import open_table
-from robacc.io.table import Table, TableOptions
-from robacc.poses.columns import JOINT_COLUMN, TIME_KEYS, Column, Names, is_documented, parse_column, with_cell_unit
-from robacc.poses.foreign_columns import ForeignColumns, find_columns
-from robacc.poses.reading import AS_NAMED, OPEN
+from robacc.io.table import TableOptions
+from robacc.poses.columns import JOINT_COLUMN, Column, is_documented
+from robacc.poses.layout import Layout, Names, documented_columns, find_columns
+from robacc.poses.reading import AS_NAMED, OPEN, UNKNOWN_ROBOT
 from robacc.poses.reshaped_tables import with_known_names, with_poses_of_matrices
 
 _RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
 """Documented names of angles about fixed axes."""
+_CERTAIN = ("fixed-xyz",)
+"""Conventions of angles whose names leave no other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +45,34 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     with open_table(name, TableOptions(is_documented)) as plain:
         plain.names = with_known_names(plain, required=False)
         table = with_poses_of_matrices(plain)
-    names = Names.of(table.names, None, None)
-    known: dict[str, Column] = {}
-    for index, text in enumerate(table.names):
-        column = parse_column(text, index, names, table)
-        if column is not None:
-            known.setdefault(column.key, with_cell_unit(column, table))
+    known = documented_columns(table, Names.of(table.names, UNKNOWN_ROBOT))
     # The map itself asks for the coverage factor, so that it is not a question of columns.
-    foreign = find_columns(table, known, names, replace(AS_NAMED, coverage=1.0))
-    statements = _statements(foreign)
-    questions = _questions(table, foreign)
+    found = find_columns(table, known, replace(AS_NAMED, coverage=1.0))
+    columns = found.columns
+    has_commands = any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in columns)
+    statements: dict[str, tuple[str, str]] = {}
+    if conventions := [options for options in found.angles.values() if options != _CERTAIN]:
+        value = conventions[0][0] if len(conventions[0]) == 1 else OPEN
+        statements["angles"] = value, f"convention of the angles: {', '.join(conventions[0])}"
+    if found.without_unit:
+        statements["units"] = OPEN, "of the names below without a unit, for example mm,deg"
+    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in columns.values()):
+        statements["coverage"] = OPEN, "of the uncertainties: 1 if standard, 2 if expanded"
+    questions = [
+        f"{f'{problem.column}: ' if problem.column else ''}{problem.message}; name them, or leave them empty"
+        for problem in table.log.problems
+    ]
+    if not columns and all(text.startswith("column ") for text in table.names):
+        questions.append(
+            "the file has no names; name its columns, in their units, as in q1_deg, q2_deg … (joints in the order of "
+            "the chain) and x_mm, y_mm, z_mm"
+        )
+    elif found.unused and not has_commands:
+        joints = "name the columns of joints q1 … qN, in the order of the chain"
+        questions.append(f"no column is taken for a joint; {joints}")
+    meanings = {column.index: _meaning(column, found) for column in columns.values()}
+    escaped = [text.replace("\\", "\\\\").replace('"', '\\"') for text in table.names]
+    entries = [f'  "{text}": {meanings.get(i) or "   # not read"}' for i, text in enumerate(escaped) if text]
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
@@ -62,76 +81,16 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
         *(f"# open: {question}" for question in questions),
-        *(["columns:", *_entries(table, foreign)] if table is plain else [f"# {table.description()}"]),
+        *(["columns:", *entries] if table is plain else [f"# {table.description()}"]),
     ]
     unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
-    return ColumnProposal(
-        "\n".join(lines) + "\n",
-        unanswered,
-        questions,
-        len(foreign.columns),
-        sum(map(bool, table.names)),
-        _has_commands(foreign),
-    )
+    n_named = sum(map(bool, table.names))
+    return ColumnProposal("\n".join(lines) + "\n", unanswered, tuple(questions), len(columns), n_named, has_commands)
 
 
-def _questions(table: Table, foreign: ForeignColumns) -> tuple[str, ...]:
-    """Return what the names leave open: the questions of the log, and joints under the robot's own names."""
-    texts = [
-        f"{problem.column}: {problem.message}" if problem.column else problem.message for problem in table.log.problems
-    ]
-    result = [f"{text}; name them, or leave them empty" for text in texts]
-    if not foreign.columns and all(name.startswith("column ") for name in table.names):
-        result.append(
-            "the file has no names; name its columns, in their units, as in q1_deg, q2_deg … (joints in the order of "
-            "the chain) and x_mm, y_mm, z_mm"
-        )
-    elif foreign.unused and not _has_commands(foreign):
-        result.append("no column is taken for a joint; name the columns of joints q1 … qN, in the order of the chain")
-    return tuple(result)
-
-
-def _statements(foreign: ForeignColumns) -> dict[str, tuple[str, str]]:
-    """Return the value and the comment of each statement that the names leave open."""
-    result: dict[str, tuple[str, str]] = {}
-    candidates = [options for options in foreign.angles.values() if options != ("fixed-xyz",)]
-    if candidates:
-        options = candidates[0]
-        value = options[0] if len(options) == 1 else OPEN
-        result["angles"] = (value, f"convention of the angles: {', '.join(options)}")
-    if foreign.without_unit:
-        result["units"] = (OPEN, "of the names below without a unit, for example mm,deg")
-    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in foreign.columns.values()):
-        result["coverage"] = (OPEN, "of the uncertainties: 1 if standard, 2 if expanded")
-    return result
-
-
-def _has_commands(foreign: ForeignColumns) -> bool:
-    return any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in foreign.columns)
-
-
-def _entries(table: Table, foreign: ForeignColumns) -> list[str]:
-    by_index = {column.index: column for column in foreign.columns.values()}
-    fixed = {prefix for prefix, options in foreign.angles.items() if options == ("fixed-xyz",)}
-
-    lines = []
-    for index, name in enumerate(table.names):
-        if not name:
-            continue
-        quoted = '"' + name.replace("\\", "\\\\").replace('"', '\\"') + '"'
-        column = by_index.get(index)
-        meaning = "" if column is None else _meaning(column, fixed)
-        lines.append(f"  {quoted}: {meaning}" if meaning else f"  {quoted}:    # not read")
-    return lines
-
-
-def _meaning(column: Column, fixed: Collection[str]) -> str:
-    """Return the documented name; ``fixed`` has the prefixes of angles that are certainly about fixed axes."""
-    key = column.key
-    prefix = "cmd_" if key.startswith("cmd_") else ""
-    if prefix in fixed and key.removeprefix(prefix) in _RPY:
-        key = prefix + _RPY[key.removeprefix(prefix)]
-    if key in TIME_KEYS:
-        return key if column.unit is None else f"{key}_{column.unit}"
-    plain = column.unit is None or key in ("temperature_c", "payload_kg")
-    return key if plain else f"{key}_{column.unit}"
+def _meaning(column: Column, found: Layout) -> str:
+    """Return the documented name with its unit; angles that are certainly about fixed axes are roll, pitch, yaw."""
+    prefix = "cmd_" if column.key.startswith("cmd_") else ""
+    stem = column.key.removeprefix(prefix)
+    is_certain = found.angles.get(prefix) == _CERTAIN
+    return replace(column, key=prefix + _RPY.get(stem, stem)).label if is_certain else column.label

@@ -5,17 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from robacc.io.dialect import UNIT_NAMES
-from robacc.io.table import Table
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
 _BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
-_SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]+)")
-_GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*Grad\s*[\])]?")
+_SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])")
+_GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?")
 """``Grad`` is a degree in German; ``grad`` may be a gradian, 400 to the turn."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
@@ -128,7 +127,7 @@ _MOTOMAN = ("s", "l", "u", "r", "b", "t")
 """Yaskawa's letters of the six axes, from the base."""
 _SPREAD = frozenset(["sigma", "std", "stdev", "stddev", "sd"])
 _UNCERTAIN = frozenset(["u", "uncertainty", "unc", "unsicherheit"])
-_TEXT_NAMES = {
+_WHOLE_NAMES = {
     **dict.fromkeys(("pose", "id", "pose id", "pose name", "pose number"), "pose"),
     **dict.fromkeys(
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
@@ -139,21 +138,22 @@ _TEXT_NAMES = {
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
     **dict.fromkeys(("target", "smr", "reflector", "marker", "reflektor"), "target"),
     **dict.fromkeys(("visit", "arrival"), "visit"),
-}
-_TIME_NAMES = {
     **dict.fromkeys(("time", "timestamp", "time stamp", "stamp", "t", "zeit", "zeitstempel", "uhrzeit"), "time"),
     **dict.fromkeys(("datetime", "date time", "datum zeit", "date and time"), "time"),
     **dict.fromkeys(("date", "datum"), "date"),
     **dict.fromkeys(("stamp sec", "header stamp sec", "header stamp secs", "stamp secs"), "seconds"),
     **dict.fromkeys(("stamp nanosec", "stamp nsec", "header stamp nanosec", "header stamp nsecs"), "nanoseconds"),
-}
-TIME_KEYS = ("time", "date", "seconds", "nanoseconds")
-"""Keys of the columns that give a time together, as text."""
-_CIRCUMSTANCES = {
     **dict.fromkeys(("temperature", "temp", "temperatur", "air temperature", "t air"), "temperature_c"),
     **dict.fromkeys(("ambient temperature", "room temperature", "lufttemperatur", "raumtemperatur"), "temperature_c"),
     **dict.fromkeys(("payload", "load", "nutzlast", "traglast"), "payload_kg"),
 }
+"""Keys of names that are known as a whole, in small letters, words separated by blanks."""
+TIME_KEYS = ("time", "date", "seconds", "nanoseconds")
+"""Keys of the columns that give a time together, as text."""
+AXES = ("x", "y", "z")
+QUATERNION = ("qw", "qx", "qy", "qz")
+ROTATION_VECTOR = ("rx", "ry", "rz")
+RPY = ("roll", "pitch", "yaw")
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,12 +183,23 @@ class Meaning:
     """Whether the name says commanded or attained; None where it says neither."""
     family: str | None = None
     """Kind of angles: ``axes`` (Rx, Ry, Rz), ``abc``, ``wpr``, ``oat``, ``ur`` (a rotation vector)."""
-    si: bool = False
-    """Whether the name is of ROS, whose units are SI."""
     coverage: float = 1.0
     """Coverage factor that the name states."""
     expanded: bool = False
     """Whether the name is of an uncertainty whose coverage factor it does not say."""
+
+    @property
+    def full_key(self) -> str:
+        """The key, of a commanded pose with ``cmd_`` before it."""
+        return f"cmd_{self.key}" if self.commanded and f"cmd_{self.key}" in FIXED_KINDS else self.key
+
+
+_COORDINATES: Mapping[str, Meaning] = {
+    **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},
+    **{name: Meaning(name) for name in (*QUATERNION, *RPY)},
+    **{name: Meaning(name, family="axes") for name in ROTATION_VECTOR},
+}
+"""Meaning of a name's words without those that say nothing, joined."""
 
 
 def heading_of(name: str) -> Heading:
@@ -196,16 +207,11 @@ def heading_of(name: str) -> Heading:
     # Signals of RobotStudio have a path: System1\ROB_1\J1; fields of rostopic begin with field.
     stem, unit = name.strip().strip("'\"").rpartition("\\")[2].removeprefix("field."), None
     words = tuple(_TOKEN.findall(stem.lower()))
-    if " ".join(words) in _TIME_NAMES:  # seconds of a stamp, not a stamp in seconds
+    if _WHOLE_NAMES.get(" ".join(words)) in TIME_KEYS:  # seconds of a stamp, not a stamp in seconds
         return Heading(name, words, None)
-    if ((match := _BRACKETED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES) or (
-        (match := _SUFFIXED.fullmatch(stem)) and match[2].lower() in UNIT_NAMES and len(match[2]) > 1
-    ):
-        stem, unit = match[1], UNIT_NAMES[match[2].lower()]
-    elif match and match[2] in ("m", "s", "°"):
-        stem, unit = match[1], UNIT_NAMES[match[2]]
-    elif (match := _GERMAN_DEGREES.fullmatch(stem)) is not None:
-        stem, unit = match[1], "deg"
+    matches = filter(None, (form.fullmatch(stem) for form in (_BRACKETED, _SUFFIXED, _GERMAN_DEGREES)))
+    if match := next((match for match in matches if match[2] == "Grad" or match[2].lower() in UNIT_NAMES), None):
+        stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
     spaced = re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
 
@@ -222,24 +228,30 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         heading: The name.
         siblings: Texts of all headings of the file, which make single letters unambiguous.
     """
-    words = heading.words
-    if heading.text in _MOTOMAN and {*_MOTOMAN} <= siblings:
-        return Meaning(f"q{_MOTOMAN.index(heading.text) + 1}")
-    if key := {**_TEXT_NAMES, **_TIME_NAMES, **_CIRCUMSTANCES}.get(heading.text):
+    words, text = heading.words, heading.text
+    if text in _MOTOMAN and {*_MOTOMAN} <= siblings:
+        return Meaning(f"q{_MOTOMAN.index(text) + 1}")
+    if key := _WHOLE_NAMES.get(text):
         return Meaning(key)
     if _REFUSED & set(words) or not words:
         return None
-    if robot := _universal_robots(words):
-        return robot
+    # Universal Robots' data exchange: target_q_0, target_TCP_pose_3.
+    if match := re.fullmatch(r"(target|actual) q (\d+)", text):
+        return Meaning(f"q{match[2]}", match[1] == "target", "ur")
+    if match := re.fullmatch(r"target tcp pose ([0-5])", text):
+        return Meaning((*AXES, *ROTATION_VECTOR)[int(match[1])], True, "ur")
     if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
         return Meaning("qw")
     # Pairs of hand-eye calibration: the pose of the robot, and the pose that a camera measured.
-    sensed = "robot" in words and any(_ATTAINED & set(text.split()) for text in siblings)
+    sensed = "robot" in words and any(_ATTAINED & set(sibling.split()) for sibling in siblings)
     commanded = True if sensed or _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
-    if joint := _joint(core):
-        return Meaning(joint, commanded, si=is_of_ros(heading))
-    return _coordinate(heading, core, commanded, siblings)
+    of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
+    # A path such as /joint_states/j1/position has both words.
+    if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and match[1] in _JOINT_WORDS:
+        return Meaning(f"q{int(match[2])}", commanded)
+    meaning = _uncertainty(core) or _coordinate(text, core, siblings)
+    return None if meaning is None else replace(meaning, commanded=commanded)
 
 
 def is_pose_word(text: str) -> bool:
@@ -250,7 +262,7 @@ def is_pose_word(text: str) -> bool:
 
 def is_point_name(name: str) -> bool:
     """Return whether a name is that of a column of point or pose names."""
-    return _TEXT_NAMES.get(heading_of(name).text) == "pose"
+    return _WHOLE_NAMES.get(heading_of(name).text) == "pose"
 
 
 def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
@@ -265,65 +277,31 @@ def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
     return axes[0], "".join(word for word in words if word != axes[0])
 
 
-def _universal_robots(words: Sequence[str]) -> Meaning | None:
-    """Return the meaning of a name of Universal Robots' data exchange: ``target_q_0``, ``target_TCP_pose_3``."""
-    if len(words) == 3 and words[0] in ("target", "actual") and words[1] == "q" and words[2].isdecimal():
-        return Meaning(f"q{words[2]}", words[0] == "target", "ur", si=True)
-    if len(words) == 4 and tuple(words[:3]) == ("target", "tcp", "pose") and words[3] in "012345":
-        return Meaning(("x", "y", "z", "rx", "ry", "rz")[int(words[3])], True, "ur", si=True)
-    return None
-
-
-def _joint(core: Sequence[str]) -> str | None:
-    """Return ``q`` and the number in the name of a joint's angle, else None."""
-    words = [word for word in core if word not in _FILLERS or word in _JOINT_WORDS]
-    if len(words) == 3 and words[0] == "joint":  # /joint_states/j1/position
-        words = words[1:]
-    if len(words) == 2 and words[0] in _JOINT_WORDS and words[1].isdecimal() and len(words[1]) < 3:
-        return f"q{int(words[1])}"
-    return None
-
-
-def _coordinate(
-    heading: Heading, core: tuple[str, ...], commanded: bool | None, siblings: frozenset[str]
-) -> Meaning | None:
-    """Return the meaning of a coordinate, an angle, or an uncertainty."""
-    words = tuple(word for word in core if word not in _FILLERS)
+def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Meaning | None:
+    """Return the meaning of a coordinate or an angle, whose words without commanded and attained are ``core``."""
+    joined = "".join(word for word in core if word not in _FILLERS)
     oriented = bool(_ORIENTED & set(core))
-    si = is_of_ros(heading)
-    joined = "".join(words)
-    letters = {"".join(word for word in text.split() if word not in _COMMANDED | _ATTAINED) for text in siblings}
-    if spread := _uncertainty(core, words):
-        return spread
     if oriented and joined in ("x", "y", "z", "w"):
-        quaternion = any({"w", *_ORIENTED} & set(text.split()) >= {"w"} for text in siblings)
-        return Meaning(f"q{joined}", commanded) if quaternion else Meaning(f"r{joined}", commanded, "axes")
-    if joined in ("x", "y", "z"):
-        return Meaning(joined, commanded, si=si)
+        is_quaternion = any("w" in sibling.split() for sibling in siblings)
+        return Meaning(f"q{joined}") if is_quaternion else Meaning(f"r{joined}", family="axes")
     if joined.isdecimal() and not oriented:  # pos_1, pos_2, pos_3
-        places = sorted(text for text in siblings if text.rpartition(" ")[0] == heading.text.rpartition(" ")[0])
-        return Meaning(AXES[places.index(heading.text)], commanded) if len(places) == len(AXES) else None
-    if joined in ("tx", "ty", "tz") or joined in ("px", "py", "pz"):
-        return Meaning(joined[1], commanded)
-    if joined in ("qx", "qy", "qz", "qw"):
-        return Meaning(joined, commanded)
+        places = sorted(sibling for sibling in siblings if sibling.rpartition(" ")[0] == text.rpartition(" ")[0])
+        return Meaning(AXES[places.index(text)]) if len(places) == len(AXES) else None
     if joined in ("rx", "ry", "rz", "rw") and "rw" in siblings:  # Vicon
-        return Meaning(f"q{joined[1]}", commanded)
-    if oriented and {n for n in "0123456789" if heading.text[:-1] + n in siblings} == {*"1234"}:
-        return Meaning(("qw", "qx", "qy", "qz")[int(joined[-1]) - 1], commanded, "quaternion")
-    if joined in ("rx", "ry", "rz"):
-        return Meaning(joined, commanded, "axes")
-    if joined in ("roll", "pitch", "yaw"):
-        return Meaning(joined, commanded)
+        return Meaning(f"q{joined[1]}")
+    if oriented and joined[-1:] in {*"1234"} and {n for n in "0123456789" if text[:-1] + n in siblings} == {*"1234"}:
+        return Meaning(QUATERNION[int(joined[-1]) - 1], family="quaternion")
+    letters = {"".join(word for word in name.split() if word not in _COMMANDED | _ATTAINED) for name in siblings}
     for family in ("abc", "wpr", "oat"):
         if joined in tuple(family) and set(family) <= letters:
-            return Meaning(f"r{'xyz'[family.index(joined)]}", commanded, family)
-    return None
+            return Meaning(f"r{'xyz'[family.index(joined)]}", family=family)
+    return _COORDINATES.get(joined)
 
 
-def _uncertainty(core: Sequence[str], words: Sequence[str]) -> Meaning | None:
+def _uncertainty(core: Sequence[str]) -> Meaning | None:
     """Return the meaning of a standard deviation or of an uncertainty along an axis."""
-    axes = [word for word in words if word in ("x", "y", "z")]
+    words = [word for word in core if word not in _FILLERS]
+    axes = [word for word in words if word in AXES]
     if len(axes) == 1 and _SPREAD & set(core) and set(words) <= {axes[0], *_SPREAD}:
         return Meaning(f"sigma_{axes[0]}")
     if "".join(words) in ("ux", "uy", "uz"):
@@ -340,14 +318,10 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("length", 1.0),
     "mm": ("length", 1e3),
     "um": ("length", 1e6),
+    "in": ("length", 1.0 / 0.0254),
     "rad": ("angle", 1.0),
     "mrad": ("angle", 1e3),
     "deg": ("angle", 180.0 / math.pi),
-}
-"""Quantity of each unit, and how many make one SI unit (x / 1e3 rounds once, x * 1e-3 twice)."""
-
-FOREIGN_UNITS: Mapping[str, tuple[str, float]] = {
-    "in": ("length", 1.0 / 0.0254),
     "s": ("time", 1.0),
     "ms": ("time", 1e3),
     "us": ("time", 1e6),
@@ -358,36 +332,30 @@ FOREIGN_UNITS: Mapping[str, tuple[str, float]] = {
     "g": ("mass", 1e3),
     "degC": ("temperature", 1.0),
 }
-"""The same for units that only names of instruments carry: no documented name ends in them."""
+"""Quantity of each unit, and how many make one SI unit (x / 1e3 rounds once, x * 1e-3 twice)."""
+NAME_UNITS = ("m", "mm", "um", "rad", "mrad", "deg")
+"""Units that a documented name may end in; the others stand in the names of instruments."""
 
-AXES = ("x", "y", "z")
-QUATERNION = ("qw", "qx", "qy", "qz")
-ROTATION_VECTOR = ("rx", "ry", "rz")
-RPY = ("roll", "pitch", "yaw")
 ORIENTATIONS = (QUATERNION, ROTATION_VECTOR, RPY)
+COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
+COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 SIGMAS = tuple(f"sigma_{axis}" for axis in AXES)
 TEXTS = ("pose", "cycle", "visit", "target", "payload_group")
 CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
 
-def _fixed_kinds() -> dict[str, Kind]:
-    kinds: dict[str, Kind] = dict.fromkeys(TEXTS, "text") | dict.fromkeys(CIRCUMSTANCES, "number")  # type: ignore[assignment]
-    for prefix in ("", "cmd_"):
-        kinds |= {f"{prefix}{name}": "length" for name in AXES}
-        kinds |= {f"{prefix}{name}": "angle" for name in (*ROTATION_VECTOR, *RPY)}
-        kinds |= {f"{prefix}{name}": "ratio" for name in QUATERNION}
-    kinds |= dict.fromkeys(SIGMAS, "length")
-    kinds["sigma_r"] = "angle"
-    return kinds
-
-
-FIXED_KINDS: Mapping[str, Kind] = _fixed_kinds()
+FIXED_KINDS: Mapping[str, Kind] = {
+    **dict.fromkeys(TEXTS, "text"),
+    **dict.fromkeys(CIRCUMSTANCES, "number"),
+    **dict.fromkeys((*AXES, *COMMANDED_AXES, *SIGMAS), "length"),
+    **dict.fromkeys((f"{prefix}{name}" for prefix in ("", "cmd_") for name in (*ROTATION_VECTOR, *RPY)), "angle"),
+    **dict.fromkeys((*QUATERNION, *COMMANDED_QUATERNION), "ratio"),
+    "sigma_r": "angle",
+}
 """Kind of every column name without a joint's number."""
 JOINT_COLUMN = re.compile(r"(dir_|speed_|read_)?q([1-9]\d{0,2})", re.ASCII)
 BRANCH_KEY = re.compile(r"branch_q(\d+)", re.ASCII)
 """Key of a joint outside the chain."""
-COMMANDED_JOINT = re.compile(r"cmd_q[1-9]\d{0,2}", re.ASCII)
-"""Another name of a commanded joint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -407,10 +375,15 @@ class Column:
     """Coverage factor of an uncertainty."""
 
     @property
+    def label(self) -> str:
+        """Documented name with the unit."""
+        has_unit = self.unit is not None and self.key not in ("temperature_c", "payload_kg")
+        return f"{self.key}_{self.unit}" if has_unit else self.key
+
+    @property
     def divisor(self) -> float:
         """Number of the column's unit that makes one SI unit."""
-        factor = 1.0 if self.unit is None else (UNITS.get(self.unit) or FOREIGN_UNITS[self.unit])[1]
-        return factor * self.coverage
+        return (1.0 if self.unit is None else UNITS[self.unit][1]) * self.coverage
 
 
 @dataclass(frozen=True, slots=True)
@@ -426,139 +399,22 @@ class BranchColumn:
     """True if a joint of the chain carries its mass."""
 
 
-@dataclass(frozen=True, slots=True)
-class Names:
-    """Names that a column may have in one file, for one robot."""
-
-    joint_names: tuple[str, ...]
-    joint_types: tuple[str, ...]
-    keys_by_joint_name: dict[str, str] = field(default_factory=dict)
-    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; of a joint outside the chain too."""
-    branches: tuple[BranchColumn, ...] = ()
-    """Joints outside the chain, whose keys are ``branch_q1 …``."""
-
-    @classmethod
-    def of(
-        cls,
-        header_names: Sequence[str],
-        joint_names: Sequence[str] | None,
-        joint_types: Sequence[str] | None,
-        branches: Sequence[BranchColumn] = (),
-    ) -> Names:
-        """Return the names for a robot's joints and their types, None where unknown, in a file with this table."""
-        names = tuple(joint_names or ())
-        # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
-        # first where the file has all of it; then the joints' names, where the file has all of those.
-        bare = {split_unit(name)[0] for name in header_names} | set(header_names)
-        numbered = {f"q{i + 1}" for i in range(len(names))}
-        by_name = set(names) <= bare and not numbered <= bare
-        keys = {
-            branch.name: f"branch_q{i + 1}"
-            for i, branch in enumerate(branches)
-            if branch.name not in FIXED_KINDS and not JOINT_COLUMN.fullmatch(branch.name)  # it means nothing else
-        }
-        for i, name in enumerate(names):
-            for prefix in ("", "dir_", "speed_", "read_"):
-                label = f"{prefix}{name}"
-                if label not in FIXED_KINDS and (by_name or not JOINT_COLUMN.fullmatch(label)):
-                    keys[label] = f"{prefix}q{i + 1}"
-        return cls(names, tuple(joint_types or ()), keys, tuple(branches))
-
-    def key(self, name: str) -> str | None:
-        """Return the key of a name without unit; None for an unknown name."""
-        if name in self.keys_by_joint_name:
-            return self.keys_by_joint_name[name]
-        if COMMANDED_JOINT.fullmatch(name):
-            return name.removeprefix("cmd_")
-        return name if name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name) else None
-
-    def kind(self, key: str) -> Kind:
-        """Return the kind of a key's column; a joint of unknown type may be an angle or a length."""
-        if branch := BRANCH_KEY.fullmatch(key):
-            return "length" if self.branches[int(branch[1]) - 1].type == "prismatic" else "angle"
-        match = JOINT_COLUMN.fullmatch(key)
-        if match is None:
-            return FIXED_KINDS[key]
-        if match[1] in ("dir_", "speed_"):
-            return "ratio"
-        number = int(match[2])
-        if number > len(self.joint_types):
-            return "joint"
-        return "length" if self.joint_types[number - 1] == "prismatic" else "angle"
-
-    def nearest(self, name: str) -> str:
-        """Return the known name most similar to ``name``, with or without a unit."""
-        import difflib
-
-        joints = self.joint_names or tuple(f"q{i + 1}" for i in range(6))
-        bare = {**FIXED_KINDS, **{joint: "joint" for joint in joints}}
-        units = [(unit, quantity) for unit, (quantity, _) in UNITS.items()]
-        suffixed = [
-            f"{stem}_{unit}" for stem, kind in bare.items() for unit, quantity in units if _fits(kind, quantity)
-        ]
-        motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
-        # The start of the name is enough: the cost of the comparison grows with the length of both names.
-        return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
-
-
 def split_unit(name: str) -> tuple[str, str | None]:
     """Return a name without its unit, and the unit; the name and None where it has no unit."""
     stem, _, unit = name.rpartition("_")
-    return (stem, unit) if stem and unit in UNITS else (name, None)
-
-
-def _fits(kind: str, quantity: str) -> bool:
-    return kind == quantity or kind == "joint"
-
-
-def parse_column(name: str, index: int, names: Names, table: Table) -> Column | None:
-    """Return the column of a name, None for an unknown name; log a unit that does not fit."""
-    key, unit = names.key(name), None
-    if key is None:
-        stem, unit = split_unit(name)
-        key = names.key(stem) if unit else None
-    if key is None:
-        return None
-    kind = names.kind(key)
-    if unit is not None and not _fits(kind, UNITS[unit][0]):
-        expected = {"angle": "an angle (rad, mrad, deg)", "length": "a length (m, mm, um)"}.get(kind, "no unit")
-        table.log.add(f"found unit {unit} in the name, expected {expected}", table.line, name)
-        unit = None
-    return Column(name, index, key, kind, unit)
-
-
-_UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
-
-
-def with_cell_unit(column: Column, table: Table) -> Column:
-    """Return a column with the unit behind its numbers; log a unit that its name contradicts or that does not fit."""
-    unit = table.cell_units.get(column.index)
-    if unit is None or column.kind == "text":
-        return column
-    stated = column.unit or _UNIT_OF_KEY.get(column.key)
-    quantity = {**UNITS, **FOREIGN_UNITS}[unit][0]
-    if stated is not None:
-        if stated != unit:
-            table.log.add(f"the cells are in {unit}, but the name is of {stated}", table.line, column.name)
-        return column
-    if not _fits(column.kind, quantity) or quantity not in ("length", "angle"):
-        expected = {"angle": "an angle", "length": "a length"}.get(column.kind, "a plain number")
-        table.log.add(f"the cells are in {unit}, expected {expected}", table.line, column.name)
-        return column
-    return replace(column, unit=unit)
+    return (stem, unit) if stem and unit in NAME_UNITS else (name, None)
 
 
 def is_documented(name: str) -> bool:
     """Return whether a name, with or without its unit, is a documented one."""
-    return any(
-        text in FIXED_KINDS or JOINT_COLUMN.fullmatch(text.removeprefix("cmd_")) for text in (name, split_unit(name)[0])
-    )
+    texts = (name, split_unit(name)[0])
+    return any(text in FIXED_KINDS or JOINT_COLUMN.fullmatch(text.removeprefix("cmd_")) for text in texts)
 
 
-def time_column(name: str, index: int) -> Column | None:
+def time_column(name: str, index: int = 0, label: str = "") -> Column | None:
     """Return the column of a time that a column map names ``time``, ``date`` or ``time_ms``; None for another name."""
     stem, _, unit = name.rpartition("_")
     if name in TIME_KEYS:
-        return Column(name, index, name, "text", None)
-    known = stem == "time" and FOREIGN_UNITS.get(unit, ("", 0.0))[0] == "time"
-    return Column(name, index, "time", "text", unit) if known else None
+        return Column(label, index, name, "text", None)
+    known = stem == "time" and unit in UNITS and UNITS[unit][0] == "time"
+    return Column(label, index, "time", "text", unit) if known else None

@@ -10,20 +10,31 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from robacc.errors import Counted, Note
+from robacc.errors import Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import for_spreadsheet, from_spreadsheet
 from robacc.io.open_table import open_table
 from robacc.io.table import Table
 from robacc.measurements import Measurements
-from robacc.poses.columns import AXES, CIRCUMSTANCES, QUATERNION, ROTATION_VECTOR, RPY, SIGMAS, TEXTS, TIME_KEYS
-from robacc.poses.layout import COMMANDED_AXES, COMMANDED_QUATERNION, Layout, Values, listing, read_layout
+from robacc.poses.columns import (
+    AXES,
+    CIRCUMSTANCES,
+    COMMANDED_AXES,
+    COMMANDED_QUATERNION,
+    QUATERNION,
+    ROTATION_VECTOR,
+    RPY,
+    SIGMAS,
+    TEXTS,
+    TIME_KEYS,
+)
+from robacc.poses.layout import Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
-from robacc.poses.orientation import AngleChoice, rotations
-from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot, reading_of, table_options
+from robacc.poses.orientation import conventions, rotations
+from robacc.poses.reading import UNKNOWN_ROBOT, KnownPoses, KnownRobot, reading_of, table_options
 from robacc.poses.reshaped_tables import reshaped, with_named_quaternion
-from robacc.poses.row_checks import READ_BACK_TOLERANCE, RowChecks, duplicate_rows, with_repetitions
-from robacc.poses.units import KnownPoses, UnitChecks, lengths_too_large, with_units
+from robacc.poses.row_checks import READ_BACK_TOLERANCE, check_rows, check_sizes, duplicate_rows, with_repetitions
+from robacc.poses.units import check_units, lengths_too_large, with_units
 
 # Write poses as CSV text in SI units, which :func:`robacc.poses.csv_file.read_poses` reads back.
 
@@ -126,44 +137,36 @@ def read_poses(
     options = table_options(path)
     with open_table(os.fspath(path), options) as source:
         table: Table = source
-        log, named = table.log, []
+        log = table.log
         if reading.columns is None:
             table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
-            if not commands or len(robot.joint_names or ()) != len(QUATERNION):
-                named = with_named_quaternion(table)
+            counts_joints = commands and len(robot.joint_names or ()) == len(QUATERNION)
+            table.names = table.names if counts_joints else with_named_quaternion(table)
         layout = read_layout(table, robot, attained, reading, commands)
-        values, remarks = _read_values(table, layout)
-        lacks_target = "target" not in layout.columns and layout.group(layout.joints()) is not None
-        if len(robot.targets) > 1 and lacks_target:
+        values = _with_named_poses(_read_values(table, layout), robot.targets)
+        if len(robot.targets) > 1 and "target" not in layout.columns and layout.has(layout.joints()):
             count = f"{len(robot.targets)} targets ({listing(robot.targets)})"
             message = f"column target is missing: the robot file has {count}"
             log.add(message, table.line, fix="add it with the measured target of each row")
-        values, remark = _targets_as_poses(values, robot.targets)
-        remarks += remark
-        rows = RowChecks(values, log)
+        check_sizes(values)
+        wrong_joints: frozenset[str] = frozenset()
         if units_check:
-            values, taken = with_units(values, table.line, robot, known_poses)
-            rows.values, remarks = values, [*remarks, *named, *taken]
-        units = UnitChecks(values.complete() if log.total else values, log, table.line)
-        wrong_joints = units.run(robot.limits) if units_check else frozenset()
-        rows.run(robot.limits, robot.valid_targets, wrong_joints, ignore_limits)
-        check_visits(values, ordered, log)
-        angles = AngleChoice(values, reading, robot.pose_at, log, table.line, known_poses)
-        conventions = angles.run()
+            values = with_units(values, robot, known_poses)
+            wrong_joints, _ = check_units(values.complete() if log.total else values, robot.limits)
+        check_rows(values, robot, wrong_joints, ignore_limits)
+        check_visits(values, ordered)
+        angles = conventions(values, reading, robot.pose_at, known_poses)
         log.raise_if_any()
-        data = _measurements(values, ordered, log.counted, conventions)
-        data, repeated = with_repetitions(data) if attained else (data, None)
-        remarks += [repeated] if repeated else []
-        doubts = (type(text)(f"{table.file}: {text}") for text in (*remarks, *angles.remarks, *data.warnings))
-        copies, duplicates = duplicate_rows(values, table.file, log.counted)
-        warnings = (*layout.warnings, *units.warnings, *rows.warnings, *doubts, *duplicates)
-        return dataclasses.replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=warnings)
+        data = _measurements(values, ordered, angles)
+        data = with_repetitions(data, log) if attained else data
+        copies = duplicate_rows(values)
+        return dataclasses.replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
 
 
-def _read_values(table: Table, layout: Layout) -> tuple[Values, list[str]]:
-    """Return the values of the columns in use, and remarks on how the table was read."""
-    columns = layout.columns
+def _read_values(table: Table, layout: Layout) -> Values:
+    """Return the values of the columns in use; remarks on how the table was read go to its log."""
+    columns, log = layout.columns, table.log
     keys = [key for key in _numeric_order(layout) if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
@@ -175,33 +178,33 @@ def _read_values(table: Table, layout: Layout) -> tuple[Values, list[str]]:
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    count, listed = len(body.gaps), ", ".join(map(str, body.gaps[:6])) + (" …" if len(body.gaps) > 6 else "")
-    left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({table.log.counted} {listed})"
-    remarks = [text for text in (Note(table.description()), left_out * bool(count), body.cut) if text]
+    count, listed = len(table.gaps), ", ".join(map(str, sorted(table.gaps)[:6])) + " …" * (len(table.gaps) > 6)
+    left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
+    for remark in (Note(table.description()), left_out * bool(count)):
+        if remark:
+            log.warn(remark, of_file=True)
     numbers = body.numbers
     if times:
         names = {key: columns[key].name for key in times}
         stamps = {key: by_key.pop(key) for key in times}
-        seconds, beginning = read_times(stamps, body.lines, names, columns[times[0]].divisor, table.log)
-        numbers = np.vstack([numbers, seconds])
+        numbers = np.vstack([numbers, read_times(stamps, body.lines, names, columns[times[0]].divisor, log)])
         keys.append("time_s")
-        remarks += [Note(beginning)] if beginning else []
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, numbers, row_index, by_key, body.lines), remarks
+    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line)
 
 
-def _targets_as_poses(values: Values, target_names: Sequence[str]) -> tuple[Values, list[str]]:
+def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
     """Return the values with a column Target as names of the poses, where each row of an export has another name."""
     column, names = values.layout.columns.get("target"), values.texts.get("target")
     if column is None or names is None or column.name == "target" or "pose" in values.texts:
-        return values, []
+        return values
     different = set(names.tolist())
     if len(different) < max(names.size, 2) or different & set(target_names):
-        return values, []
+        return values
+    note = Note(f"{column.name} is used as the names of the poses, because it differs in every row")
+    values.log.warn(note, of_file=True)
     texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
-    return dataclasses.replace(values, texts=texts), [
-        Note(f"{column.name} is used as the names of the poses, because it differs in every row")
-    ]
+    return dataclasses.replace(values, texts=texts)
 
 
 def _numeric_order(layout: Layout) -> Iterator[str]:
@@ -212,23 +215,23 @@ def _numeric_order(layout: Layout) -> Iterator[str]:
     yield from (*SIGMAS, "sigma_r", *CIRCUMSTANCES)
     for prefix in ("dir_", "speed_", "read_"):
         yield from layout.joints(prefix)
-    yield from (f"branch_q{i + 1}" for i in range(len(layout.branches)))
+    yield from (f"branch_q{i + 1}" for i in range(len(layout.names.robot.branches)))
 
 
-def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mapping[str, str]) -> Measurements:
+def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> Measurements:
     layout = values.layout
     position = values.column_set(AXES)
     if position is None:  # planned poses; for measured ones the log reported the missing columns
         position = np.zeros((3, values.lines.size))
-    motion, warnings = motion_of(values, ordered, counted)
-    read_back, doubts = _read_back(values)
-    branches, remarks = _branches(values)
+    direction, speed = motion_of(values, ordered)
+    read_back = _read_back(values)
+    branches = _branches(values)
     return Measurements(
         position=position,
-        rotation=rotations(values, layout.orientation, angles[""]),
+        rotation=rotations(values, layout.orientation(), angles.get("", "")),
         q=values.column_set(layout.joints()),
         commanded_position=values.column_set(COMMANDED_AXES),
-        commanded_rotation=rotations(values, layout.commanded_orientation, angles["cmd_"]),
+        commanded_rotation=rotations(values, layout.orientation("cmd_"), angles.get("cmd_", "")),
         sigma_position=values.column_set(SIGMAS),
         sigma_rotation=values.column("sigma_r"),
         pose=values.texts.get("pose"),
@@ -239,47 +242,43 @@ def _measurements(values: Values, ordered: bool, counted: Counted, angles: Mappi
         temperature=values.column("temperature_c"),
         payload=values.column("payload_kg"),
         payload_group=values.texts.get("payload_group"),
-        direction=motion[0],
-        speed=motion[1],
+        direction=direction,
+        speed=speed,
         read_back=read_back,
         branches=branches,
-        branch_names=() if branches is None else tuple(branch.name for branch in layout.branches),
+        branch_names=() if branches is None else tuple(branch.name for branch in layout.names.robot.branches),
         rows=values.lines,
-        counted=counted,
+        counted=values.log.counted,
         ordered=ordered,
-        warnings=(*warnings, *doubts, *remarks),
     )
 
 
-def _read_back(values: Values) -> tuple[Array | None, tuple[str, ...]]:
+def _read_back(values: Values) -> Array | None:
     """Return the joints read back, or None with a warning where they are those of an arm that moved."""
     read_back, q = (values.column_set(values.layout.joints(prefix)) for prefix in ("read_", ""))
-    if read_back is None or q is None or not read_back.size:
-        return read_back, ()
-    largest = float(np.max(np.abs(read_back - q)))
+    largest = 0.0 if read_back is None or q is None else float(np.max(np.abs(read_back - q), initial=0.0))
     if largest <= READ_BACK_TOLERANCE:
-        return read_back, ()
+        return read_back
     text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded joints, so they are not used"
-    return None, (text,)
+    values.log.warn(text, of_file=True)
+    return None
 
 
-def _branches(values: Values) -> tuple[Array | None, tuple[str, ...]]:
-    """Return the joints outside the chain ``(B, N)``, and a warning of those without a column that load the chain."""
-    branches = values.layout.branches
+def _branches(values: Values) -> Array | None:
+    """Return the joints outside the chain ``(B, N)``, with a warning of those without a column that load the chain."""
+    branches = values.layout.names.robot.branches
     columns = [values.column(f"branch_q{i + 1}") for i in range(len(branches))]
-    rows = [
-        np.full(values.lines.size, branch.position) if column is None else column
-        for branch, column in zip(branches, columns, strict=True)
-    ]
-    pairs = zip(branches, columns, strict=True)
+    pairs = list(zip(branches, columns, strict=True))
     lacking = [branch for branch, column in pairs if column is None and branch.loads_joints]
-    if not lacking:
-        return np.array(rows) if rows else None, ()
-    names = listing([branch.name for branch in lacking])
-    where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
-    one = len(lacking) == 1
-    has, counts, fix = (
-        ("has", "counts", f"add the column {names}") if one else ("have", "count", "add a column for each")
-    )
-    text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}; if the arm moved them, {fix}"
-    return np.array(rows), (text,)
+    if lacking:
+        names = listing([branch.name for branch in lacking])
+        where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
+        has, counts, fix = (
+            ("has", "counts", f"add the column {names}")
+            if len(lacking) == 1
+            else ("have", "count", "add a column for each")
+        )
+        text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}"
+        values.log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
+    rows = [np.full(values.lines.size, branch.position) if column is None else column for branch, column in pairs]
+    return np.array(rows) if rows else None

@@ -1,13 +1,14 @@
-"""Layout of a pose file: its columns, whether each set of columns is complete, and their values."""
+"""Layout of a pose file: what each of its columns is taken for, whether each set of columns is complete, its values."""
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
+import itertools
+import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,20 +20,27 @@ from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.poses.columns import (
     AXES,
+    BRANCH_KEY,
+    COMMANDED_AXES,
+    FIXED_KINDS,
     JOINT_COLUMN,
+    NAME_UNITS,
     ORIENTATIONS,
     QUATERNION,
     SIGMAS,
-    BranchColumn,
+    TIME_KEYS,
+    UNITS,
     Column,
-    Names,
+    Heading,
+    Kind,
+    Meaning,
     heading_of,
-    parse_column,
+    is_of_ros,
+    is_pose_word,
+    meaning_of,
     split_unit,
     time_column,
-    with_cell_unit,
 )
-from robacc.poses.foreign_columns import ForeignColumns, documented_name, find_columns, statement
 from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
 from robacc.poses.reshaped_tables import advice_on_points
 
@@ -42,33 +50,119 @@ _MAX_WARNINGS = 20
 _ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
 _SIMILAR = 0.8
 """Similarity of two names (0 to 1) from which one may be a slip of the other."""
+_QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
+"""Quantities of the units that each kind of column may have; one of these units it needs."""
+_OF_KEY: Mapping[str, tuple[str, ...]] = {
+    "temperature_c": ("temperature",),
+    "payload_kg": ("mass",),
+    **dict.fromkeys(TIME_KEYS, ("time",)),
+}
+QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
+"""Quantity of each kind of column that needs a unit; a joint of unknown type turns."""
+_UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
+
+
+@dataclass(frozen=True, slots=True)
+class Names:
+    """Names that a column may have in one file, for one robot."""
+
+    robot: KnownRobot
+    keys: Mapping[str, str]
+    """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; those of joints outside the chain are
+    ``branch_q1 …``."""
+
+    @classmethod
+    def of(cls, header_names: Sequence[str | None], robot: KnownRobot) -> Names:
+        """Return the names for a robot in a file with this header."""
+        names = tuple(robot.joint_names or ())
+        # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
+        # first where the file has all of it; then the joints' names, where the file has all of those.
+        bare = {text for name in header_names if name for text in (name, split_unit(name)[0])}
+        by_name = set(names) <= bare and not {f"q{i + 1}" for i in range(len(names))} <= bare
+        labels = {branch.name: (f"branch_q{i + 1}", False) for i, branch in enumerate(robot.branches)}
+        for (i, name), prefix in itertools.product(enumerate(names), ("", "dir_", "speed_", "read_")):
+            labels[f"{prefix}{name}"] = f"{prefix}q{i + 1}", by_name
+        keys = {
+            label: key
+            for label, (key, goes_first) in labels.items()
+            if label not in FIXED_KINDS and (goes_first or not JOINT_COLUMN.fullmatch(label))  # it means nothing else
+        }
+        return cls(robot, keys)
+
+    def key(self, name: str) -> str | None:
+        """Return the key of a name without unit; None for an unknown name."""
+        if name in self.keys:
+            return self.keys[name]
+        name = re.sub(r"^cmd_(?=q[1-9]\d{0,2}$)", "", name, flags=re.ASCII)  # another name of a commanded joint
+        return name if name in FIXED_KINDS or JOINT_COLUMN.fullmatch(name) else None
+
+    def kind(self, key: str) -> Kind:
+        """Return the kind of a key's column; a joint of unknown type may be an angle or a length."""
+        match = JOINT_COLUMN.fullmatch(key)
+        if branch := BRANCH_KEY.fullmatch(key):
+            joint_type: str | None = self.robot.branches[int(branch[1]) - 1].type
+        elif match is None:
+            return FIXED_KINDS[key]
+        elif match[1] in ("dir_", "speed_"):
+            return "ratio"
+        else:
+            joint_type = next(iter((self.robot.joint_types or ())[int(match[2]) - 1 :]), None)
+        return "joint" if joint_type is None else "length" if joint_type == "prismatic" else "angle"
+
+    def nearest(self, name: str) -> str:
+        """Return the known name most similar to ``name``, with or without a unit."""
+        joints = self.robot.joint_names or tuple(f"q{i + 1}" for i in range(6))
+        bare = {**FIXED_KINDS, **dict.fromkeys(joints, "joint")}
+        suffixed = [
+            f"{stem}_{unit}"
+            for stem, kind in bare.items()
+            for unit in NAME_UNITS
+            if UNITS[unit][0] in _QUANTITIES.get(kind, ())
+        ]
+        motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
+        # The start of the name is enough: the cost of the comparison grows with the length of both names.
+        return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
 
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Columns in use, by key."""
+    """Columns in use, by key, and what the names of an export leave open."""
 
     columns: Mapping[str, Column]
-    n_joints: int
-    """Number of the robot's joints, or of joint columns where no robot is known; 0 without joint columns."""
-    orientation: tuple[str, ...] | None
-    """Keys of the attained orientation's three or four columns."""
-    commanded_orientation: tuple[str, ...] | None
-    warnings: tuple[str, ...]
-    branches: tuple[BranchColumn, ...]
-    """Joints outside the chain; those with a column have the keys ``branch_q1 …``."""
-    foreign: ForeignColumns
-    """What the names of an export leave open."""
+    """By key; for times, the keys of :data:`~robacc.poses.columns.TIME_KEYS`; joints outside the chain have the keys
+    ``branch_q1 …``."""
+    names: Names
+    unused: Sequence[str] = ()
+    """Names in the file that are not read."""
+    angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``; without an entry they
+    are documented."""
+    without_unit: tuple[Column, ...] = ()
+    """Lengths and angles whose unit is stated nowhere."""
+    wrong_unit: bool = False
+    """Whether a heading states a unit of another quantity."""
+    unit_of_position: tuple[str, ...] = ()
+    """Keys of uncertainties whose unit is taken to be that of the position."""
 
-    def group(self, keys: Sequence[str]) -> tuple[Column, ...] | None:
-        """Return the columns of ``keys``; None where one of them is missing."""
-        if not keys or any(key not in self.columns for key in keys):
-            return None
-        return tuple(self.columns[key] for key in keys)
+    @property
+    def n_joints(self) -> int:
+        """Number of the robot's joints, or of joint columns where no robot is known; 0 without joint columns."""
+        matches = [match for key in self.columns if (match := JOINT_COLUMN.fullmatch(key))]
+        numbers = [int(match[2]) for match in matches if not match[1]] or [int(match[2]) for match in matches]
+        return len(self.names.robot.joint_names or ()) or max(numbers, default=0)
 
     def joints(self, prefix: str = "") -> tuple[str, ...]:
         """Return the keys of all joints' columns, ``q1 … qN``, with a prefix ``dir_``, ``speed_`` or ``read_``."""
         return tuple(f"{prefix}q{i + 1}" for i in range(self.n_joints))
+
+    def has(self, keys: Sequence[str]) -> bool:
+        """Return whether the file has all of a set of columns."""
+        return bool(keys) and set(keys) <= self.columns.keys()
+
+    def orientation(self, prefix: str = "") -> tuple[str, ...] | None:
+        """Return the keys of the attained or ``cmd_`` orientation's three or four columns."""
+        groups = (tuple(f"{prefix}{name}" for name in group) for group in ORIENTATIONS)
+        return next(filter(self.has, groups), None)
 
 
 def read_layout(
@@ -87,47 +181,336 @@ def read_layout(
         reading: Statements of the user on names that leave a question open.
         commands: Whether joints or commanded poses are required.
     """
-    log, line, mapping = table.log, table.line, reading.columns or {}
-    for stated in mapping:
+    log, line = table.log, table.line
+    for stated in reading.columns or ():
         if stated not in table.names:
             nearest = difflib.get_close_matches(stated, table.names, n=1, cutoff=0.6)
             hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
             log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
-    mapped = [mapping.get(name, name) for name in table.names]
-    names = Names.of([name for name in mapped if name], robot.joint_names, robot.joint_types, robot.branches)
+    names = Names.of(_as_mapped(table, reading), robot)
+    layout = documented_columns(table, names, reading)
+    unknown = Counter(name for name in layout.unused if name)
+    for name, count in unknown.items():
+        if count > 1:
+            log.add("the column is a duplicate", line, clip(name), "keep one of them")
+    if reading.columns is None and (table.dialect is not PLAIN or _lacks_a_pose(layout, attained, commands)):
+        # The names are not all documented: notes say what each was taken for.
+        layout = find_columns(table, layout, reading)
+    else:
+        for name in [*unknown][:_MAX_WARNINGS]:
+            near = documented_name(name) or names.nearest(name)
+            log.warn(f"unknown column {clip(name)} is ignored; the nearest known name is {near!r}", line)
+        if len(unknown) > _MAX_WARNINGS:
+            log.warn(f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns", line)
+        if unnamed := sum(not name for name in layout.unused):
+            log.warn(f"columns without a name are ignored: {unnamed}", line)
+    _check_sets(layout, table, robot, attained, commands)
+    return layout
+
+
+def _as_mapped(table: Table, reading: Reading) -> list[str | None]:
+    """Return the names of a table, or those that a column map gives them; None for a column that is not read."""
+    return [(reading.columns or {}).get(name, name) for name in table.names]
+
+
+def documented_columns(table: Table, names: Names, reading: Reading = AS_NAMED) -> Layout:
+    """Return the columns whose names, or whose entries in a column map, are documented."""
     columns: dict[str, Column] = {}
     unknown: list[str] = []
-    for index, name in enumerate(mapped):
+    for index, name in enumerate(_as_mapped(table, reading)):
         if name is None:
             continue
-        column = parse_column(name, index, names, table)
-        if reading.columns is not None and (column := column or time_column(name, index)) is not None:
-            coverage = (reading.coverage or 1.0) if column.key in (*SIGMAS, "sigma_r") else 1.0
-            column = dataclasses.replace(column, name=table.names[index], coverage=coverage)
-        if column is None:
+        if (column := _documented_column(name, index, names, table, reading)) is None:
             unknown.append(name)
+        elif (first := columns.setdefault(column.key, column)) is not column:
+            of = "" if first.name == column.name else f" of {first.name}"
+            table.log.add(f"the column is a duplicate{of}", table.line, name, "keep one of them")
+    return Layout(columns, names, unknown)
+
+
+def _documented_column(name: str, index: int, names: Names, table: Table, reading: Reading) -> Column | None:
+    """Return the column of a documented name, None for an unknown name; log units that do not fit."""
+    stem, unit = (name, None) if names.key(name) else split_unit(name)
+    label = table.names[index]
+    if (key := names.key(stem)) is None:
+        return None if reading.columns is None else time_column(name, index, label)
+    kind = names.kind(key)
+    fitting = _QUANTITIES.get(kind, ())
+    if unit is not None and UNITS[unit][0] not in fitting:
+        expected = {"angle": "an angle (rad, mrad, deg)", "length": "a length (m, mm, um)"}.get(kind, "no unit")
+        table.log.add(f"found unit {unit} in the name, expected {expected}", table.line, name)
+        unit = None
+    of_cells = None if kind == "text" else table.cell_units.get(index)
+    stated = unit or _UNIT_OF_KEY.get(key)
+    if of_cells and stated:
+        if stated != of_cells:
+            table.log.add(f"the cells are in {of_cells}, but the name is of {stated}", table.line, label)
+    elif of_cells and UNITS[of_cells][0] not in fitting:
+        expected = {"angle": "an angle", "length": "a length"}.get(kind, "a plain number")
+        table.log.add(f"the cells are in {of_cells}, expected {expected}", table.line, label)
+    else:
+        unit = of_cells or unit
+    is_uncertainty = reading.columns is not None and key in (*SIGMAS, "sigma_r")
+    coverage = (reading.coverage or 1.0) if is_uncertainty else 1.0
+    return Column(label, index, key, kind, unit or reading.unit_of.get(QUANTITY.get(kind, "")), coverage)
+
+
+def _lacks_a_pose(layout: Layout, attained: bool, commands: bool) -> bool:
+    """Return whether the attained position or any command is missing, so that other names may stand for them."""
+    has_commands = any(
+        key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
+        for key in layout.columns
+    )
+    is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
+    return (attained and not layout.has(AXES)) or not (has_commands or not commands or is_repeated)
+
+
+def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool, commands: bool) -> None:
+    """Log sets of columns that are incomplete or given twice, and what the file lacks."""
+    log, line, columns, joint_names = table.log, table.line, layout.columns, robot.joint_names
+    ignored = [name for name in layout.unused if name]
+    rules = "".join(
+        f"; {clip(name)} is outside the robot's chain, so write the column {rule}"
+        for name in ignored
+        if (rule := robot.outside.get(name) or robot.outside.get(split_unit(name)[0]))
+    )
+    unknown = f" (unknown in this file: {listing(ignored)}){rules}" if ignored else ""
+
+    def report_missing(keys: Sequence[str], fix: str, message: str = "") -> None:
+        text = f"column {keys[0]} is missing" if len(keys) == 1 else f"columns {listing(keys)} are missing"
+        log.add(message + text, line, fix=fix + unknown)
+
+    def check_set(keys: Sequence[str], set_name: str, required: bool = False) -> None:
+        missing = [key for key in keys if key not in columns]
+        if missing and (required or len(missing) < len(keys)):
+            report_missing(missing, _advice(layout.unused, keys, required) or f"expected {', '.join(keys)}: {set_name}")
+
+    commanded = any(key.startswith("cmd_") for key in columns)
+    check_set(AXES, "the attained position", attained)
+    check_set(COMMANDED_AXES, "the commanded position", commanded)
+    check_set(SIGMAS, "the measuring uncertainty of a position")
+    for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
+        groups = [tuple(f"{prefix}{name}" for name in group) for group in ORIENTATIONS]
+        present = [keys for keys in groups if not columns.keys().isdisjoint(keys)]
+        for keys in present:
+            check_set(keys, set_name)
+        if len(present) > 1:
+            sets_text = " and ".join(", ".join(keys) for keys in present)
+            log.add(f"{set_name} is given more than once: {sets_text}", line, fix="keep one of them")
+    count = layout.n_joints
+    check_set(layout.joints("read_"), "the joint variables as read back")
+    joint_numbers = sorted(int(key[1:]) for key in columns if JOINT_COLUMN.fullmatch(key) and key[0] == "q")
+    missing = [key for key in layout.joints() if key not in columns]
+    if joint_numbers and missing:
+        names = f", or the joints' names {listing(joint_names)}" if joint_names else ""
+        fix = f"expected q1 … q{count} without a gap{names}"
+        if joint_numbers == [1, 2, 3, 4]:
+            fix += "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
+        counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: "
+        report_missing(missing, fix, counts if joint_names else "")
+    # Without the attained position, which is required, that is the problem of the file.
+    is_pose_file = (not attained or layout.has(AXES)) and (joint_names or "pose" not in columns)
+    if not joint_numbers and commands and not commanded and is_pose_file:
+        keys_text = f"q1 … q{count}" if joint_names else "q1 … qN"
+        fix = (
+            "give the commands with `commanded`: the robot program, or a table of joints or poses; "
+            f"or add columns {keys_text} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
+        )
+        message = "the file has measured poses only: neither joint variables nor commanded poses"
+        log.add(message, line, fix=fix + unknown)
+    for key, column in columns.items():
+        if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
+            last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
+            log.add(f"the column belongs to joint {match[2]}, but {last}", line, column.name)
+
+
+def _advice(unused: Sequence[str], keys: Sequence[str], required: bool) -> str | None:
+    """Return what to do about a file without a required set of columns that has another form; else None."""
+    words = {word for name in unused for word in (name.lower(), *heading_of(name).words)}
+    if required and keys == AXES and (text := advice_on_points(unused)) is not None:
+        return text
+    if required and words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"}:
+        return "the file has angles and distances of an instrument; export X, Y and Z"
+    if required and words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"}:
+        return "the file has one row for each axis; export one row for each point, with its X, Y and Z"
+    return None
+
+
+def listing(names: Sequence[str]) -> str:
+    """Return the names separated by commas, cut after six."""
+    n_more = len(names) - _MAX_LISTED
+    return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+
+
+# Coordinates of a table that names or numbers its only body: ``Model1 Tx``, ``x1``, and angles ``phix1``.
+
+_NUMBERED = re.compile(r"(?P<axis>(?:phi)?[xyz]) (?P<body>\d+)")
+_OF_BODY = re.compile(r"(?P<body>.*\w\w.*) (?P<axis>t?[xyz]|q[wxyz])")
+
+
+def without_body(headings: Sequence[Heading]) -> list[Heading]:
+    """Return headings without the name or number of the only body that is measured."""
+    texts = [item.text for item in headings]
+    for form in (_NUMBERED, _OF_BODY):
+        matches = [match for text in texts if (match := form.fullmatch(text))]
+        axes = sorted(match["axis"][-1] for match in matches if match["axis"] in (*AXES, "tx", "ty", "tz"))
+        bodies = {match["body"] for match in matches}
+        if len(bodies) == 1 and axes == [*AXES] and not {*texts} & {*AXES} and not any(map(is_pose_word, bodies)):
+            axis_of = {match[0]: match["axis"].replace("phi", "r") for match in matches}
+            return [replace(item, words=(axis_of[item.text],)) if item.text in axis_of else item for item in headings]
+    return [*headings]
+
+
+# What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
+
+_JOINT = re.compile(r"q\d+")
+_CANDIDATES: Mapping[str, tuple[str, ...]] = {
+    "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
+    "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
+    "wpr": ("fixed-xyz",),
+    "oat": ("zyz",),
+    "ur": ("rotvec",),
+    "quaternion": ("wxyz", "xyzw"),
+}
+"""Conventions that a family of angle names may belong to; one alone is certain."""
+_PREAMBLE_UNITS = re.compile(
+    r"(?:\b(?:units?|einheit(?:en)?)\b\W*|^\W*(?=\w+\W*$))(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE
+)
+
+
+class _Candidate(NamedTuple):
+    """A column, and what its name may stand for."""
+
+    place: int
+    """Index in the file."""
+    heading: Heading
+    meaning: Meaning
+
+
+def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
+    """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
+    headings = without_body([heading_of(name) for name in table.names])
+    siblings = frozenset(heading.text for heading in headings)
+    for i, heading in enumerate(headings):
+        unit = table.cell_units.get(i, heading.unit)
+        if heading.unit not in (None, unit):
+            message = f"the cells are in {unit}, but the name is of {heading.unit}"
+            table.log.add(message, table.line, heading.name)
+        joint = _named_joint(heading, names)
+        meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
+        if meaning is None:
             continue
-        column = with_cell_unit(column, table)
-        if column.unit is None and column.kind in ("length", "angle", "joint"):
-            column = dataclasses.replace(
-                column, unit=reading.unit_of.get("length" if column.kind == "length" else "angle")
-            )
-        if (first := columns.setdefault(column.key, column)) is not column:
-            of = "" if first.name == name else f" of {first.name}"
-            log.add(f"the column is a duplicate{of}", line, name, "keep one of them")
-    for text, count in Counter(unknown).items():
-        if text and count > 1:
-            log.add("the column is a duplicate", line, clip(text), "keep one of them")
-    sets = _Completeness(columns, unknown, names, log, line, attained, commands, robot.outside)
-    if reading.columns is not None or not (table.dialect is not PLAIN or sets.lacks_a_pose()):
-        return sets.layout(ForeignColumns())
-    # The names are not all documented: notes say what each was taken for.
-    foreign = find_columns(table, columns, names, reading)
-    layout = dataclasses.replace(sets, columns=foreign.columns, unknown=foreign.unused).layout(foreign)
-    taken = statement(foreign.columns, columns)
-    unused = ", ".join(_with_suggestion(name, names) for name in foreign.unused)
-    texts = [f"columns: {taken}" if taken else "", f"not used: {unused}" if unused else "", *foreign.remarks]
-    return dataclasses.replace(layout, warnings=tuple(Note(f"{log.at(line)}: {text}") for text in texts if text))
+        key = meaning.full_key
+        # One uncertainty may be of all axes.
+        for name in SIGMAS if key == "sigma" else (key,):
+            yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
+
+
+def _named_joint(heading: Heading, names: Names) -> str | None:
+    """Return the key of the robot's joint whose name stands in the heading."""
+    text = heading.name.lower()
+    for i, name in enumerate(names.robot.joint_names or ()):
+        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
+            others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
+            if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
+                return f"q{i + 1}"
+    return None
+
+
+def _by_key(candidates: list[_Candidate], known: Mapping[str, Column]) -> dict[str, list[_Candidate]]:
+    """Return the columns that may be those of a key, with joints counted from 1."""
+    keys = [item.meaning.key for item in candidates]
+    counted = {item.heading.text: i for i, item in enumerate(candidates) if re.fullmatch(r"q \d", item.heading.text)}
+    others = {*(key for i, key in enumerate(keys) if i not in counted.values()), *known}
+    is_quaternion = sorted(counted) == ["q 1", "q 2", "q 3", "q 4"] and not {"qw", "qx"} & (others - {*known})
+    if is_quaternion and any(map(_JOINT.fullmatch, others)):
+        # Q1 … Q4 beside joints of other names are a quaternion, in an order that is open.
+        for name, key in zip(sorted(counted), QUATERNION, strict=True):
+            candidates[counted[name]] = candidates[counted[name]]._replace(meaning=Meaning(key, family="quaternion"))
+    candidates = [item for item in candidates if item.meaning.key not in known]
+    from_zero = any(item.meaning.key == "q0" for item in candidates)
+    result: dict[str, list[_Candidate]] = {}
+    for item in candidates:
+        key = item.meaning.key
+        key = f"q{int(key[1:]) + 1}" if from_zero and _JOINT.fullmatch(key) else key
+        result.setdefault(key, []).append(item)
+    return result
+
+
+def _chosen(table: Table, known: Mapping[str, Column], names: Names) -> dict[str, _Candidate]:
+    """Return the column for each key that the names stand for; two that are equally good are a question."""
+    used = {column.index for column in known.values()}
+    candidates = [item for item in _candidates(table, names) if item.place not in used]
+    result: dict[str, _Candidate] = {}
+    read_back: dict[str, _Candidate] = {}
+    for key, items in _by_key(candidates, known).items():
+        if _JOINT.fullmatch(key):
+            # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
+            attained = [item for item in items if item.meaning.commanded is False]
+            others = [item for item in items if item.meaning.commanded is not False]
+            if len(attained) == len(others) == 1 and attained[0].heading.unit == others[0].heading.unit:
+                read_back[f"read_{key}"] = attained[0]
+            items = [item for item in others if item.meaning.commanded] or others or items
+        if len(items) > 1 and FIXED_KINDS.get(key) != "text":
+            listed = " or ".join(repr(item.heading.name) for item in items)
+            message = f"found several columns for {key}: {listed}"
+            table.log.add(message, table.line, fix="choose with `columns`")
+        result[key] = items[0]
+    return result | (read_back if len(read_back) == sum(map(bool, map(_JOINT.fullmatch, result))) else {})
+
+
+def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
+    """Return the columns that the names of a table stand for; ambiguous names and missing units go to its log.
+
+    Args:
+        table: Table whose names are taken; its log takes notes of what each was taken for.
+        known: Columns whose names are documented; they stay as they are.
+        reading: Statements of the user.
+    """
+    chosen = _chosen(table, known.columns, known.names)
+    open_keys = [key for key, item in chosen.items() if item.meaning.expanded and reading.coverage is None]
+    expanded = dict.fromkeys(chosen.pop(key).heading.name for key in open_keys)
+    of_preamble, remark = _unit_of_preamble(table)
+    columns = dict(known.columns)
+    angles: dict[str, tuple[str, ...]] = {}
+    nameless: list[Column] = []
+    remarks: list[str] = []
+    wrong_unit = False
+    for key, candidate in chosen.items():
+        columns[key] = column = _column(key, candidate, known.names, reading, of_preamble, table)
+        if column.unit is None and column.kind in QUANTITY:
+            wrong_unit |= candidate.heading.unit is not None
+            nameless += [column] if candidate.heading.unit is None else []
+        is_joint = JOINT_COLUMN.fullmatch(key) is not None
+        if candidate.meaning.family and not is_joint:
+            angles["cmd_" if key.startswith("cmd_") else ""] = _CANDIDATES[candidate.meaning.family]
+        if candidate.meaning.commanded is False and is_joint:
+            remarks = ["joint variables are attained values, used as commands"]
+    units = {columns[axis].unit for axis in AXES if axis in columns}
+    sigmas = [column for column in nameless if column.key in SIGMAS]
+    if not sigmas or len(units) != 1 or (unit := next(iter(units))) is None:
+        sigmas = []
+    else:
+        # Uncertainties without a unit have that of the position.
+        columns |= {column.key: replace(column, unit=unit) for column in sigmas}
+        text = compact([column.name for column in sigmas])
+        remarks.append(f"{text} taken as {unit}, the unit of {columns['x'].name}; `units` states another")
+    taken = {column.index for column in columns.values()}
+    unused = [name for i, name in enumerate(table.names) if i not in taken and name]
+    ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
+    stated = statement(columns, known.columns)
+    for text in (
+        f"columns: {stated}" if stated else "",
+        f"not used: {', '.join(_with_suggestion(name, known.names) for name in unused)}" if unused else "",
+        *remarks,
+        remark,
+        f"to use the uncertainties {compact([*expanded])}, give `coverage`: {ways}" if expanded else "",
+    ):
+        if text:
+            table.log.warn(Note(text), table.line)
+    without_unit = tuple(column for column in nameless if column not in sigmas)
+    of_position = tuple(column.key for column in sigmas)
+    return Layout(columns, known.names, unused, angles, without_unit, wrong_unit, of_position)
 
 
 def _with_suggestion(name: str, names: Names) -> str:
@@ -137,152 +520,76 @@ def _with_suggestion(name: str, names: Names) -> str:
     return f"{clip(name)} (did you mean {nearest}?)" if is_similar else clip(name)
 
 
-@dataclass(frozen=True, slots=True)
-class _Completeness:
-    """Checks that sets of columns are complete; missing columns go to the log."""
-
-    columns: Mapping[str, Column]
-    unknown: Sequence[str]
-    names: Names
-    log: ProblemLog
-    line: int | None
-    attained: bool
-    commands: bool
-    outside: Mapping[str, str]
-    """Rules of joint variables that follow a joint outside the chain, by the name of that joint."""
-
-    def lacks_a_pose(self) -> bool:
-        """Return whether the attained position or any command is missing, so that other names may stand for them."""
-        position = not self.attained or set(AXES) <= self.columns.keys()
-        commands = any(
-            key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
-            for key in self.columns
-        )
-        is_repeated = "pose" in self.columns and not self.names.joint_names
-        return not (position and (commands or not self.commands or is_repeated))
-
-    def layout(self, foreign: ForeignColumns) -> Layout:
-        """Return the layout; log sets that are incomplete."""
-        self._check_set(AXES, "the attained position", required=self.attained)
-        commanded = any(key.startswith("cmd_") for key in self.columns)
-        self._check_set(tuple(f"cmd_{axis}" for axis in AXES), "the commanded position", required=commanded)
-        self._check_set(SIGMAS, "the measuring uncertainty of a position")
-        orientation = self._orientation("")
-        commanded_orientation = self._orientation("cmd_")
-        n_joints = self._joints(commanded)
-        warnings = tuple(self._warnings())
-        return Layout(
-            self.columns, n_joints, orientation, commanded_orientation, warnings, self.names.branches, foreign
-        )
-
-    def _check_set(self, keys: Sequence[str], set_name: str, required: bool = False) -> None:
-        missing = [key for key in keys if key not in self.columns]
-        if missing and (required or len(missing) < len(keys)):
-            fix = f"expected {', '.join(keys)}: {set_name}"
-            words = {word for name in self.unknown for word in (name.lower(), *heading_of(name).words)}
-            if required and words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"}:
-                fix = "the file has one row for each axis; export one row for each point, with its X, Y and Z"
-            if required and words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"}:
-                fix = "the file has angles and distances of an instrument; export X, Y and Z"
-            if required and keys == AXES and (text := advice_on_points(self.unknown)) is not None:
-                fix = text
-            self._report_missing(missing, fix)
-
-    def _report_missing(self, keys: Sequence[str], fix: str, message: str = "") -> None:
-        text = f"column {keys[0]} is missing" if len(keys) == 1 else f"columns {listing(keys)} are missing"
-        self.log.add(message + text, self.line, fix=fix + self._ignored())
-
-    def _ignored(self) -> str:
-        """Return the names of the file that are not used, for the end of a fix, and rules that replace some of them."""
-        ignored = [name for name in self.unknown if name]
-        rules = "".join(
-            f"; {clip(name)} is outside the robot's chain, so write the column {rule}"
-            for name in ignored
-            if (rule := self.outside.get(name) or self.outside.get(split_unit(name)[0]))
-        )
-        return f" (unknown in this file: {listing(ignored)}){rules}" if ignored else ""
-
-    def _orientation(self, prefix: str) -> tuple[str, ...] | None:
-        """Return the keys of the file's representation of an orientation; log a second or incomplete one."""
-        set_name = "the commanded orientation" if prefix else "the attained orientation"
-        present = [
-            tuple(f"{prefix}{name}" for name in group)
-            for group in ORIENTATIONS
-            if any(f"{prefix}{name}" in self.columns for name in group)
-        ]
-        for keys in present:
-            self._check_set(keys, set_name)
-        if len(present) > 1:
-            sets_text = " and ".join(", ".join(keys) for keys in present)
-            self.log.add(f"{set_name} is given more than once: {sets_text}", self.line, fix="keep one of them")
-        complete = [keys for keys in present if all(key in self.columns for key in keys)]
-        return complete[0] if complete else None
-
-    def _joints(self, commanded: bool) -> int:
-        """Return the number of joints; log q, dir and speed columns that do not fit it."""
-        joint_names = self.names.joint_names
-        matches = [match for key in self.columns if (match := JOINT_COLUMN.fullmatch(key))]
-        joint_numbers = sorted(int(match[2]) for match in matches if not match[1])
-        motion_numbers = [int(match[2]) for match in matches if match[1]]
-        count = len(joint_names) or max(joint_numbers or motion_numbers, default=0)
-        read_back = tuple(f"read_q{i + 1}" for i in range(count))
-        self._check_set(read_back, "the joint variables as read back")
-        # Without the attained position, which is required, that is the problem of the file.
-        has_position = not self.attained or set(AXES) <= self.columns.keys()
-        if joint_numbers:
-            self._check_joints(joint_numbers, count)
-        elif self.commands and not commanded and has_position and (joint_names or "pose" not in self.columns):
-            keys = f"q1 … q{count}" if joint_names else "q1 … qN"
-            fix = (
-                "give the commands with `commanded`: the robot program, or a table of joints or poses; "
-                f"or add columns {keys} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
-            )
-            message = "the file has measured poses only: neither joint variables nor commanded poses"
-            self.log.add(message, self.line, fix=fix + self._ignored())
-        for match in matches:
-            if int(match[2]) > count:
-                column = self.columns[match[0]].name
-                last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
-                self.log.add(f"the column belongs to joint {match[2]}, but {last}", self.line, column)
-        return count
-
-    def _check_joints(self, joint_numbers: Sequence[int], count: int) -> None:
-        joint_names = self.names.joint_names
-        missing = [f"q{i}" for i in range(1, count + 1) if i not in joint_numbers]
-        if not missing:
-            return
-        counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: "
-        names = f", or the joints' names {listing(joint_names)}" if joint_names else ""
-        fix = f"expected q1 … q{count} without a gap{names}"
-        if joint_numbers == [1, 2, 3, 4]:
-            fix += "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
-        self._report_missing(missing, fix, counts if joint_names else "")
-
-    def _warnings(self) -> list[str]:
-        unknown_names = [name for name in dict.fromkeys(self.unknown) if name]
-        texts = [
-            f"{self.log.at(self.line)}: unknown column {clip(name)} is ignored; "
-            f"the nearest known name is {documented_name(name) or self.names.nearest(name)!r}"
-            for name in unknown_names[:_MAX_WARNINGS]
-        ]
-        if len(unknown_names) > _MAX_WARNINGS:
-            texts.append(f"{self.log.at(self.line)}: … and {len(unknown_names) - _MAX_WARNINGS} more unknown columns")
-        n_unnamed = sum(not name for name in self.unknown)
-        if n_unnamed:
-            texts.append(f"{self.log.at(self.line)}: columns without a name are ignored: {n_unnamed}")
-        return texts
+def _column(
+    key: str, candidate: _Candidate, names: Names, reading: Reading, of_preamble: str | None, table: Table
+) -> Column:
+    heading, meaning = candidate.heading, candidate.meaning
+    kind: Kind = "text" if key in TIME_KEYS else names.kind(key)
+    quantity = QUANTITY.get(kind, "")
+    fitting = _QUANTITIES.get(kind) or _OF_KEY.get(key, ())
+    unit = heading.unit if fitting else None
+    if unit and UNITS[unit][0] not in fitting:
+        expected = f"expected a unit of {fitting[-1]}"
+        table.log.add(f"found unit {unit} for {key}, {expected}", table.line, heading.name)
+        unit = None
+    if quantity and unit is None:
+        is_si = meaning.family == "ur" or (not meaning.family and is_of_ros(heading))
+        si_unit = ("m" if quantity == "length" else "rad") if is_si else None
+        unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
+    coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
+    return Column(heading.name, candidate.place, key, kind, unit, coverage)
 
 
-def listing(names: Sequence[str]) -> str:
-    """Return the names separated by commas, cut after six."""
-    n_more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+def _unit_of_preamble(table: Table) -> tuple[str | None, str]:
+    """Return the unit of length that a line above the table states, and a remark."""
+    match = next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None)
+    if match is None:
+        return None, ""
+    unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(match["unit"].lower()[:3], "in")
+    return unit, f"lengths in {unit}, as {match[0].strip(' ([')!r} says"
+
+
+def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:
+    """Return which column was taken for what, without the columns whose names are documented."""
+    taken = sorted((column for key, column in columns.items() if key not in documented), key=lambda item: item.index)
+
+    def run(item: tuple[int, Column]) -> object:
+        """Return what joints that follow each other have in common."""
+        match = re.fullmatch(r"(read_)?q(\d+)", item[1].key)
+        return (match[1], item[1].unit, int(match[2]) - item[0]) if match else item[1].key
+
+    parts = []
+    for _, group in itertools.groupby(enumerate(taken), run):
+        pairs = [(column.name, _taken_for(column)) for _, column in group]
+        if len(pairs) > 2:
+            pairs = [(f"{pairs[0][0]} … {pairs[-1][0]}", f"{pairs[0][1]} … {pairs[-1][1]}")]
+        parts += [f"{name} -> {key}" for name, key in pairs]
+    return ", ".join(parts)
+
+
+def documented_name(name: str) -> str | None:
+    """Return the documented name that another name stands for; None where it stands for none."""
+    heading = heading_of(name)
+    meaning = meaning_of(heading, frozenset())
+    if meaning is None or meaning.key in TIME_KEYS or meaning.key not in FIXED_KINDS:
+        return None
+    key = meaning.full_key
+    takes_unit = FIXED_KINDS[key] in ("length", "angle") and heading.unit in NAME_UNITS
+    return f"{key}_{heading.unit}" if takes_unit else key
+
+
+def _taken_for(column: Column) -> str:
+    if column.key in TIME_KEYS:
+        return "time_s"
+    return column.label + (f" times {column.coverage:g}" if column.coverage != 1 else "")
+
+
+def compact(names: Sequence[str]) -> str:
+    """Return the names, of many only the first and the last ones."""
+    return ", ".join(names) if len(names) <= 9 else f"{', '.join(names[:4])}, …, {', '.join(names[-2:])}"
 
 
 # Values of the columns of a pose file.
-
-COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
-COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,6 +604,10 @@ class Values:
     texts: Mapping[str, NDArray[np.str_]]
     lines: NDArray[np.int64]
     """``(N,)`` line of the file, from 1."""
+    log: ProblemLog
+    """Takes problems, warnings and notes of the file."""
+    header: int | None
+    """Line of the columns' names."""
 
     def column(self, key: str) -> Array | None:
         """Return one column ``(N,)``; None where the file does not have it."""
@@ -316,4 +627,4 @@ class Values:
     def rows(self, index: NDArray[Any]) -> Values:
         """Return some of the rows."""
         texts = {key: text[index] for key, text in self.texts.items()}
-        return Values(self.layout, self.numbers[:, index], self.row_index, texts, self.lines[index])
+        return replace(self, numbers=self.numbers[:, index], texts=texts, lines=self.lines[index])

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import datetime as dt
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted
+from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.layout import COMMANDED_AXES, Values, listing
+from robacc.poses.columns import COMMANDED_AXES
+from robacc.poses.layout import Values, listing
 
 # Dates and times of day as seconds.
 
 _DAY = 86400.0
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
 _YEAR_LAST = re.compile(r"(\d{1,2})([-/.])(\d{1,2})[-/.](\d{4}|\d{2})")
+_DATE = re.compile(r"\s*\d+[-/.]\d+[-/.]\d")
 _STAMP = re.compile(
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
     r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
@@ -34,8 +37,8 @@ _EPOCHS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0))
 def read_times(
     texts: Mapping[str, NDArray[np.str_]], lines: NDArray[np.int64], names: Mapping[str, str], divisor: float,
     log: ProblemLog,
-) -> tuple[Array, str]:  # fmt: skip
-    """Return the time ``(N,)`` of each row in s, NaN where a problem was logged, and where it begins, for a message.
+) -> Array:  # fmt: skip
+    """Return the time ``(N,)`` of each row in s, NaN where a problem was logged; a note says where it begins.
 
     Times count from the midnight before the first row where the file has dates or clocks; numbers that count by
     themselves have no beginning.
@@ -47,70 +50,67 @@ def read_times(
         divisor: Number of the unit of ``time`` that makes one second.
         log: Takes entries that are no times.
     """
+
+    def each(key: str, column: NDArray[np.str_], value_of: Callable[[str], float | None], expected: str) -> Array:
+        values = np.full(column.size, np.nan)
+        for i, text in enumerate(column.tolist()):
+            if text and (value := value_of(text)) is None:
+                log.add(f"found {clip(text)}, expected {expected}", int(lines[i]), names[key])
+            elif text:
+                values[i] = value
+        return values
+
+    def numbers(key: str) -> Array:
+        return each(key, texts[key], _number, "a time in numbers as in the first rows")
+
     if "seconds" in texts:
-        seconds = _numbers(texts["seconds"], lines, names["seconds"], log)
-        if "nanoseconds" in texts:
-            seconds = seconds + _numbers(texts["nanoseconds"], lines, names["nanoseconds"], log) / 1e9
-        return _since_midnight(seconds)
+        return _since_midnight(
+            numbers("seconds") + (numbers("nanoseconds") / 1e9 if "nanoseconds" in texts else 0), log
+        )
     key = next((key for key in ("time", "date") if key in texts), None)
     if key is None:
         log.add("nanoseconds without a column of seconds", None, names["nanoseconds"], "leave it out with `columns`")
-        return np.full(lines.size, np.nan), ""
+        return np.full(lines.size, np.nan)
     column = texts[key]
     if "date" not in texts and all(_NUMBER.fullmatch(text) for text in column[:20]):
-        values = _numbers(column, lines, names[key], log)
+        values = numbers(key)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = next((scale for limit, scale in _EPOCHS if typical > limit), None) if divisor == 1.0 else None
-        return _since_midnight(values / scale) if scale else (values / divisor, "")
+        return _since_midnight(values / scale, log) if scale else values / divisor
     if key == "time" and "date" in texts:
         column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
-    return _parsed(column, lines, names[key], log)
-
-
-def _since_midnight(seconds: Array, zone: str = " UTC") -> tuple[Array, str]:
-    start = np.floor(seconds[0] / _DAY) * _DAY if seconds.size and np.isfinite(seconds[0]) else 0.0
-    if start == 0.0 and zone:
-        return seconds, ""
-    is_date = not zone or start < 4e9
-    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if is_date else None
-    return seconds - start, f"time_s counts from 00:00{zone} of {day}" if day else "time_s counts from a midnight"
-
-
-def _numbers(texts: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> Array:
-    values = np.full(len(texts), np.nan)
-    for i, text in enumerate(texts):
-        if _NUMBER.fullmatch(text):
-            values[i] = float(text.replace(",", "."))
-        elif text:
-            log.add(f"found {clip(str(text))}, expected a time in numbers as in the first rows", int(lines[i]), name)
-    return values
-
-
-def _parsed(column: NDArray[np.str_], lines: NDArray[np.int64], name: str, log: ProblemLog) -> tuple[Array, str]:
-    values = np.full(column.size, np.nan)
     dates = [match for text in column.tolist() if (match := _YEAR_LAST.match(text))]
     day_first = not dates or any(match[2] == "." or int(match[1]) > 12 for match in dates)
     if not day_first and all(int(match[3]) <= 12 for match in dates):
-        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", int(lines[0]), name,
+        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", int(lines[0]), names[key],
                 "write dates as 2026-11-22, or leave the column out with `columns`")  # fmt: skip
-        return values, ""
-    has_date = False
-    for i, text in enumerate(column.tolist()):
-        stamp = _seconds(text, day_first) if text else (np.nan, False)
-        if stamp is None:
-            log.add(f"found {clip(text)}, expected a date and time, or a time of day", int(lines[i]), name)
-        else:
-            values[i], has_date = stamp[0], has_date or stamp[1]
-    if has_date:
-        return _since_midnight(values, zone="")
+        return np.full(lines.size, np.nan)
+    values = each(key, column, partial(_seconds, day_first=day_first), "a date and time, or a time of day")
+    if any(map(_DATE.match, column.tolist())):
+        return _since_midnight(values, log, zone="")
+    log.warn(Note("time_s counts from midnight"), of_file=True)
     # A clock that falls by more than half a day has passed midnight.
     with np.errstate(invalid="ignore"):
         midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -_DAY / 2)])
-    return values + _DAY * midnights[: values.size], "time_s counts from midnight"
+    return values + _DAY * midnights[: values.size]
 
 
-def _seconds(text: str, day_first: bool) -> tuple[float, bool] | None:
-    """Return seconds since 1970 or since midnight, and whether the text has a date; None for another text."""
+def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Array:
+    start = np.floor(seconds[0] / _DAY) * _DAY if seconds.size and np.isfinite(seconds[0]) else 0.0
+    if start == 0.0 and zone:
+        return seconds
+    is_date = not zone or start < 4e9
+    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if is_date else None
+    log.warn(Note(f"time_s counts from 00:00{zone} of {day}" if day else "time_s counts from a midnight"), of_file=True)
+    return seconds - start
+
+
+def _number(text: str) -> float | None:
+    return float(text.replace(",", ".")) if _NUMBER.fullmatch(text) else None
+
+
+def _seconds(text: str, day_first: bool) -> float | None:
+    """Return seconds since 1970, or since midnight where the text has no date; None for another text."""
     match = _STAMP.fullmatch(text)
     if match is None:
         return None
@@ -132,7 +132,7 @@ def _seconds(text: str, day_first: bool) -> tuple[float, bool] | None:
         hour = hour % 12 + (12 if half in "pP" else 0)
     offset = (int(zone_h) * 60 + int(zone_h[0] + zone_min)) * 60.0 if zone_h else 0.0
     seconds = hour * 3600 + minute * 60 + second_ + float(f"0.{clock[3] or 0}")
-    return days * _DAY + seconds - offset, bool(year or last)
+    return days * _DAY + seconds - offset
 
 
 _SAME_VISIT = 1e-3
@@ -196,32 +196,27 @@ def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, A
     return direction[:, place[number]], speed[:, place[number]]
 
 
-def check_visits(values: Values, ordered: bool, log: ProblemLog) -> None:
+def check_visits(values: Values, ordered: bool) -> None:
     """Log each row that contradicts its ``visit``: other commands, or with ``ordered`` an earlier visit continued."""
     visit = values.texts.get("visit")
     if visit is None or visit.size < 2:
         return
     _, first, number = np.unique(visit, return_index=True, return_inverse=True)
     origin = first[number]
-    commands = values.column_set(values.layout.joints())
-    if commands is None:
-        commands = values.column_set(COMMANDED_AXES)
-    if commands is not None:
-        distance = np.max(np.abs(commands - commands[:, origin]), axis=0)
-        log.add_rows(
-            distance > _SAME_VISIT,
+    sets = (values.column_set(keys) for keys in (values.layout.joints(), COMMANDED_AXES))
+    if (commands := next((commands for commands in sets if commands is not None), None)) is not None:
+        values.log.add_rows(
+            np.max(np.abs(commands - commands[:, origin]), axis=0) > _SAME_VISIT,
             values.lines,
             "visit",
             lambda i: (
-                f"visit {clip(str(visit[i]))} has another command than on {log.counted} {values.lines[origin[i]]}; "
-                "a visit is one arrival of the arm, so number each arrival differently"
+                f"visit {clip(str(visit[i]))} has another command than on {values.log.counted} "
+                f"{values.lines[origin[i]]}; a visit is one arrival of the arm, so number each arrival differently"
             ),
         )
     if ordered:
-        returned = np.zeros(visit.size, dtype=bool)
-        returned[1:] = (visit[1:] != visit[:-1]) & (origin[1:] < np.arange(1, visit.size))
-        log.add_rows(
-            returned,
+        values.log.add_rows(
+            np.append(False, visit[1:] != visit[:-1]) & (origin < np.arange(visit.size)),
             values.lines,
             "visit",
             lambda i: (
@@ -231,19 +226,26 @@ def check_visits(values: Values, ordered: bool, log: ProblemLog) -> None:
         )
 
 
-def motion_of(
-    values: Values, ordered: bool, counted: Counted
-) -> tuple[tuple[Array | None, Array | None], tuple[str, ...]]:
+def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None]:
     """Return direction and speed ``(J, N)``: as given, derived from the order of visits, or 0 with a warning."""
-    layout = values.layout
-    warnings: list[str] = []
-    derived = _derived(values) if ordered else None
-    if ordered and derived is None:
-        warnings.append("the file has no joint columns, so the order of rows does not give the joints' directions")
-    if (time := values.column("time_s")) is not None and np.any(np.diff(time) < 0):
+    layout, log = values.layout, values.log
+    q, time = values.column_set(layout.joints()), values.column("time_s")
+    derived: Sequence[Array] | None = None
+    if ordered and q is None:
+        text = "the file has no joint columns, so the order of rows does not give the joints' directions"
+        log.warn(text, of_file=True)
+    elif ordered and q is not None:
+        visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
+        if visit is None and cycle is None and target is None:
+            derived = motion_between_rows(q)
+        else:
+            grouping = commanded_groups(pose, q)
+            groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
+            derived = motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
+    if time is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
         cause = "the clock was set back, or the rows are not in the order measured"
-        warnings.append(f"time_s decreases at {counted} {line}: {cause}")
+        log.warn(f"time_s decreases at {log.counted} {line}: {cause}", of_file=True)
     result: list[Array | None] = []
     for number, prefix in enumerate(("dir_", "speed_")):
         keys = layout.joints(prefix)
@@ -256,27 +258,11 @@ def motion_of(
             row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
         result.append(table)
         if derived is None:
-            warnings.append(f"no column {listing(missing)}: 0 (not moving) is assumed")
-    return (result[0], result[1]), (*warnings, *_opposite_sign_warnings(values, counted))
-
-
-def _derived(values: Values) -> tuple[Array, Array] | None:
-    """Return direction and speed from the order of visits; None without joint columns."""
-    q = values.column_set(values.layout.joints())
-    if q is None:
-        return None
-    visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
-    if visit is None and cycle is None and target is None:
-        return motion_between_rows(q)
-    grouping = commanded_groups(pose, q)
-    groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
-    return motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
-
-
-def _opposite_sign_warnings(values: Values, counted: Counted) -> Iterator[str]:
-    """Yield a warning for each joint whose given direction and speed have opposite signs."""
-    for keys in zip(values.layout.joints("dir_"), values.layout.joints("speed_"), strict=True):
-        direction, speed = (values.column(key) for key in keys)
-        if direction is not None and speed is not None and (opposite := direction * speed < 0).any():
-            place = f"{counted} {values.lines[np.argmax(opposite)]}"
-            yield f"{' and '.join(keys)} have opposite signs at {place}: one of them is wrong"
+            log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
+    for names in zip(layout.joints("dir_"), layout.joints("speed_"), strict=True):
+        pair = values.numbers[[values.row_index[key] for key in names if key in values.row_index]]
+        if len(pair) == 2 and (opposite := pair[0] * pair[1] < 0).any():
+            place = f"{log.counted} {values.lines[np.argmax(opposite)]}"
+            text = f"{' and '.join(names)} have opposite signs at {place}: one of them is wrong"
+            log.warn(text, of_file=True)
+    return result[0], result[1]

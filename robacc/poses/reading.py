@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
@@ -10,13 +11,13 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
-from robacc.io.bag_options import BagOptions
 from robacc.io.files import read_text
-from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, is_null
-from robacc.poses.columns import FIXED_KINDS, FOREIGN_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
+from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
+from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
 
 if TYPE_CHECKING:
     from robacc.io.table import TableOptions
@@ -64,30 +65,13 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 """
 
 
-@dataclass(frozen=True, slots=True)
-class AngleTrial:
-    """Disagreement of each convention with known orientations."""
-
-    disagreement: Mapping[str, float]
-    """rad; median difference between measured and known turn, by convention."""
-
-    @property
-    def best(self) -> str:
-        """Return the convention with the smallest disagreement."""
-        return min(self.disagreement, key=lambda name: self.disagreement[name])
-
-    def rules_out(self, name: str) -> bool:
-        """Return whether the best convention fits and ``name`` does not."""
-        best = self.disagreement[self.best]
-        return bool(best < _AGREES and self.disagreement[name] > max(_RATIO * best, _AGREES))
-
-    @property
-    def decided(self) -> bool:
-        """Return whether every convention but the best is ruled out."""
-        return all(name == self.best or self.rules_out(name) for name in self.disagreement)
+def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
+    """Return whether the convention with the smallest disagreement fits and another one does not."""
+    best = min(trial.values())
+    return bool(best < _AGREES and trial[name] > max(_RATIO * best, _AGREES))
 
 
-def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> AngleTrial | None:
+def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> dict[str, float] | None:
     """Compare turns between poses under each convention with those of known orientations.
 
     The turn of R_i^T R_j R_k^T R_l depends on no frame. Two poses alone would not tell a convention from its mirror
@@ -99,7 +83,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
         conventions: Names of :data:`CONVENTIONS`.
 
     Returns:
-        The trial; None if too few poses differ.
+        Median difference between measured and known turn by convention, rad; None if too few poses differ.
     """
     n = angles.shape[1]
     first = np.unique(np.linspace(0, n - 1, min(n, _PLACES)).astype(int))
@@ -110,7 +94,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     if n < len(steps) or turned.size < _FEWEST:
         return None
     tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
-    return AngleTrial({name: float(np.median(np.abs(difference))) for name, difference in tried.items()})
+    return {name: float(np.median(np.abs(difference))) for name, difference in tried.items()}
 
 
 def _turns(rotation: Array, fours: Array) -> Array:
@@ -136,7 +120,6 @@ def _turns(rotation: Array, fours: Array) -> Array:
 _VERSION = "1"
 OPEN = "unknown"
 """Entry of a statement that the user has to fill in; a command refuses it."""
-_KEYS = ("robacc_columns", "angles", "units", "coverage", "sheet", "bag", "columns")
 
 
 def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
@@ -147,47 +130,41 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
     """
     name = os.fspath(path)
     source = Source(name)
-    top = source.section(compose(read_text(name), name), "", _KEYS)
+    kinds: dict[str, Callable[[yaml.Node, str], Any]] = {
+        "angles": partial(source.choice, options=tuple(CONVENTIONS)),
+        "units": source.text,
+        "coverage": source.number,
+        "sheet": source.text,
+        "bag": source.text,
+        "columns": partial(_read_columns, source),
+    }
     result: dict[str, Any] = {}
-    if top is not None:
+    if (top := source.section(compose(read_text(name), name), "", ("robacc_columns", *kinds))) is not None:
         version = top.require("robacc_columns")
         if version is not None and getattr(version, "value", None) != _VERSION:
             source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
-        if (node := top.get("angles")) is not None:
-            result["angles"] = source.choice(node, "angles", tuple(CONVENTIONS))
-        for key in ("units", "sheet", "bag"):
-            if (node := top.get(key)) is not None:
-                result[key] = source.text(node, key)
+        result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
         if result.get("units") == OPEN:
             source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-        if (node := top.get("coverage")) is not None:
-            result["coverage"] = source.number(node, "coverage")
-        result["columns"] = _columns(top)
     source.finish()
     return result
 
 
-def _columns(top: YamlSection) -> dict[str, str | None] | None:
-    node = top.get("columns")
-    if node is None:
-        return None
-    source = top.source
+def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str | None]:
+    """Return the documented name by the name in the file, None for a column that is not read."""
     if not isinstance(node, yaml.MappingNode):
-        source.report(node, "columns", f"expected names with documented names, found {describe(node)}")
-        return None
+        source.report(node, path, f"expected names with documented names, found {describe(node)}")
+        return {}
     result: dict[str, str | None] = {}
-    for name, _, value in source.entries(node, "columns"):
-        result[name] = None if is_null(value) else source.text(value, f"columns.{name}")
-        meaning = result[name]
-        if meaning is not None and not is_documented(meaning) and time_column(meaning, 0) is None:
-            import difflib
-
+    for name, _, value in source.entries(node, path):
+        key = join(path, name)
+        result[name] = meaning = None if is_null(value) else source.text(value, key)
+        if meaning is not None and not is_documented(meaning) and time_column(meaning) is None:
             known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
-            known += [f"{key}_{unit}" for key in known for unit in UNITS]
+            known += [f"{key}_{unit}" for key in known for unit in NAME_UNITS]
             nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
-            source.report(
-                value, f"columns.{name}", f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?"
-            )
+            message = f"expected a documented name, found {meaning!r}"
+            source.report(value, key, message, f"did you mean {nearest}?")
     return result
 
 
@@ -197,6 +174,9 @@ JointLimits = Sequence[tuple[float, float] | None]
 """Lowest and highest value of each joint, rad or m; None for a joint without limits."""
 PoseAt = Callable[[Array], Poses]
 """Nominal poses of the robot at joint variables ``(J, N)``."""
+KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
+N rows without names; None for what it does not give."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +253,6 @@ class Reading:
             raise UsageError(f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}")
         if self.coverage is not None and not 0 < self.coverage < 10:
             raise UsageError(f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}")
-        BagOptions.of(self.bag)
         self.unit_of  # noqa: B018 (the property checks)
 
     @property
@@ -286,7 +265,7 @@ class Reading:
         result: dict[str, str] = {}
         for part in (self.units or "").split(",") if self.units else ():
             unit = _UNIT_WORDS.get(part.strip(), part.strip())
-            quantity = {**UNITS, **FOREIGN_UNITS}.get(unit, ("", 0.0))[0]
+            quantity = UNITS.get(unit, ("", 0.0))[0]
             if quantity not in ("length", "angle") or quantity in result:
                 raise UsageError(
                     f"`units`: expected a unit of length (m, mm, um, in) and one of angle (rad, mrad, deg), such as "
@@ -393,4 +372,4 @@ def table_options(path: str | os.PathLike[str]) -> TableOptions:
 
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, BagOptions.of(reading.bag), frame)
+    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, frame)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,7 +114,7 @@ def _of_numbers(
     named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
     columns = f"columns {min(found) + 1} to {max(found) + 1}"
-    table.remark = f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}"
+    table.remarks.append(f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}")
     return tuple(named)
 
 
@@ -197,7 +197,7 @@ def with_poses_of_matrices(table: Table) -> Table:
     return table
 
 
-def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> _Rows:
+def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     """Return positions and quaternions; matrices that are no rotations go to the log."""
     split, entries, identity = len(old.numbers) - 9, old.numbers, np.eye(3)[:, :, None]
     # Entries that could not be read are in the log already.
@@ -209,7 +209,7 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> _Rows:
     # The nearest rotation: entries are rounded.
     left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
     quaternion = quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))
-    return _Rows(np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
+    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
 
 
 _AXIS_NAMES = frozenset({"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente"})
@@ -241,13 +241,13 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
     return _axes_in_rows(table) or _targets_in_rows(table, robot.targets_in_columns) or table
 
 
-def with_named_quaternion(table: Table) -> list[Note]:
-    """Name Q0 … Q3 beside no Q4 as a quaternion, and return a note of it."""
+def with_named_quaternion(table: Table) -> tuple[str, ...]:
+    """Return the names with Q0 … Q3 beside no Q4 as a quaternion; a note of it goes to the log."""
     lower = [name.lower() for name in table.names]
     if not {*_COUNTED} <= {*lower} or "q4" in lower:
-        return []
-    table.names = tuple(_COUNTED.get(key, name) for key, name in zip(lower, table.names, strict=True))
-    return [Note("q0 … q3 are taken as a quaternion, scalar part first")]
+        return table.names
+    table.log.warn(Note("q0 … q3 are taken as a quaternion, scalar part first"), of_file=True)
+    return tuple(_COUNTED.get(key, name) for key, name in zip(lower, table.names, strict=True))
 
 
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
@@ -275,14 +275,9 @@ def advice_on_points(names: Sequence[str]) -> str | None:
     )
 
 
-class _Rows(NamedTuple):
-    """Rows that are formed from those of another table."""
-
-    rows: NDArray[np.int64]
-    """``(R, N)`` old rows that make each new one, in which a column that stays has one value."""
-    new: Sequence[NDArray[Any]]
-    """New columns ``(N,)``."""
-    gaps: Sequence[int] = ()
+Rows = tuple[NDArray[np.int64], Sequence[NDArray[Any]]]
+"""Rows that are formed from those of another table: the old rows ``(R, N)`` that make each new one, in which a column
+that stays has one value, and the new columns ``(N,)``."""
 
 
 class ReshapedTable(Table):
@@ -294,8 +289,8 @@ class ReshapedTable(Table):
         used: Collection[int],
         new: Mapping[str, int | None],
         made_of: tuple[Sequence[int], Sequence[int]],
-        make: Callable[[TableBody], _Rows],
-        remark: str | Callable[[], str],
+        make: Callable[[TableBody], Rows],
+        remark: str,
     ) -> None:
         """Form a table.
 
@@ -305,19 +300,15 @@ class ReshapedTable(Table):
             new: Names of the new columns, and the old columns in whose units their values are.
             made_of: Old columns of numbers and of texts that make the new ones.
             make: Returns the rows from these columns.
-            remark: How the rows are formed, for a message; called after the rows were read.
+            remark: How the rows are formed, for a message.
         """
         self._kept = [i for i in range(len(table.names)) if i not in used]
         super().__init__(table.file, [*(table.names[i] for i in self._kept), *new], table.line)
-        self.log, self.dialect = table.log, table.dialect
+        self.log, self.dialect, self.remarks, self.gaps = table.log, table.dialect, table.remarks, table.gaps
+        self.remarks.append(remark)
         units = enumerate([*self._kept, *new.values()])
         self.cell_units = {i: unit for i, old in units if old is not None and (unit := table.cell_units.get(old))}
-        self._table, self._made_of, self._make, self._remark = table, made_of, make, remark
-
-    def description(self) -> str:
-        """Return how the other table differs from the documented form, and how rows were formed."""
-        text = self._remark if isinstance(self._remark, str) else self._remark()
-        return ", ".join(filter(None, (self._table.description(), text)))
+        self._table, self._made_of, self._make = table, made_of, make
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
@@ -325,7 +316,7 @@ class ReshapedTable(Table):
         kept = [[self._kept[i] for i in columns if i < n] for columns in (numbers, texts)]
         old = self._table.body([*kept[0], *self._made_of[0]], [*kept[1], *self._made_of[1]])
         self.sha256 = self._table.sha256
-        rows, new, gaps = self._make(replace(old, numbers=old.numbers[len(kept[0]) :], texts=old.texts[len(kept[1]) :]))
+        rows, new = self._make(replace(old, numbers=old.numbers[len(kept[0]) :], texts=old.texts[len(kept[1]) :]))
         for column, values in zip(kept[0], old.numbers, strict=False):
             size = np.maximum(1.0, np.abs(values[rows[0]]))
             differs = np.any(np.abs(values[rows] - values[rows[0]]) > 1e-9 * size, axis=0)
@@ -338,7 +329,7 @@ class ReshapedTable(Table):
         for row, i in zip(table, numbers, strict=True):
             row[:] = by_column[0][self._kept[i]][rows[0]] if i < n else new[i - n]
         columns = tuple(by_column[1][self._kept[i]][rows[0]] if i < n else new[i - n] for i in texts)
-        return TableBody(table, columns, old.lines[rows[0]], tuple(sorted({*old.gaps, *gaps})), old.cut)
+        return TableBody(table, columns, old.lines[rows[0]])
 
 
 def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
@@ -363,25 +354,23 @@ def _axes_in_rows(table: Table) -> Table | None:
     names = [table.names[i] for i in (*axis, *values)]
     point = next((i for i, name in enumerate(table.names) if i not in (*axis, *values) and is_point_name(name)), None)
     new = _coordinates(table, "", measured * 3) | (_coordinates(table, "Nominal", nominal * 3) if nominal else {})
-    unused: dict[str, None] = {}
-    text = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
-    text += f" and {names[2]} the commanded value" if nominal else " value"
+    remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
+    remark += f" and {names[2]} the commanded value" if nominal else " value"
 
-    def make(old: TableBody) -> _Rows:
-        rows, gaps = _rows_of_points(old, unused, table.log, names[0])
-        return _Rows(rows, [value[row] for value in old.numbers for row in rows], gaps)
-
-    def remark() -> str:
-        return text + (f"; rows of {', '.join(unused)} not used" if unused else "")
+    def make(old: TableBody) -> Rows:
+        rows = _rows_of_points(old, table, names[0])
+        return rows, [value[row] for value in old.numbers for row in rows]
 
     texts = axis if point is None else [*axis, point]
     return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
 
 
-def _rows_of_points(
-    old: TableBody, unused: dict[str, None], log: ProblemLog, name: str
-) -> tuple[NDArray[np.int64], list[int]]:
-    """Return the rows ``(3, P)`` of the x, y and z of each point, and lines of points with a gap."""
+def _rows_of_points(old: TableBody, table: Table, name: str) -> NDArray[np.int64]:
+    """Return the rows ``(3, P)`` of the x, y and z of each point without a gap.
+
+    A remark names rows of other axes; ``name`` is the column of axes.
+    """
+    unused: dict[str, None] = {}
     axes = [text.strip().lower() for text in old.texts[0].tolist()]
     labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
     points: list[tuple[str, dict[str, int]]] = []
@@ -392,21 +381,23 @@ def _rows_of_points(
             points[-1][1][axis] = row
         else:
             points.append((label, {axis: row}))
-    complete, gaps = [], []
+    complete = []
     for label, by_axis in points:
         missing = [axis.upper() for axis in AXES if axis not in by_axis]
         line = int(old.lines[min(by_axis.values())])
         if not missing:
             complete.append([by_axis[axis] for axis in AXES])
-        elif old.gaps:
-            gaps.append(line)
+        elif table.gaps:
+            table.gaps.add(line)
         else:
             point = f"point {clip(label)}" if label else "the point"
             fix = "the rows of one point stand below each other, one for each of X, Y and Z"
-            log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
+            table.log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
     if not points:
-        log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
-    return np.array(complete, dtype=np.int64).reshape(-1, 3).T, gaps
+        table.log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
+    elif unused:
+        table.remarks.append(f"rows of {', '.join(unused)} not used")
+    return np.array(complete, dtype=np.int64).reshape(-1, 3).T
 
 
 def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
@@ -429,11 +420,11 @@ def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table 
         new["visit"] = None
     parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
 
-    def make(old: TableBody) -> _Rows:
+    def make(old: TableBody) -> Rows:
         rows = np.repeat(np.arange(old.lines.size), len(points))
         coordinates = old.numbers.reshape(len(points), 3, -1).transpose(1, 2, 0).reshape(3, -1)
         names = np.tile(np.array(targets, dtype=str), old.lines.size)
-        return _Rows(rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
+        return (rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
 
     used = list(itertools.chain(*points))
     return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")

@@ -10,13 +10,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements
-from robacc.poses.columns import AXES, QUATERNION, ROTATION_VECTOR, RPY, Column
-from robacc.poses.layout import COMMANDED_QUATERNION, Values, listing
-from robacc.poses.reading import JointLimits
+from robacc.poses.columns import AXES, COMMANDED_QUATERNION, QUATERNION, ROTATION_VECTOR, RPY, Column
+from robacc.poses.layout import Values, listing
+from robacc.poses.reading import KnownRobot
 from robacc.poses.units import EXCESS_TOLERANCE, degrees_likely, excess_beyond_limits
 
 # Poses that lie close together; repetitions of one commanded pose whose joints were logged as read.
@@ -30,27 +29,28 @@ _EVIDENT = 0.25
 """Share of the rows that repeat a pose from which a file has repetitions."""
 
 
-def with_repetitions(data: Measurements) -> tuple[Measurements, str | None]:
-    """Return data without ids of poses with ids of those that were repeated, and a remark; unchanged if there are none.
+def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
+    """Return data without ids of poses with ids of those that were repeated, and log a remark.
 
     Joints that were logged as read differ a little from visit to visit of one commanded pose.
     """
     if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
-        return data, None
+        return data
     groups = data.groups()
     if np.unique(groups).size < data.n:
-        return data, None
+        return data
     place = close_groups(data.q, _NEAR, 2.0 * _NEAR)
     count = np.bincount(place)
     if np.mean(count[place] > 1) < _EVIDENT:
-        return data, None
+        return data
     names, number = np.unique(place, return_inverse=True)
     ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
-    remark = (
+    log.warn(
         f"{data.n} rows are read as {names.size} commanded poses and their repetitions, because joints differ "
-        f"by less than {1e3 * _NEAR:g} mrad (mm); a pose column states repetitions"
+        f"by less than {1e3 * _NEAR:g} mrad (mm); a pose column states repetitions",
+        of_file=True,
     )
-    return dataclasses.replace(data, pose=ids), remark
+    return dataclasses.replace(data, pose=ids)
 
 
 def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]:
@@ -107,13 +107,13 @@ _NEAR_PER_EQUAL = 25.0
 gives, at a resolution of 1 um."""
 
 
-def duplicate_rows(values: Values, file: str, counted: Counted) -> tuple[NDArray[np.bool_] | None, tuple[str, ...]]:
+def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
     """Return the rows ``(N,)`` that repeat an earlier row or its measured values, which noise hardly ever does.
 
-    The second value is a warning. Both are empty without such rows.
+    A warning names them; None without such rows.
     """
     if values.lines.size < 2:
-        return None, ()
+        return None
     measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
     first, second = _equal_pairs(values.numbers) if same_measured[0].size else same_measured
@@ -130,14 +130,16 @@ def duplicate_rows(values: Values, file: str, counted: Counted) -> tuple[NDArray
     elif same_measured[0].size and "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
         pairs, where = same_measured, "the measured values of an earlier row to the last digit"
     else:
-        return None, ()
+        return None
     first, second = pairs
     i = int(np.argmin(values.lines[second]))  # the copy that comes first is the example
     rows = f"{first.size} row{'s repeat' if first.size > 1 else ' repeats'} {where}"
-    example = f"{counted} {int(values.lines[second[i]])} repeats {counted} {int(values.lines[first[i]])}"
+    counted = values.log.counted
+    example = f"{counted} {values.lines[second[i]]} repeats {counted} {int(values.lines[first[i]])}"
     copies = np.zeros(values.lines.size, dtype=bool)
     copies[second] = True
-    return copies, (f"{file}: {rows} ({example}); every row counts as a measurement, so delete copies",)
+    values.log.warn(f"{rows} ({example}); every row counts as a measurement, so delete copies", of_file=True)
+    return copies
 
 
 def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -194,145 +196,130 @@ _RULES: tuple[tuple[str, Callable[[Array], NDArray[np.bool_]], str], ...] = (
 """Start of the keys of columns, what is wrong with a value, and what is expected."""
 
 
-class RowChecks:
-    """Checks of each row's values; problems go to the log, small excesses of limits to :attr:`warnings`."""
+def check_sizes(values: Values) -> None:
+    """Log numbers that are too large to compute with, and set them to NaN."""
+    for key, column in values.layout.columns.items():
+        limit, value = _LARGEST.get(column.kind), values.column(key)
+        if limit is not None and value is not None:
+            _report(values, key, np.abs(value) > limit, f"expected at most {limit * column.divisor:g}{_unit(column)}")
+            value[np.abs(value) > limit] = np.nan
 
-    def __init__(self, values: Values, log: ProblemLog) -> None:
-        """Report numbers that are too large to compute with to ``log`` and set them to NaN."""
-        self.values = values
-        self.log = log
-        self.warnings: list[str] = []
-        for key, column in values.layout.columns.items():
-            limit, value = _LARGEST.get(column.kind), values.column(key)
-            if limit is not None and value is not None:
-                self._report(key, np.abs(value) > limit, f"expected at most {limit * column.divisor:g}{_unit(column)}")
-                value[np.abs(value) > limit] = np.nan
 
-    def run(
-        self,
-        limits: JointLimits | None,
-        target_names: Sequence[str] | None,
-        skip_limits: frozenset[str],
-        ignore_limits: bool,
-    ) -> None:
-        """Run the other checks.
+def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], ignore_limits: bool) -> None:
+    """Log values of rows that are wrong; small excesses of limits are warnings.
 
-        Args:
-            limits: Lowest and highest value of each joint (rad or m), None for a joint without limits.
-            target_names: Targets, as in :func:`robacc.poses.csv_file.read_poses`.
-            skip_limits: Joints whose unit is wrong; a limit check of every row would repeat that problem.
-            ignore_limits: All excesses of limits are warnings.
+    Args:
+        values: The values, of which :func:`check_sizes` set too large ones to NaN.
+        robot: Limits of its joints, and its targets.
+        skip_limits: Joints whose unit is wrong; a limit check of every row would repeat that problem.
+        ignore_limits: All excesses of limits are warnings.
 
-        Where the file lacks joints, its columns may belong to others: no limit is checked.
-        """
-        values, layout = self.values, self.values.layout
-        for keys in (QUATERNION, COMMANDED_QUATERNION):
-            self._quaternion(keys)
-        if layout.group(layout.joints()) is not None:
-            for key, limit in zip(layout.joints(), limits or (), strict=False):
-                if limit is not None and key not in skip_limits:
-                    self._limits(key, limit, np.inf if ignore_limits else None)
-        for start, test, expected in _RULES:
-            for key in values.row_index:
-                if key.startswith(start):
-                    self._report(key, test(values.numbers[values.row_index[key]]), expected)
-        for key in layout.joints():
-            self._read_back(key)
-        if (payload := values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
-            self.warnings.append(
-                f"{self.log.at(int(values.lines[np.argmax(heavy)]))}: payload_kg is {payload[heavy][0]:g} kg, "
-                "more than an arm carries"
-            )
-        self._targets(target_names)
+    Where the file lacks joints, its columns may belong to others: no limit is checked.
+    """
+    layout, log = values.layout, values.log
+    for keys in (QUATERNION, COMMANDED_QUATERNION):
+        _check_length(values, keys)
+    if layout.has(layout.joints()):
+        for key, limit in zip(layout.joints(), robot.limits or (), strict=False):
+            if limit is not None and key not in skip_limits:
+                _check_limits(values, key, limit, ignore_limits)
+    for start, test, expected in _RULES:
+        for key in values.row_index:
+            if key.startswith(start):
+                _report(values, key, test(values.numbers[values.row_index[key]]), expected)
+    for key in layout.joints():
+        _check_read_back(values, key)
+    if (payload := values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
+        text = f"payload_kg is {payload[heavy][0]:g} kg, more than an arm carries"
+        log.warn(text, int(values.lines[np.argmax(heavy)]))
+    if (target := values.texts.get("target")) is not None and robot.valid_targets is not None:
+        _check_targets(values, target, robot.valid_targets)
 
-    def _read_back(self, key: str) -> None:
-        """Report a joint that was read back far from its command: another unit, another order, or another row."""
-        command, value = self.values.column(key), self.values.column(f"read_{key}")
-        column = self.values.layout.columns.get(f"read_{key}")
-        if command is None or value is None or column is None or not column.name.startswith("read_"):
-            return
-        self.log.add_rows(
-            np.abs(value - command) > READ_BACK_TOLERANCE,
-            self.values.lines,
-            column.name,
+
+def _check_length(values: Values, keys: Sequence[str]) -> None:
+    """Log quaternions that are not of unit length."""
+    if (quaternion := values.column_set(keys)) is None:
+        return
+    with np.errstate(over="ignore"):
+        length = np.sqrt(np.einsum("in,in->n", quaternion, quaternion))
+    values.log.add_rows(
+        np.abs(length - 1) > QUATERNION_TOLERANCE,
+        values.lines,
+        ", ".join(values.layout.columns[key].name for key in keys),
+        lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
+    )
+
+
+def _check_read_back(values: Values, key: str) -> None:
+    """Log a joint that was read back far from its command: another unit, another order, or another row."""
+    command, value, column = values.column(key), values.column(f"read_{key}"), values.layout.columns.get(f"read_{key}")
+    if command is None or value is None or column is None or not column.name.startswith("read_"):
+        return
+    values.log.add_rows(
+        np.abs(value - command) > READ_BACK_TOLERANCE,
+        values.lines,
+        column.name,
+        lambda i: (
+            f"found {value[i]:.6g}, but the commanded joint is {command[i]:.6g} (rad or m); check the unit and "
+            "the order of the columns read back"
+        ),
+    )
+
+
+def _check_limits(values: Values, key: str, limits: tuple[float, float], ignore: bool) -> None:
+    column, value = values.layout.columns[key], values.numbers[values.row_index[key]]
+    unit, factor = _unit(column), column.divisor
+    limits_text = f"the joint's limits {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
+    tolerance = np.inf if ignore else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
+    excess = excess_beyond_limits(value, limits)
+    small = (excess > 0) & (excess <= tolerance)
+    if (count := np.count_nonzero(small)) > 0:
+        rows = "1 row, which is used" if count == 1 else f"{count} rows, which are used"
+        most = f"{excess[small].max() * factor:.3g}{unit}"
+        text = f"{column.name} exceeds {limits_text} by at most {most} in {rows}"
+        values.log.warn(text, int(values.lines[np.argmax(small)]))
+    fix = "`ignore_limits` uses these rows all the same"
+    if column.unit == "rad" and degrees_likely(value, limits):
+        fix = "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else " + fix
+    _report(values, key, excess > tolerance, f"expected a value within {limits_text}", fix)
+
+
+def _report(values: Values, key: str, failed: NDArray[np.bool_], expected: str, fix: str | None = None) -> None:
+    """Log the values of a column that fail a test; NaN is in the log already."""
+    column, value = values.layout.columns[key], values.numbers[values.row_index[key]]
+    values.log.add_rows(
+        failed & ~np.isnan(value),
+        values.lines,
+        column.name,
+        lambda i: f"found {value[i] * column.divisor:.10g}{_unit(column)}, {expected}",
+        fix,
+    )
+
+
+def _check_targets(values: Values, target: NDArray[np.str_], known: Sequence[str]) -> None:
+    """Log targets that the robot file does not have, and several targets of a robot with one tool."""
+    if known:
+        expected = f"expected a target of the robot file ({listing(known)})"
+        values.log.add_rows(
+            ~np.isin(target, known) & (target != ""),
+            values.lines,
+            "target",
             lambda i: (
-                f"found {value[i]:.6g}, but the commanded joint is {command[i]:.6g} (rad or m); check the unit and "
-                "the order of the columns read back"
+                f"found {clip(str(target[i]))}, {expected}; the nearest is "
+                f"{difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]}"
             ),
         )
-
-    def _quaternion(self, keys: Sequence[str]) -> None:
-        quaternion = self.values.column_set(keys)
-        if quaternion is None:
-            return
-        with np.errstate(over="ignore"):
-            length = np.sqrt(np.einsum("in,in->n", quaternion, quaternion))
-        self.log.add_rows(
-            np.abs(length - 1) > QUATERNION_TOLERANCE,
-            self.values.lines,
-            ", ".join(self.values.layout.columns[key].name for key in keys),
-            lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
+        return
+    # The robot's tool is not used where the file has commanded poses; it would be wrong for all targets but one.
+    names = list(dict.fromkeys(target[target != ""].tolist()))
+    if len(names) > 1 and values.layout.has(values.layout.joints()):
+        names_text = listing([clip(name) for name in names])
+        message = f"found several targets ({names_text}), but the robot has one tool and no targets"
+        fix = (
+            "fit tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), "
+            "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
         )
-
-    def _limits(self, key: str, limits: tuple[float, float], tolerance: float | None) -> None:
-        column, value = self.values.layout.columns[key], self.values.numbers[self.values.row_index[key]]
-        unit = _unit(column)
-        low, high = (limit * column.divisor for limit in limits)
-        limits_text = f"the joint's limits {low:.6g} to {high:.6g}{unit}"
-        if tolerance is None:
-            tolerance = EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
-        excess = excess_beyond_limits(value, limits)
-        small = (excess > 0) & (excess <= tolerance)
-        if (count := np.count_nonzero(small)) > 0:
-            rows = "1 row, which is used" if count == 1 else f"{count} rows, which are used"
-            self.warnings.append(
-                f"{self.log.at(int(self.values.lines[np.argmax(small)]))}: {column.name} exceeds {limits_text} by at "
-                f"most {excess[small].max() * column.divisor:.3g}{unit} in {rows}"
-            )
-        fix = "`ignore_limits` uses these rows all the same"
-        if column.unit == "rad" and degrees_likely(value, limits):
-            fix = "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else " + fix
-        self._report(key, excess > tolerance, f"expected a value within {limits_text}", fix)
-
-    def _report(self, key: str, failed: NDArray[np.bool_], expected: str, fix: str | None = None) -> None:
-        """Log the values of a column that fail a test; NaN is in the log already."""
-        column, value = self.values.layout.columns[key], self.values.numbers[self.values.row_index[key]]
-        unit = _unit(column)
-        self.log.add_rows(
-            failed & ~np.isnan(value),
-            self.values.lines,
-            column.name,
-            lambda i: f"found {value[i] * column.divisor:.10g}{unit}, {expected}",
-            fix,
-        )
-
-    def _targets(self, target_names: Sequence[str] | None) -> None:
-        target, layout = self.values.texts.get("target"), self.values.layout
-        if target is None or target_names is None:
-            return
-        if target_names:
-            unknown = ~np.isin(target, target_names) & (target != "")
-            expected = f"expected a target of the robot file ({listing(target_names)})"
-            self.log.add_rows(
-                unknown,
-                self.values.lines,
-                "target",
-                lambda i: (
-                    f"found {clip(str(target[i]))}, {expected}; the nearest is "
-                    f"{difflib.get_close_matches(str(target[i]), target_names, n=1, cutoff=0.0)[0]}"
-                ),
-            )
-            return
-        # The robot's tool is not used where the file has commanded poses; it would be wrong for all targets but one.
-        names = list(dict.fromkeys(target[target != ""].tolist()))
-        if len(names) > 1 and layout.group(layout.joints()) is not None:
-            names_text = listing([clip(name) for name in names])
-            message = f"found several targets ({names_text}), but the robot has one tool and no targets"
-            fix = (
-                "fit tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), "
-                "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
-            )
-            self.log.add(message, int(self.values.lines[np.argmax(target == names[1])]), "target", fix)
+        values.log.add(message, int(values.lines[np.argmax(target == names[1])]), "target", fix)
 
 
 def _unit(column: Column) -> str:

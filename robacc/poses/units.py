@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog
-from robacc.poses.columns import AXES, JOINT_COLUMN, SIGMAS, UNITS, Column
-from robacc.poses.foreign_columns import compact
-from robacc.poses.layout import COMMANDED_AXES, Values, listing
-from robacc.poses.reading import JointLimits, KnownRobot
+from robacc.poses.columns import AXES, COMMANDED_AXES, JOINT_COLUMN, SIGMAS, UNITS, Column
+from robacc.poses.layout import QUANTITY, Values, compact, listing
+from robacc.poses.reading import JointLimits, KnownPoses, KnownRobot
 from robacc.statistics.intervals import interpolated
 
 # Plausibility of units: columns without a unit in their names must not be in degrees or millimetres.
@@ -140,12 +138,7 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
 
 # Units of columns without a unit in their names: checks, and the choice where one reading is left.
 
-KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
-"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
-N rows without names; None for what it does not give."""
 _READINGS = {"length": ("m", "mm", "in"), "angle": ("rad", "deg")}
-_QUANTITY = {"length": "length", "angle": "angle", "joint": "angle"}
-"""Quantity of each kind of column that has a unit; a joint of unknown type turns."""
 _NEAR, _APART = math.log(5.0), math.log(4.0)
 """Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
 ratio by which another reading is worse. Units differ by 25 or more."""
@@ -163,176 +156,145 @@ _MOST_METRES = 30.0
 """Coordinate of a measured position from which it shows that it is in mm."""
 
 
-class UnitChecks:
-    """Checks of columns without a unit in their names; problems go to the log, doubts to :attr:`warnings`."""
+def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[str], frozenset[str]]:
+    """Check columns without a unit in their names; problems and warnings go to the log.
 
-    def __init__(self, values: Values, log: ProblemLog, line: int | None) -> None:
-        """Check ``values``, in which every number could be read; ``line`` is the header's line."""
-        self.values = values
-        self.log = log
-        self.line = line
-        self.warnings: list[str] = []
-        self.wrong: set[str] = set()
-        """Quantities, ``length`` and ``angle``, whose columns are in another unit; ``part`` if only some rows are."""
+    Args:
+        values: Values, in which every number could be read.
+        limits: Limits of the joints.
 
-    def run(self, limits: JointLimits | None) -> frozenset[str]:
-        """Run every check and return the joints whose unit is wrong."""
-        if self.values.lines.size == 0:
-            return frozenset()
-        layout = self.values.layout
-        if layout.foreign.wrong_unit:
-            return frozenset(layout.joints())
-        if columns := layout.foreign.without_unit:
-            # What the values suggest: a question to the user.
-            kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
-            sizes = [
-                f"{kinds[kind]} up to {np.max(np.abs(self.values.numbers[rows])):.4g}"
-                for kind in kinds
-                if (rows := [self.values.row_index[column.key] for column in columns if column.kind == kind])
-            ]
-            self.log.add(
-                f"these columns state no unit ({', '.join(sizes)})",
-                self.line,
-                compact([column.name for column in columns]),
-                "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg",
-            )
-            return frozenset(layout.joints())
-        sigma = self.values.column_set(SIGMAS) if layout.foreign.unit_of_position else None
-        if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
-            # Uncertainties that are too large or too small in the unit of the position.
-            column = layout.columns[layout.foreign.unit_of_position[0]]
-            typical = f"{float(np.median(sigma)) * column.divisor:.3g} {column.unit}"
-            self.log.add(
-                f"these columns state no unit, and {typical} is not a usual measuring uncertainty",
-                self.line,
-                compact([layout.columns[key].name for key in layout.foreign.unit_of_position]),
-                "give their unit with `units`, for example um, or write it into the names, as in Ux (um)",
-            )
-        wrong_joints = self._joints(limits)
-        lengths = [
-            keys for keys in (AXES, COMMANDED_AXES) if (p := self._bare(keys)) is not None and lengths_too_large(p)
+    Returns:
+        Joints whose unit is wrong, and the quantities, ``length`` and ``angle``, whose columns are in another unit,
+        with ``part`` if only some rows are.
+    """
+    layout, log, line = values.layout, values.log, values.header
+    joints = frozenset(layout.joints())
+    wrong: set[str] = set()
+    if values.lines.size == 0 or layout.wrong_unit:
+        return joints, frozenset()
+    if columns := layout.without_unit:
+        # What the values suggest: a question to the user.
+        kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
+        sizes = [
+            f"{kinds[kind]} up to {np.max(np.abs(values.numbers[rows])):.4g}"
+            for kind in kinds
+            if (rows := [values.row_index[column.key] for column in columns if column.kind == kind])
         ]
-        for keys in lengths:
-            far = np.max(np.abs(self.values.column_set(keys)), axis=0)  # type: ignore[arg-type]
-            message = f"found positions up to {np.max(far):.4g}, which cannot be m"
-            self._refuse(keys, message, "m", "mm", far > _MOST_METRES)
-        attained, commanded = self.values.column_set(AXES), self.values.column_set(COMMANDED_AXES)
-        both = not lengths and attained is not None and commanded is not None and attained.shape[1] > 1
-        if both and (ratio := thousandfold(attained, commanded)) is not None:  # type: ignore[arg-type]
-            names = ", ".join(layout.columns[key].name for key in (*AXES, *COMMANDED_AXES))
-            message = f"attained positions spread {ratio:.3g} times as far as commanded positions"
-            fix = "put the unit in the columns' names, for example x_mm and cmd_x_m"
-            self.log.add(f"{message}, so one of them is in mm", self.line, names, fix)
-        for keys in filter(None, (layout.orientation, layout.commanded_orientation)):
-            angles = self._bare(keys) if len(keys) == 3 else None
-            if angles is not None and np.max(np.abs(angles)) > _LARGEST_ANGLE:
-                message = f"found angles up to {np.max(np.abs(angles)):.4g}, which cannot be rad"
-                self._refuse(keys, message, "rad", "deg")
-        for keys in (SIGMAS, ("sigma_r",)):
-            if (sigma := self._bare(keys)) is not None:
-                self._sigma(keys, sigma)
-        return wrong_joints
+        message = f"these columns state no unit ({', '.join(sizes)})"
+        fix = "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg"
+        log.add(message, line, compact([column.name for column in columns]), fix)
+        return joints, frozenset()
 
-    def _refuse(
-        self, keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
+    def bare(keys: Sequence[str] | None) -> Array | None:
+        """Return a set of columns without units in their names; None for any other set."""
+        if not keys or not layout.has(keys) or any(layout.columns[key].unit is not None for key in keys):
+            return None
+        return values.column_set(keys)
+
+    def refuse(
+        keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
     ) -> None:
-        """Report columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
-        self.wrong.add(UNITS[likely_unit][0])
-        names = [self.values.layout.columns[key].name for key in keys]
-        rows = np.flatnonzero(large) if large is not None else np.empty(0, dtype=np.int64)
-        if large is not None and rows.size:
-            first, last = int(rows[0]), int(rows[-1])
-            others = large.size - (last + 1 - first)
-            is_many = others >= max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size)
-            if is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
-                # These rows are one part of the file.
-                self.wrong.add("part")
-                message = f"{message}, from line {self.values.lines[first]} to {self.values.lines[last]} only"
-                fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
-                self.log.add(message, self.line, listing(names), fix)
-                return
+        """Log columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
+        wrong.add(UNITS[likely_unit][0])
+        names = [layout.columns[key].name for key in keys]
         new_names = listing([f"{name}_{likely_unit}" for name in names])
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
-        self.log.add(message, self.line, listing(names), fix)
+        if large is not None and large.any():
+            first, last = np.flatnonzero(large)[[0, -1]]
+            is_many = large.size - (last + 1 - first) >= max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size)
+            if is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
+                # These rows are one part of the file.
+                wrong.add("part")
+                message = f"{message}, from line {values.lines[first]} to {values.lines[last]} only"
+                fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
+        log.add(message, line, listing(names), fix)
 
-    def _bare(self, keys: Sequence[str]) -> Array | None:
-        """Return a set of columns without units in their names; None for any other set."""
-        group = self.values.layout.group(keys)
-        if group is None or any(column.unit is not None for column in group):
-            return None
-        return self.values.column_set(keys)
+    sigma = values.column_set(SIGMAS) if layout.unit_of_position else None
+    if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
+        # Uncertainties that are too large or too small in the unit of the position.
+        column = layout.columns[layout.unit_of_position[0]]
+        typical = f"{float(np.median(sigma)) * column.divisor:.3g} {column.unit}"
+        message = f"these columns state no unit, and {typical} is not a usual measuring uncertainty"
+        fix = "give their unit with `units`, for example um, or write it into the names, as in Ux (um)"
+        log.add(message, line, compact([layout.columns[key].name for key in layout.unit_of_position]), fix)
+    degrees: dict[str, Array] = {}
+    millimetres: list[str] = []
+    for key, limit in itertools.zip_longest(layout.joints(), (limits or ())[: layout.n_joints]):
+        if (q := bare((key,))) is None:
+            continue
+        if layout.columns[key].kind != "length":
+            degrees |= {key: q[0]} if degrees_likely(q[0], limit) else {}
+        elif np.max(np.abs(q)) > _RANGE and (limit is None or excess_beyond_limits(q[0], limit).any()):
+            millimetres.append(key)
+    if degrees:
+        sizes_of = np.abs(np.array(list(degrees.values())))
+        message = f"found joint angles up to {np.max(sizes_of):.4g}, which cannot be rad"
+        refuse([*degrees], message, "rad", "deg", np.any(sizes_of > TURN, axis=0))
+    if millimetres:
+        refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
+    # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
+    alike = {
+        key
+        for key in joints & layout.columns.keys()
+        if degrees and layout.columns[key].kind != "length" and layout.columns[key].unit is None
+    }
+    positions = {keys: p for keys in (AXES, COMMANDED_AXES) if (p := bare(keys)) is not None and lengths_too_large(p)}
+    for keys, position in positions.items():
+        far = np.max(np.abs(position), axis=0)
+        refuse(keys, f"found positions up to {np.max(far):.4g}, which cannot be m", "m", "mm", far > _MOST_METRES)
+    attained, commanded = values.column_set(AXES), values.column_set(COMMANDED_AXES)
+    both = not positions and attained is not None and commanded is not None and attained.shape[1] > 1
+    if both and (ratio := thousandfold(attained, commanded)) is not None:  # type: ignore[arg-type]
+        names = ", ".join(layout.columns[key].name for key in (*AXES, *COMMANDED_AXES))
+        message = f"attained positions spread {ratio:.3g} times as far as commanded positions"
+        fix = "put the unit in the columns' names, for example x_mm and cmd_x_m"
+        log.add(f"{message}, so one of them is in mm", line, names, fix)
+    for prefix in ("", "cmd_"):
+        keys = layout.orientation(prefix) or ()
+        angles = bare(keys) if len(keys) == 3 else None
+        if angles is not None and (largest := np.max(np.abs(angles))) > _LARGEST_ANGLE:
+            refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
+    for keys, kind, unit, likely_unit in ((SIGMAS, "length", "m", "mm"), (("sigma_r",), "angle", "rad", "deg")):
+        if (sigma := bare(keys)) is not None:
+            impossible, doubtful = doubtful_sigma(sigma, kind)
+            message = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
+            if impossible:
+                refuse(keys, f"{message}, which no instrument has", unit, likely_unit)
+            elif doubtful:
+                names = listing([f"{key}_{likely_unit}" for key in keys])
+                log.warn(f"{message}; if it is in {likely_unit}, name it {names}", line)
+    return frozenset(millimetres) | alike, frozenset(wrong)
 
-    def _joints(self, limits: JointLimits | None) -> frozenset[str]:
-        degrees: list[str] = []
-        millimetres: list[str] = []
-        largest = 0.0
-        large = np.zeros(self.values.lines.size, dtype=bool)
-        for i, key in enumerate(self.values.layout.joints()):
-            q = self._bare((key,))
-            if q is None:
-                continue
-            limit = limits[i] if limits is not None and i < len(limits) else None
-            if self.values.layout.columns[key].kind == "length":
-                if np.max(np.abs(q)) > 50.0 and (limit is None or excess_beyond_limits(q[0], limit).any()):
-                    millimetres.append(key)
-            elif degrees_likely(q[0], limit):
-                degrees.append(key)
-                largest = max(largest, float(np.max(np.abs(q))))
-                large |= np.abs(q[0]) > TURN
-        if degrees:
-            self._refuse(degrees, f"found joint angles up to {largest:.4g}, which cannot be rad", "rad", "deg", large)
-        if millimetres:
-            self._refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
-        if not degrees:
-            return frozenset(millimetres)
-        # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
-        columns = self.values.layout.columns
-        return frozenset(
-            key
-            for key in self.values.layout.joints()
-            if key in millimetres or (key in columns and columns[key].kind != "length" and columns[key].unit is None)
-        )
 
-    def _sigma(self, keys: Sequence[str], sigma: Array) -> None:
-        kind = self.values.layout.columns[keys[0]].kind
-        unit, likely_unit = ("m", "mm") if kind == "length" else ("rad", "deg")
-        impossible, doubtful = doubtful_sigma(sigma, kind)
-        message = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
-        if impossible:
-            self._refuse(keys, f"{message}, which no instrument has", unit, likely_unit)
-        elif doubtful:
-            names = listing([f"{key}_{likely_unit}" for key in keys])
-            self.warnings.append(f"{self.log.at(self.line)}: {message}; if it is in {likely_unit}, name it {names}")
-
-
-def with_units(
-    values: Values, line: int | None, robot: KnownRobot, known_poses: KnownPoses | None
-) -> tuple[Values, list[Note]]:
-    """Return the values with the units that only one reading leaves, and notes on them.
+def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None) -> Values:
+    """Return the values with the units that only one reading leaves; notes on them go to the log.
 
     Documented names are SI. They are read otherwise only where the values cannot be SI and the motion of the arm shows
     the unit; other names also where the values alone leave one unit.
     """
-    layout, foreign = values.layout, {_QUANTITY[column.kind] for column in values.layout.foreign.without_unit}
+    layout, foreign = values.layout, {QUANTITY[column.kind] for column in values.layout.without_unit}
     columns = [
         column
         for column in layout.columns.values()
-        if column.unit is None and column.kind in _QUANTITY
-        if _QUANTITY[column.kind] not in foreign or column in layout.foreign.without_unit
+        if column.unit is None and column.kind in QUANTITY
+        if QUANTITY[column.kind] not in foreign or column in layout.without_unit
     ]
+
+    def doubts(trial: Values) -> frozenset[str]:
+        stated = replace(trial, layout=replace(layout, without_unit=()), log=ProblemLog(""))
+        return check_units(stated, robot.limits)[1]
+
     index = np.arange(0, values.lines.size, -(-values.lines.size // _SAMPLE) or 1)
     index = index[np.isfinite(values.numbers[:, index]).all(axis=0)]
     rows = values.rows(index)
-    rows = replace(rows, layout=replace(layout, foreign=replace(layout.foreign, without_unit=())))
-    (checks := UnitChecks(rows, ProblemLog(""), line)).run(robot.limits)
-    if not index.size or layout.foreign.wrong_unit or "part" in checks.wrong or not (foreign or checks.wrong):
-        return values, []
+    wrong = foreign | doubts(rows)
+    if not index.size or layout.wrong_unit or "part" in wrong or not wrong:
+        return values
     known = None if known_poses is None else known_poses(values.texts.get("pose"), values.lines.size)[0]
-    wrong, scores = foreign | checks.wrong, {}
+    scores = {}
     for units in itertools.product(*(_READINGS[name] if name in wrong else _READINGS[name][:1] for name in _READINGS)):
         trial = _scaled(rows, columns, dict(zip(_READINGS, units, strict=True)))
-        (checks := UnitChecks(replace(trial, layout=rows.layout), ProblemLog(""), line)).run(robot.limits)
-        if not checks.wrong:
+        if not doubts(trial):
             scores[units] = _distance(trial, robot, None if known is None else known[:, index])
     best = min(scores.values(), default=math.inf)
     # Of documented names the motion of the arm decides: the lengths, and the angles of the joints.
@@ -341,23 +303,26 @@ def with_units(
     left = [units for units, score in scores.items() if best >= _NEAR or score < best + _APART]
     options = {name: {units[i] for units in left} for i, name in enumerate(_READINGS) if name in wrong & shown}
     found = {name: min(units) for name, units in options.items() if len(units) == 1}
-    taken = {name: compact([column.name for column in columns if _QUANTITY[column.kind] == name]) for name in found}
     reason = f"no other unit agrees with the values{' and the motion of the arm' * (best < _NEAR)}"
-    return _scaled(values, columns, found), [Note(f"{taken[name]} taken as {found[name]}: {reason}") for name in found]
+    for quantity, unit in found.items():
+        taken = compact([column.name for column in columns if QUANTITY[column.kind] == quantity])
+        values.log.warn(Note(f"{taken} taken as {unit}: {reason}"), of_file=True)
+    return _scaled(values, columns, found)
 
 
 def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str]) -> Values:
     """Return the values with these columns in the unit of their quantity; columns of another quantity stay."""
     numbers, layout = values.numbers.copy() if units else values.numbers, values.layout
-    new = {c.key: replace(c, unit=units[_QUANTITY[c.kind]]) for c in columns if _QUANTITY[c.kind] in units}
+    new = {c.key: replace(c, unit=units[QUANTITY[c.kind]]) for c in columns if QUANTITY[c.kind] in units}
     for key, column in new.items():
         numbers[values.row_index[key]] /= column.divisor / column.coverage
-    foreign = replace(
-        layout.foreign,
-        without_unit=tuple(column for column in layout.foreign.without_unit if column.key not in new),
-        unit_of_position=layout.foreign.unit_of_position or tuple(key for key in SIGMAS if key in new),
+    layout = replace(
+        layout,
+        columns={**layout.columns, **new},
+        without_unit=tuple(column for column in layout.without_unit if column.key not in new),
+        unit_of_position=layout.unit_of_position or tuple(key for key in SIGMAS if key in new),
     )
-    return replace(values, numbers=numbers, layout=replace(layout, columns={**layout.columns, **new}, foreign=foreign))
+    return replace(values, numbers=numbers, layout=layout)
 
 
 def _distance(values: Values, robot: KnownRobot, known: Array | None) -> float:

@@ -32,7 +32,6 @@ def tracker(data: robacc.Measurements, order: list[int], names: bool = True) -> 
 
 
 def joints(data: robacc.Measurements, order: list[int], names: bool = True) -> str:
-    assert data.q is not None
     head = [*(["Name"] if names else []), *(f"J{i} [deg]" for i in range(1, 7))]
     rows = [[*([f"P{i}"] if names else []), *(f"{value:.6f}" for value in np.degrees(data.q[:, i]))] for i in order]
     return "\n".join(";".join(row) for row in (head, *rows)) + "\n"
@@ -72,10 +71,7 @@ def test_files_without_common_names_are_joined_by_order(data: robacc.Measurement
     read = robacc.read_poses(
         tmp_path / "points.csv", robot=robot, units="mm", commanded=tmp_path / "joints.csv", ordered=True
     )
-    assert read.q is not None
-    assert data.q is not None
     np.testing.assert_allclose(read.q, data.q, atol=1e-8)
-    assert read.direction is not None
     np.testing.assert_array_equal(read.direction[:, 1:], np.sign(np.diff(read.q)))
     assert any("joined by the order of rows: the files share no names" in warning for warning in read.warnings)
     (tmp_path / "joints.csv").write_text(joints(data, order[:-1]), encoding="utf-8")
@@ -84,13 +80,11 @@ def test_files_without_common_names_are_joined_by_order(data: robacc.Measurement
 
 
 def test_commands_of_a_robot_program(data: robacc.Measurements, tmp_path: Path) -> None:
-    assert data.q is not None
     moves = [f"  movej([{', '.join(f'{angle:.9f}' for angle in q)}], a=1.4, v=1.05)" for q in data.q.T]
     (tmp_path / "poses.script").write_text("def poses():\n" + "\n".join(moves) + "\nend\n", encoding="utf-8")
     (tmp_path / "points.txt").write_text(tracker(data, list(range(COUNT))), encoding="utf-8")
     robot = robacc.read_robot(ROBOT)
     read = robacc.read_poses(tmp_path / "points.txt", robot=robot, commanded=tmp_path / "poses.script")
-    assert read.q is not None
     np.testing.assert_allclose(read.q, data.q, atol=1e-8)
     assert any("joined by the order of rows" in warning for warning in read.warnings)
 

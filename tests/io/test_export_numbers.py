@@ -60,7 +60,6 @@ def test_a_documented_file_in_windows_1252_is_read_and_says_so(tmp_path: Path) -
     path = tmp_path / "export.csv"
     path.write_bytes("pose,q1_deg,x_mm,y_mm,z_mm\nPrüfling,1.5,1,2,3\nMüller 21 °C,2.5,3,4,5\n".encode("cp1252"))
     data = read_poses(path)
-    assert data.pose is not None
     assert data.pose.tolist() == ["Prüfling", "Müller 21 °C"]
     assert data.warnings == (f"{path}: Windows-1252",)
 
@@ -70,7 +69,6 @@ def test_german_degrees_have_a_capital(tmp_path: Path) -> None:
     text = "A1;X;Y;Z\n{};mm;mm;mm\n90,0;1,5;2,5;3,5\n45,0;2,5;3,5;4,5\n"
     path.write_text(text.format("Grad"), encoding="utf-8")
     data = read_poses(path)
-    assert data.q is not None
     assert data.q[0] == pytest.approx([1.5707963, 0.7853982])
     # In lower case it may be a gradian, 400 to the turn.
     path.write_text(text.format("grad"), encoding="utf-8")
@@ -82,7 +80,6 @@ def test_joints_of_another_name_beside_documented_positions(tmp_path: Path) -> N
     path = tmp_path / "export.csv"
     path.write_text("pose,J1 (deg),x_mm,y_mm,z_mm\na,90,1,2,3\nb,45,2,3,4\n", encoding="utf-8")
     data = read_poses(path, robot=KnownRobot(joint_names=("shoulder",)))
-    assert data.q is not None
     assert data.q[0] == pytest.approx([1.5707963, 0.7853982])
 
 
@@ -127,7 +124,6 @@ def test_a_column_target_with_another_name_in_each_row_names_the_poses(tmp_path:
     path.write_text("Target;J1 (deg);J2 (deg);X (mm);Y (mm);Z (mm)\n" + rows, encoding="utf-8")
     data = read_poses(path, robot=KnownRobot(target_names=()))
     assert data.target is None
-    assert data.pose is not None
     assert data.pose.tolist() == ["T0", "T1", "T2", "T3"]
     assert any("used as the names of the poses" in text for text in data.warnings)
 
@@ -137,5 +133,4 @@ def test_names_of_points_in_other_programs(tmp_path: Path, name: str) -> None:
     path = tmp_path / "export.csv"
     path.write_text(f"{name};J1 [deg];X [mm];Y [mm];Z [mm]\nA;1;2;3;4\nB;2;3;4;5\n", encoding="utf-8")
     data = read_poses(path)
-    assert data.pose is not None
     assert data.pose.tolist() == ["A", "B"]

@@ -87,7 +87,6 @@ def test_measured_poses_and_joints_of_another_file(
 ) -> None:
     measured, joints = tmp_path / "measured.csv", tmp_path / "joints.csv"
     measured.write_text(export(data), encoding="utf-8")
-    assert data.q is not None
     joints.write_text(lines("Name,J1,J2,J3,J4,J5,J6\n", "P{n}" + ",{:.7f}" * 6, np.degrees(data.q)), encoding="utf-8")
     read = robacc.read_poses(measured, robot=robot, commanded=joints, units="mm,deg")
     # Six digits of a millimetre, seven of a degree.
@@ -101,7 +100,6 @@ def test_measured_poses_and_joints_of_another_file(
 
 def test_signals_of_robotstudio_have_a_path(data: robacc.Measurements, robot: robacc.Robot, tmp_path: Path) -> None:
     path = tmp_path / "signals.csv"
-    assert data.q is not None
     names = [*(f"J{i} (deg)" for i in range(1, 7)), *(f"TCP {axis} (mm)" for axis in "XYZ")]
     head = ";".join(("Time (s)", *(f"System1\\ROB_1\\{name}" for name in names))) + "\n"
     path.write_text(lines(head, "{n}.0" + ";{:.7f}" * 9, np.degrees(data.q), data.position * 1e3), encoding="utf-8")
@@ -140,7 +138,6 @@ def test_rows_of_cam2_for_each_axis_are_joined(tmp_path: Path) -> None:
     (tmp_path / "cam2.txt").write_text(text, encoding="utf-8")
     read = robacc.read_poses(tmp_path / "cam2.txt")
     np.testing.assert_allclose(1e3 * read.position[:, 0], [100.1, 200.1, 300.1], rtol=1e-14)
-    assert read.commanded_position is not None
     np.testing.assert_allclose(1e3 * read.commanded_position[:, 0], [100, 200, 300], rtol=1e-14)
 
 

@@ -33,14 +33,13 @@ def nodes(node: yaml.Node) -> Iterator[tuple[object, ...]]:
 def fast_reads(monkeypatch: pytest.MonkeyPatch) -> list[bool]:
     """Return a list that records for each document whether the faster reader read it."""
     record = []
-    reader = yaml_nodes._composed_fast
+    read = yaml.compose
 
-    def recorded(text: str) -> yaml.Node | None:
-        node = reader(text)
-        record.append(node is not None)
-        return node
+    def recorded(text: str, Loader: type) -> yaml.Node | None:
+        record.append(Loader is yaml.CSafeLoader)
+        return read(text, Loader=Loader)
 
-    monkeypatch.setattr(yaml_nodes, "_composed_fast", recorded)
+    monkeypatch.setattr(yaml, "compose", recorded)
     return record
 
 

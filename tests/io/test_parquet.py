@@ -89,7 +89,6 @@ def test_units_stand_in_the_names_and_row_groups_join(tmp_path: Path) -> None:
     data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "pose": ["a", "b", "c"]}, row_group_size=2))
     np.testing.assert_allclose(data.position, [[1e-3, 2e-3, 3e-3], [4e-3, 5e-3, 6e-3], [7e-3, 8e-3, 9e-3]])
     np.testing.assert_allclose(data.q, np.radians([[10, 20, 30]]))
-    assert data.pose is not None
     assert data.pose.tolist() == ["a", "b", "c"]
 
 
@@ -116,7 +115,6 @@ def test_ids_are_texts_of_any_kind(tmp_path: Path, kind: str) -> None:
     elif kind != "int64":
         column = column.cast(getattr(pa, kind)())
     data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "pose": column}))
-    assert data.pose is not None
     assert data.pose.tolist() == ["7", "8", "7"]
 
 

@@ -94,7 +94,6 @@ def test_uncertainties_of_an_unknown_coverage_are_not_used(read: Reader) -> None
 
 def test_joints_counted_from_zero(read: Reader) -> None:
     data = read("joint_0 [deg];joint_1 [deg];X [m];Y [m];Z [m]\n1;2;3;4;5\n")
-    assert data.q is not None
     np.testing.assert_allclose(np.degrees(data.q[:, 0]), [1, 2])
 
 
@@ -113,7 +112,6 @@ def test_joints_counted_from_zero(read: Reader) -> None:
 def test_times(read: Reader, column: str, entries: tuple[str, str], seconds: tuple[float, float]) -> None:
     rows = "".join(f"{entry};1;2;3;{i}\n" for i, entry in enumerate(entries))
     data = read(f"{column};J1 [deg];X [m];Y [m];Z [m]\n{rows}")
-    assert data.time is not None
     # Nanoseconds since 1970 have 19 digits, of which a float keeps 16.
     np.testing.assert_allclose(data.time, seconds, rtol=0, atol=1e-6)
 

@@ -31,7 +31,6 @@ def test_one_pose_measured_twice_is_found_wherever_its_rows_are(first: int, seco
     q = np.random.default_rng(2).normal(size=(6, N))
     q[:, second] = q[:, first] + 1e-12
     groups = repeated(measured(q=q))
-    assert groups is not None
     assert np.unique(groups).size == N - 1
     assert groups[first] == groups[second]
 
@@ -41,7 +40,6 @@ def test_repetitions_are_those_of_sorting_whole_columns() -> None:
     q[q == 0.0] *= np.random.default_rng(4).choice([-1.0, 1.0], size=np.count_nonzero(q == 0.0))  # -0.0 is 0.0 too
     data = measured(q=q)
     groups = repeated(data)
-    assert groups is not None
     np.testing.assert_array_equal(groups, data.groups())
     expected = np.unique(q + 0.0, axis=1, return_inverse=True)[1].ravel()
     pairs = np.unique(np.stack((groups, expected)), axis=1)
@@ -52,7 +50,6 @@ def test_the_pose_column_goes_first() -> None:
     joints = np.zeros((6, 4))
     assert repeated(measured(q=joints, pose=np.array(["a", "b", "c", "d"]))) is None
     groups = repeated(measured(q=joints, pose=np.array(["a", "b", "a", "d"])))
-    assert groups is not None
     assert groups.tolist() == [0, 1, 0, 2]
 
 

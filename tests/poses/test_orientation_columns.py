@@ -44,7 +44,6 @@ def test_numbers_from_zero_beside_joints_are_a_quaternion_with_the_scalar_part_f
     data = read(written(tmp_path, ["Q0", "Q1", "Q2", "Q3"], np.stack((w, x, y, z)), joints))
     assert data.rotation is not None
     np.testing.assert_allclose(np.moveaxis(data.rotation, 2, 0), TURNS.as_matrix(), atol=1e-9)
-    assert data.q is not None
     # The joints keep their numbers: it is the quaternion that is counted from zero.
     assert data.q.shape == (6, N)
     assert data.q[0, 0] == pytest.approx(np.radians(np.random.default_rng(1).uniform(-90, 90, (6, N))[0, 0]))

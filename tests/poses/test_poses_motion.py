@@ -13,8 +13,6 @@ from robacc.measurements import motion_between_rows
 def test_order_of_rows_gives_direction_and_speed(read: Reader) -> None:
     text = "q1,q2,x,y,z\n0,0,1,2,3\n0.5,-0.25,1,2,3\n0.5,-0.25,1,2,3\n0.5,0.75,1,2,3\n"
     data = read(text, ordered=True)
-    assert data.direction is not None
-    assert data.speed is not None
     assert data.ordered
     assert data.direction.tolist() == [[0, 1, 0, 0], [0, -1, 0, 1]]
     assert data.speed.tolist() == [[0, 1, 0, 0], [0, -0.5, 0, 1]]
@@ -23,8 +21,6 @@ def test_order_of_rows_gives_direction_and_speed(read: Reader) -> None:
 def test_given_motion_goes_before_derived(read: Reader) -> None:
     text = "q1,q2,x,y,z,dir_q2,speed_q1\n0,0,1,2,3,1,0.5\n0.5,-0.25,1,2,3,1,0.25\n"
     data = read(text, ordered=True)
-    assert data.direction is not None
-    assert data.speed is not None
     assert data.direction.tolist() == [[0, 1], [1, 1]]
     assert data.speed.tolist() == [[0.5, 0.25], [0, -0.5]]
     assert data.warnings == ()
@@ -32,7 +28,6 @@ def test_given_motion_goes_before_derived(read: Reader) -> None:
 
 def test_motion_of_some_joints_only(read: Reader) -> None:
     data = read("q1,q2,x,y,z,dir_q2\n0,0,1,2,3,-1\n")
-    assert data.direction is not None
     assert data.direction.tolist() == [[0], [-1]]
     assert data.speed is None
     assert len(data.warnings) == 1
@@ -77,8 +72,6 @@ def test_every_target_of_a_visit_has_the_motion_of_the_visit(read: Reader) -> No
         f"{q},1,2,{i}.{j},{target}\n" for i, (q, ts) in enumerate(ROWS) for j, target in enumerate(ts)
     )
     data = read(text, ordered=True)
-    assert data.direction is not None
-    assert data.speed is not None
     # The second reading of both targets at the third pose is a visit that the arm did not move to.
     assert data.direction.tolist() == [[0, 0, 1, 1, 0, 0, 0, 0, -1, -1], [0, 0, -1, -1, 1, 1, 0, 0, -1, -1]]
     np.testing.assert_allclose(data.speed[1], [0, 0, -0.5, -0.5, 1, 1, 0, 0, -1, -1])
@@ -99,7 +92,6 @@ def test_visits_are_named_by_their_column_or_by_pose_and_cycle_or_by_targets(
 ) -> None:
     text = f"{columns},x,y,z\n" + "".join(f"{row},1,2,{i}\n" for i, row in enumerate(rows.split()))
     data = read(text, ordered=True)
-    assert data.direction is not None
     assert data.direction[0].tolist() == [0, 0, 1, 1, 0, 0, -1, -1]
     numbers = visit_numbers(data)
     pairs = numbers.reshape(4, 2)

@@ -47,7 +47,6 @@ def test_a_file_of_several_pieces(read: Reader, end: bytes) -> None:
     data = read(content)
     row_numbers = np.delete(np.arange(150_000), 70_000)
     np.testing.assert_allclose(data.position, values[row_numbers].T, rtol=0, atol=1e-15)
-    assert data.rows is not None
     np.testing.assert_array_equal(data.rows, row_numbers + 2)
     assert data.sha256 == hashlib.sha256(content).hexdigest()
 

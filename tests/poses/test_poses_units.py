@@ -90,7 +90,6 @@ def test_joints_in_degrees(tmp_path: Path) -> None:
         "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
     )
     q = read(tmp_path, renamed(data, "deg", *ALL_JOINTS), robot=KnownRobot(limits=[(-3.1, 3.1)] * 6)).q
-    assert q is not None
     np.testing.assert_allclose(q, [good()[name] for name in ALL_JOINTS], rtol=1e-10)
     assert read(tmp_path, data, units_check=False).n == N
     assert read(tmp_path, renamed(data, "rad", *ALL_JOINTS)).n == N  # the user's word

@@ -54,7 +54,6 @@ def test_rows_of_one_axis_each_become_points(tmp_path: Path) -> None:
     np.testing.assert_allclose(1e3 * data.position, [[10.5, 11.25], [20.5, 22.25], [30.5, 33.25]], rtol=1e-14)
     assert data.commanded_position is not None
     np.testing.assert_allclose(1e3 * data.commanded_position, [[10, 11], [20, 22], [30, 33]], rtol=1e-14)
-    assert data.pose is not None
     assert data.pose.tolist() == ["P1", "P2"]
     assert [data.line(i) for i in range(2)] == [2, 6]
     assert any("one row for each axis joined" in text for text in data.warnings)
@@ -106,8 +105,6 @@ def test_decimal_commas_with_one_number_in_each_row(tmp_path: Path) -> None:
 def test_targets_in_one_row_are_those_of_the_robot(tmp_path: Path, names: str) -> None:
     robot = _two_targets(tmp_path, names)
     data = robacc.read_poses(_file(tmp_path, WIDE, *WIDE_ROWS), robot=robot)
-    assert data.target is not None
-    assert data.visit is not None
     assert data.target.tolist() == names.split() * 2
     assert data.visit.tolist() == ["2", "2", "3", "3"]
     result = robacc.estimate(data, robot=robot)
@@ -119,7 +116,6 @@ def test_labels_may_be_the_names_of_the_targets(tmp_path: Path) -> None:
     header = WIDE.replace("1 [mm]", "_left [mm]").replace("2 [mm]", "_right [mm]")
     robot = _two_targets(tmp_path, "left right")
     data = robacc.read_poses(_file(tmp_path, header, *WIDE_ROWS), robot=robot)
-    assert data.target is not None
     assert data.target.tolist() == ["left", "right"] * 2
 
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +15,96 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
-from robacc.io.bag_options import EXAMPLE, BagOptions
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import sha256_of
+from robacc.io.files import STANDARD_STREAM, sha256_of
 from robacc.io.table import TableOptions
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
+
+_SIGNATURES = (b"\x89MCAP0\r\n", b"SQLite format 3\x00", b"#ROSBAG V")
+"""First bytes of an MCAP file, of a ROS 2 bag in SQLite, and of a ROS 1 bag."""
+
+
+def takes(path: str, first: bytes) -> bool:
+    """Return whether a file is a recording, or a folder the one of a ROS 2 bag."""
+    return first.startswith(_SIGNATURES) or (Path(path) / "metadata.yaml").is_file()
+
+
+def read(path: str, options: TableOptions) -> ColumnTable:
+    """Return the poses of a recording as a table with the names of ROS messages, in SI.
+
+    Raises:
+        InputError: The recording cannot be read, or leaves a question open.
+        UsageError: A statement of ``bag`` is wrong, or the extra ``ros`` is not installed.
+    """
+    if path == STANDARD_STREAM:
+        raise InputError(
+            Problem("is a recording, which is not read from a pipe", "<stdin>", fix="name the file instead")
+        )
+    stated = BagOptions.of(options.bag)
+    recording = read_recording(path, stated)
+    measured = recording.measured
+    if not measured.values:
+        raise InputError(Problem(f"topic {measured.topic} has no measured poses", path))
+    _check_clocks(path, recording, stated)
+    origin = int(measured.times(stated.clock)[0])
+    tracks = _tracks(recording, stated, origin)
+    times = (measured.times(stated.clock) - origin) / 1e9
+    stands = _stands(times, tracks)
+    are_stands = _use_rest(path, stands, stated)
+    numbers = stands if are_stands else np.arange(times.size)
+    groups = [np.flatnonzero(numbers == number) for number in range(int(numbers.max()) + 1)]
+    columns = _columns(measured, tracks, times, groups)
+    stamps = np.array([origin + round(1e9 * float(times[group].mean())) for group in groups])
+    for name, part in zip(("sec", "nanosec"), np.divmod(stamps, 1_000_000_000), strict=True):
+        columns.append((f"header.stamp.{name}", part))
+    if not are_stands and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
+        columns.append(("visit", (stands + 1).astype(str)))
+    remark = _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, are_stands)
+    return ColumnTable(columns, path, options.skip_gaps, _digest(path), remark)
+
+
+# Statements on a recording: the topics to read, and the samples to use.
+
+_CHOICES: Mapping[str, tuple[str, ...]] = {"clock": ("stamp", "recorder"), "at": ("any", "rest")}
+EXAMPLE = "joints=/joint_states,measured=/tracker/pose,at=rest"
+
+
+@dataclass(frozen=True, slots=True)
+class BagOptions:
+    """Topics of a recording and how their samples are associated."""
+
+    joints: str | None = None
+    """Topic of joint states; likewise the next two."""
+    measured: str | None = None
+    commanded: str | None = None
+    clock: str = "stamp"
+    """Time of a sample: ``stamp`` of the message's header, or the time at which the ``recorder`` received it."""
+    at: str | None = None
+    """``rest``: one pose for each stand of the robot, the mean of its samples; ``any``: every sample."""
+
+    @classmethod
+    def of(cls, text: str | None) -> BagOptions:
+        """Return the statements of a text ``key=value,…``.
+
+        Raises:
+            UsageError: A key or a value is unknown.
+        """
+        stated: dict[str, str] = {}
+        known = [field.name for field in fields(cls)]
+        for part in (text or "").split(",") if text else ():
+            key, sign, value = (item.strip() for item in part.partition("="))
+            if not sign or not value or key not in known:
+                near = difflib.get_close_matches(key, known, 1)
+                hint = f"; did you mean {near[0]}?" if near and key not in known else ""
+                raise UsageError(f"`bag`: expected {', '.join(known)} as in {EXAMPLE}, found {part!r}{hint}")
+            if key in stated:
+                raise UsageError(f"`bag`: {key} is given twice")
+            if value not in _CHOICES.get(key, (value,)):
+                raise UsageError(f"`bag`: expected {key}={' or '.join(_CHOICES[key])}, found {part!r}")
+            stated[key] = value
+        return cls(**stated)
 
 
 # Joint states and poses of a recording: ROS 2 bags (SQLite or MCAP), MCAP files of ROS messages, and ROS 1 bags.
@@ -146,8 +230,6 @@ def _roles(path: str, types: Mapping[str, str], counts: Mapping[str, int], optio
 
 
 def _check_topic(path: str, role: str, topic: str, types: Mapping[str, str]) -> None:
-    import difflib
-
     name = topic.partition(":")[0]
     expected = _JOINTS if role == "joints" else _POSES | {_TRANSFORMS}
     if name not in types:
@@ -229,40 +311,6 @@ _SAME_CLOCK = 0.25
 """Largest difference between the delays of two topics whose stamps are of one clock, s."""
 _POSE = ("position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w")
 _SPREAD = ("std x [m]", "std y [m]", "std z [m]")
-
-
-def bag_table(path: str, options: TableOptions) -> ColumnTable:
-    """Return the poses of a recording as a table with the names of ROS messages, in SI.
-
-    Raises:
-        InputError: The recording cannot be read, or leaves a question open.
-        UsageError: The extra ``ros`` is not installed.
-    """
-    recording = read_recording(path, options.bag)
-    measured = recording.measured
-    if not measured.values:
-        raise InputError(Problem(f"topic {measured.topic} has no measured poses", path))
-    _check_clocks(path, recording, options.bag)
-    origin = int(measured.times(options.bag.clock)[0])
-    tracks = _tracks(recording, options.bag, origin)
-    times = (measured.times(options.bag.clock) - origin) / 1e9
-    stands = _stands(times, tracks)
-    are_stands = _use_rest(path, stands, options.bag)
-    numbers = stands if are_stands else np.arange(times.size)
-    groups = [np.flatnonzero(numbers == number) for number in range(int(numbers.max()) + 1)]
-    columns = _columns(measured, tracks, times, groups)
-    stamps = np.array([origin + round(1e9 * float(times[group].mean())) for group in groups])
-    for name, part in zip(("sec", "nanosec"), np.divmod(stamps, 1_000_000_000), strict=True):
-        columns.append((f"header.stamp.{name}", part))
-    if not are_stands and stands.size and stands.min() >= 0 and np.unique(stands).size < stands.size:
-        columns.append(("visit", (stands + 1).astype(str)))
-    return ColumnTable(
-        columns,
-        path,
-        options.skip_gaps,
-        _digest(path),
-        _remark(recording, len(groups), int(np.sum(stands >= 0)), times.size, are_stands),
-    )
 
 
 @dataclass(frozen=True, slots=True)

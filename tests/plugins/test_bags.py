@@ -58,7 +58,6 @@ class Bag:
         return self.path
 
     def _joint_state(self, t: float) -> Any:
-        assert DATA.q is not None
         k = int(t // 2)
         before = DATA.q[:, max(k - 1, 0)]
         q = before + (DATA.q[:, k] - before) * min(t - 2 * k, 1.0)
@@ -99,7 +98,6 @@ def test_stands_of_a_bag_are_its_poses(tmp_path: Path, plugin: StoragePlugin, wh
     np.testing.assert_allclose(data.position, DATA.position, atol=1e-9)
     np.testing.assert_allclose(data.q, DATA.q, atol=1e-9)
     np.testing.assert_allclose(data.rotation, DATA.rotation, atol=1e-9)
-    assert data.time is not None
     np.testing.assert_allclose(data.time, 43200 + 2 * np.arange(DATA.n) + 1.35, atol=1e-3)
     assert any("24 of 29 samples at 6 stops" in text for text in data.warnings)
 
@@ -107,7 +105,6 @@ def test_stands_of_a_bag_are_its_poses(tmp_path: Path, plugin: StoragePlugin, wh
 def test_samples_of_one_stand_are_one_visit(tmp_path: Path) -> None:
     data = robacc.read_poses(Bag(tmp_path / "bag").write(), robot=ROBOT)
     assert data.n == 4 * DATA.n
-    assert data.visit is not None
     assert data.visit.tolist() == [str(k + 1) for k in range(DATA.n) for _ in range(4)]
 
 
@@ -117,8 +114,6 @@ def test_joints_in_motion_are_interpolated_to_the_times_of_the_poses(tmp_path: P
         robacc.read_poses(path, robot=ROBOT)
     assert "at=rest" in str(caught.value)
     data = robacc.read_poses(path, robot=ROBOT, bag="at=any")
-    assert data.q is not None
-    assert DATA.q is not None
     halfway = data.q[:, 4 + 5 * np.arange(DATA.n - 1)]
     np.testing.assert_allclose(halfway, (DATA.q[:, :-1] + DATA.q[:, 1:]) / 2, atol=1e-6)
 
@@ -128,14 +123,12 @@ def test_stamps_of_two_clocks_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"not from the same clock: .* 3 s later"):
         robacc.read_poses(path, robot=ROBOT)
     data = robacc.read_poses(path, robot=ROBOT, bag="clock=recorder")
-    assert data.q is not None
     assert DATA.q is not None
     np.testing.assert_allclose(data.q, np.repeat(DATA.q, 4, axis=1), atol=1e-9)
 
 
 def test_covariances_become_standard_deviations(tmp_path: Path) -> None:
     data = robacc.read_poses(Bag(tmp_path / "bag", kind="PoseWithCovarianceStamped").write(), robot=ROBOT)
-    assert data.sigma_position is not None
     np.testing.assert_allclose(data.sigma_position, np.outer([1e-5, 2e-5, 3e-5], np.ones(data.n)))
 
 
@@ -147,7 +140,6 @@ def test_points_have_no_orientation(tmp_path: Path) -> None:
 def test_joints_are_known_by_their_names(tmp_path: Path) -> None:
     path = Bag(tmp_path / "bag", names=("q3", "q2", "q1", "q4", "q5", "q6")).write()
     data = robacc.read_poses(path, robot=ROBOT)
-    assert data.q is not None
     assert DATA.q is not None
     np.testing.assert_allclose(data.q, np.repeat(DATA.q, 4, axis=1), atol=1e-9)
 

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 
 from robacc.programs.grammar import AXIS_UNITS, MM, POSE_UNITS, numbers
 from robacc.programs.program import (
+    FIXED_XYZ,
     NUMBER,
-    Convention,
     Dialect,
     Draft,
     MotionType,
@@ -108,7 +108,7 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     return draft.add(
         f"P[{match[1]}:{comment}]" if comment else f"P[{match[1]}]",
         Written(
-            Convention.fixed_xyz if is_pose else Convention.joints,
+            FIXED_XYZ if is_pose else None,
             known,
             configuration[1] if configuration else "",
             ", ".join(external),

@@ -31,7 +31,7 @@ from robacc.programs.grammar import (
 )
 from robacc.programs.program import (
     NUMBER,
-    Convention,
+    ZYX,
     Dialect,
     Draft,
     MotionType,
@@ -108,10 +108,10 @@ def _written(text: str, place: Place) -> Written | None:
     external = as_written(("E1", "E2", "E3", "E4", "E5", "E6"))
     pose = numbers(text, [entries[key] for key in _FRAME_KEYS if key in entries], POSE_UNITS)
     if pose is not None:
-        return Written(Convention.zyx, pose, as_written(("S", "T")), external)
+        return Written(ZYX, pose, as_written(("S", "T")), external)
     keys = [key for key in _AXIS_KEYS if key in entries]
     axes = numbers(text, [entries[key] for key in keys], AXIS_UNITS[: len(keys)])
-    return Written(Convention.joints, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
+    return Written(None, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
 
 
 class _KrlValue(NamedTuple):
@@ -252,7 +252,7 @@ class _Reader:
                         self.fixed.add(_key(match[2]))
             for name, (value, *more) in file.values.items():
                 written = value.written
-                if more or name in file.changes or written is None or written.convention is Convention.joints:
+                if more or name in file.changes or written is None or written.convention is None:
                     continue
                 if _TABLE.match(name) or (value.type in ("FRAME", "") and not written.configuration):
                     self.frames[name] = written.frame
@@ -275,7 +275,7 @@ class _Reader:
 
     def resolve(self, text: str) -> ProgramFrame | None:
         """Return the frame of the right-hand side of an assignment; None where it is computed."""
-        if (written := _written(text, (0, len(text)))) is not None and written.convention is Convention.zyx:
+        if (written := _written(text, (0, len(text)))) is not None and written.convention is ZYX:
             return ProgramFrame("", written.frame)
         key = _key(text)
         if key in ("$NULLFRAME", "$WORLD"):

@@ -24,7 +24,7 @@ from robacc.programs.grammar import (
     numbers,
 )
 from robacc.programs.program import (
-    Convention,
+    QUATERNION,
     Dialect,
     Draft,
     MotionType,
@@ -198,7 +198,7 @@ def _written(text: str, place: Place, kind: str) -> Written | None:
     words = [" ".join(text[slice(*part)].split()) for part in parts]
     if kind == "jointtarget":
         axes = numbers(text, items(text, parts[0]), AXIS_UNITS) if len(parts) == 2 else None
-        return None if axes is None else Written(Convention.joints, axes, "", words[1])
+        return None if axes is None else Written(None, axes, "", words[1])
     return _pose(text, parts[:2], words[2], words[3]) if len(parts) == 4 else None
 
 
@@ -209,7 +209,7 @@ def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: 
     place, turn = numbers(text, items(text, parts[0]), (MM,) * 3), numbers(text, items(text, parts[1]), (1.0,) * 4)
     if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > _NOT_UNIT:
         return None
-    return Written(Convention.quaternion, place + turn, configuration, external)
+    return Written(QUATERNION, place + turn, configuration, external)
 
 
 def _frame(text: str, place: Place, kind: str) -> Frame | None:

@@ -22,7 +22,7 @@ from robacc.programs.grammar import (
     unclosed,
 )
 from robacc.programs.program import (
-    Convention,
+    ROTATION_VECTOR,
     Dialect,
     Draft,
     MotionType,
@@ -146,7 +146,7 @@ class _Script:
             line = self.draft.source.line(self.changed[name])
             return f"the program assigns {name} at run time in line {line}"
         written = _written(self.text, place)
-        if written is None or (inverse is not None and written.convention is Convention.joints):
+        if written is None or (inverse is not None and written.convention is None):
             return RUN_TIME
         if self.used.get(place[0]) is None:
             self.used[place[0]] = self.draft.add(name, written)
@@ -159,7 +159,7 @@ class _Script:
             _, place = self.argument(arguments(self.text, match.end())[0][0])
             written = _written(self.text, place)
             frame = None
-            if written is not None and written.convention is not Convention.joints:
+            if written is not None and written.convention is not None:
                 frame = ProgramFrame("", written.frame)
                 self.used.setdefault(place[0])
             events.append(FrameEvent(match.start(), "set", frame))
@@ -172,5 +172,5 @@ def _written(text: str, place: Place) -> Written | None:
     """Return the joints ``[…]`` or the pose ``p[…]`` of six numbers; None for anything else."""
     is_pose = text[place[0] : place[1]][:1] == "p"
     values = numbers(text, items(text, (place[0] + is_pose, place[1])), (1.0,) * 6)
-    convention = Convention.rotation_vector if is_pose else Convention.joints
+    convention = ROTATION_VECTOR if is_pose else None
     return None if values is None else Written(convention, values)

@@ -26,6 +26,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, options_of
+from robacc.effects.base import load_plug_ins
 from robacc.effects.request import Baseline, build, default_baseline, parse_requests
 from robacc.fitting.visits import places
 from robacc.measurements import Measurements
@@ -112,6 +113,7 @@ def trace(
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
     arguments = locals()
+    load_plug_ins()
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)
     baseline = _baseline(declared, arm, inputs.data)

@@ -176,7 +176,7 @@ class _NewProgram:
 
 
 _UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
-_LAYOUTS = {
+_LAYOUTS: dict[str, _NewProgram] = {
     Dialect.krl: _NewProgram(
         suffix=".src",
         convention=ZYX,

@@ -15,7 +15,7 @@ from robacc.plug_ins import plug_in
 from robacc.programs.reading import is_program, read_program
 
 ROOT = Path(__file__).resolve().parents[2]
-DIALECT = '''
+DIALECT = """
 import re
 
 from robacc.programs.grammar import AXIS_UNITS, arguments, numbers
@@ -34,11 +34,11 @@ def parse(source, others=()):
         places, _ = arguments(source.text, match.end(), source.text.index("\\n", match.end()))
         draft.move(match.span(), [draft.add("", Written(None, numbers(source.text, places, AXIS_UNITS)))], "joint")
     return draft.program()
-'''
-EXPORTER = '''
+"""
+EXPORTER = """
 def write(robot):
     return f"cell arm of {len(robot.joints)} joints\\n", ["limits"]
-'''
+"""
 BROKEN = "import a_module_that_is_not_there\n"
 
 

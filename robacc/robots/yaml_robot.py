@@ -30,7 +30,7 @@ from robacc.robots.description import (
     effect_key,
     unit_axis,
 )
-from robacc.robots.yaml_units import Units, check_likely_units, finite_limits, read_units
+from robacc.robots.yaml_units import TRAVEL_IN_MM, Units, check_likely_units, finite_limits, read_units
 
 # Kinds of values: each reads a node, and reports what is wrong with it at its dotted key.
 
@@ -100,7 +100,7 @@ def _angle(source: Source, node: yaml.Node, path: str, units: Units) -> float | 
 
 
 def _position(source: Source, node: yaml.Node, path: str, units: Units) -> Vector | None:
-    return units.position(source, node, path)
+    return units.vector(source, node, path)
 
 
 def _frame(source: Source, node: yaml.Node, path: str, units: Units) -> Frame | None:
@@ -139,11 +139,12 @@ def _limits(joint_type: JointType) -> Kind:
         if low > high:
             source.report(node, path, f"the lower limit {low:g} is above the upper limit {high:g}")
             return None
-        if joint_type == "prismatic":
-            limits = units.travel(source, node, path, (low, high))
-        else:
-            limits = (low * units.angle, high * units.angle)
-        finite, problem = finite_limits(joint_type, limits)
+        unit = units.of_joint(joint_type)
+        longest = max(map(abs, values)) * unit
+        if joint_type == "prismatic" and unit == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
+            fix = "it looks like mm: write length: mm under units"
+            source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
+        finite, problem = finite_limits(joint_type, (low * unit, high * unit))
         if problem is not None:
             source.report(node, path, problem, "leave limits out for a joint without limits")
         return finite
@@ -519,12 +520,6 @@ def _check_version(top: YamlSection) -> None:
         top.source.report(None, "robacc", "the format version is missing, so this is not a robot file of robacc", fix)
     elif not isinstance(node, yaml.ScalarNode) or node.value != str(FORMAT_VERSION):
         top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
-
-
-def file_units(document_text: str, file: str) -> Units:
-    """Return the units of a robot file that :func:`parse_robot` has read before."""
-    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
-    return cast(Units, top and read_units(top))
 
 
 def effect_lines(document_text: str, file: str) -> dict[str, int]:

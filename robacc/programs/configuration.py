@@ -49,7 +49,7 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
         configuration: ``S`` and ``T`` as the program writes them.
         q: Joints, rad.
     """
-    status = status_number(configuration)
+    status = _bits(_STATUS, configuration)
     if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
@@ -62,16 +62,11 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     return result
 
 
-def status_number(configuration: str) -> int | None:
-    """Return the number ``S``; None where it is not given."""
-    match = _STATUS.search(configuration)
+def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
+    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones; None where it is not given."""
+    match = pattern.search(configuration)
     if match is None:
         return None
-    return _bits(match)
-
-
-def _bits(match: re.Match[str]) -> int:
-    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones."""
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
 
 
@@ -158,10 +153,9 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> JointWindow
         return None
     low, high = np.full(_N_AXES, -np.inf), np.full(_N_AXES, np.inf)
     if dialect == Dialect.krl:
-        match = _TURN.search(configuration)
-        if match is None:
-            return None if status_number(configuration) is None else JointWindow(low, high)
-        turn = _bits(match)
+        turn = _bits(_TURN, configuration)
+        if turn is None:
+            return None if _bits(_STATUS, configuration) is None else JointWindow(low, high)
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
     if dialect == Dialect.fanuc:

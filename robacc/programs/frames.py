@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import yaml
 
 from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
-from robacc.io.yaml_nodes import Source, YamlSection, compose, join
+from robacc.io.yaml_nodes import Source, compose
 from robacc.programs.program import Program, ProgramFrame, ProgramTarget
 from robacc.robots.description import Frame
-from robacc.robots.yaml_units import Units, read_units
+from robacc.robots.yaml_robot import named_frames, read_fields
+from robacc.robots.yaml_units import read_units
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
 
@@ -43,7 +43,8 @@ def parse_frames(text: str, file: str) -> FrameTable:
     if top is None or units is None:
         source.finish()
         raise AssertionError("finish() raises where a section is missing")
-    table = FrameTable(_frames_by_name(top, "tools", units), _frames_by_name(top, "bases", units))
+    frames = named_frames("expected frames by name, each with xyz and rpy, found {found}")
+    table = FrameTable(**read_fields(top, {"tools": frames, "bases": frames}, units))
     source.finish()
     return table
 
@@ -64,21 +65,6 @@ def with_frames(program: Program, table: FrameTable) -> Program:
     targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
     moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
     return replace(program, targets=tuple(targets), moves=tuple(moves))
-
-
-def _frames_by_name(top: YamlSection, key: str, units: Units) -> dict[str, Frame]:
-    node = top.get(key)
-    if node is None:
-        return {}
-    if not isinstance(node, yaml.MappingNode):
-        top.source.report(node, key, "expected frames by name, each with xyz and rpy")
-        return {}
-    result = {}
-    for name, _, value in top.source.entries(node, key):
-        section = top.source.section(value, join(key, name), ("xyz", "rpy"))
-        if section is not None:
-            result[name] = units.frame(section)
-    return result
 
 
 # Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.

@@ -325,8 +325,8 @@ class _Reader:
             line = (match.start(), match.endpos)
             tail = _TAIL.search(text, match.end(), match.endpos)
             stop = tail.start() if tail else match.endpos
-            tool = self.of_spline(text[stop : match.endpos], "TOOL") or tools.at(line[0])
-            base = self.of_spline(text[stop : match.endpos], "BASE") or bases.at(line[0])
+            tool = self.of_spline(text[stop : match.endpos], "TOOL") or tools(line[0])
+            base = self.of_spline(text[stop : match.endpos], "BASE") or bases(line[0])
             word = match[1].upper()
             motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
             for place in arguments(text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:

@@ -84,7 +84,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         places, end = arguments(script.text, match.end())
         motion = _KINDS[match[1]]
         for place in places[: 2 if motion == "circular" else 1]:
-            draft.move((match.start(), end + 1), script.target(place), motion, tools.at(match.start()), _BASE)
+            draft.move((match.start(), end + 1), script.target(place), motion, tools(match.start()), _BASE)
     for place in script.literals.values():
         if place[0] not in script.used and script.text[place[0]] == "p":
             draft.note(place, "is a pose that no motion goes to directly")

@@ -90,7 +90,9 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         ValueError: The number of values is not that of the targets or of a target's values.
     """
     edits: list[tuple[int, int, str]] = []
-    bare_point = _omits_zero(program)
+    text = program.source.text
+    # A program with a .5 for 0.5 has all numbers so.
+    bare_point = any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
     changed = {}
     for i, (target, new) in enumerate(zip(program.targets, values, strict=True)):
         if new is not None and len(new) != len(target.values):
@@ -132,12 +134,6 @@ def _least_decimals(dialect: str, number: ProgramNumber, component: int) -> int:
         return _QUATERNION_DECIMALS
     resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (component >= 3 or number.unit < 1) else _LENGTH_DIGITS
     return max(0, round(-float(np.log10(resolution / number.unit))))
-
-
-def _omits_zero(program: Program) -> bool:
-    """Return whether a number of the program's targets is written .5 for 0.5."""
-    text = program.source.text
-    return any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
 
 
 # New programs with given targets: one motion to each, slow, with a stop for the measurement.

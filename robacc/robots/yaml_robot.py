@@ -46,7 +46,7 @@ _MAX_GRAVITY = 50.0
 """m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 
 
-def _read(
+def read_fields(
     section: YamlSection, kinds: Mapping[str, Kind], units: Units, required: Collection[str] = ()
 ) -> dict[str, Any]:
     """Return the values of a section's fields that it has; report the required ones that it lacks."""
@@ -64,7 +64,7 @@ def _section(kinds: Mapping[str, Kind], required: Collection[str] = ()) -> Kind:
 
     def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Any] | None:
         section = source.section(node, path, tuple(kinds))
-        return None if section is None else _read(section, kinds, units, required)
+        return None if section is None else read_fields(section, kinds, units, required)
 
     return read
 
@@ -161,17 +161,26 @@ def _coupling(source: Source, node: yaml.Node, path: str, _: Units) -> dict[str,
     return {name: source.number(value, f"{path}.{name}") or 0.0 for name, _, value in source.entries(node, path)}
 
 
-def _frames(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
-    if not isinstance(node, yaml.MappingNode) or not node.value:
-        source.report(node, path, f"expected names with xyz, found {describe(node)}")
-        return None
-    frames: dict[str, Frame] = {}
-    for name, _, value in source.entries(node, path):
-        section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
-        if section:
-            section.require("xyz")
-            frames[name] = units.frame(section)
-    return frames
+def named_frames(message: str, *required: str) -> Kind:
+    """Kind of frames by name; without keys that are ``required`` of each, there may be none.
+
+    The ``message`` says what is expected, with ``{found}``.
+    """
+
+    def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
+        if not isinstance(node, yaml.MappingNode) or (required and not node.value):
+            source.report(node, path, message.format(found=describe(node)))
+            return None
+        frames: dict[str, Frame] = {}
+        for name, _, value in source.entries(node, path):
+            section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
+            if section:
+                for key in required:
+                    section.require(key)
+                frames[name] = units.frame(section)
+        return frames
+
+    return read
 
 
 def _digests(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[str, ...]:
@@ -211,13 +220,14 @@ _SHARE = (
     "expected a share from 0 to 1, found {value:g}",
     "it is relative: 0.1 for 10 %",
 )
+_TARGETS = named_frames("expected names with xyz, found {found}", "xyz")
 _ROBOT: dict[str, Kind] = {
     "base": _frame_with_tolerance,
     "tool": _frame_with_tolerance,
     "name": _text,
     "gravity": _gravity,
     "payload": _section({"com": _position}, ["com"]),
-    "targets": _frames,
+    "targets": _TARGETS,
     "effects": _effects,
     "base_link": _text,
     "tip_link": _text,
@@ -225,7 +235,7 @@ _ROBOT: dict[str, Kind] = {
     "campaign": _section(
         {
             "poses": _digests,
-            "before": _section({"base": _frame, "tool": _frame, "targets": _frames}),
+            "before": _section({"base": _frame, "tool": _frame, "targets": _TARGETS}),
             "effects": _effects,
         }
     ),
@@ -291,7 +301,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
     """Return the joint of a section, None where it cannot be read."""
     is_urdf = convention == "urdf"
     type_of = {"type": _choice(*_TYPES, "fixed") if is_urdf else _choice(*_TYPES)}
-    kind = _read(section, type_of, units, ["type"]).get("type")
+    kind = read_fields(section, type_of, units, ["type"]).get("type")
     if kind is None:
         return None
     joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
@@ -315,7 +325,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
         required = set(DH_PARAMETERS) - {"beta", "theta" if joint_type == "revolute" else "d"}
     moving = {"axis": _axis, "limits": _limits(joint_type)} if kind != "fixed" else {}
     kinds = {"name": _text, "link": _text, **_LINK, **parameters, **moving, **_DRIVE, **_MIMIC}
-    values = _read(section, kinds, units, required)
+    values = read_fields(section, kinds, units, required)
     if section.get("com") and not section.get("mass"):
         report("com", "a centre of mass needs a mass", "add the link's mass in kg")
     if "coupling" in values and "mimic" in has:
@@ -441,7 +451,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
             continue
         section.require("name")
         joint = _read_joint(section, i, "urdf", units)
-        parent = _read(section, {"parent": _text}, units, ["parent"]).get("parent")
+        parent = read_fields(section, {"parent": _text}, units, ["parent"]).get("parent")
         if joint is None:
             continue
         position = 0.0
@@ -450,7 +460,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
             source.report(place, section.at("position"), message)
         else:
             kind = _length if joint.type == "prismatic" else _angle
-            position = _read(section, {"position": kind}, units).get("position", 0.0)
+            position = read_fields(section, {"position": kind}, units).get("position", 0.0)
         if joint.name in names or joint.name == BASE_LINK:
             message = f"{joint.name!r} is already the name of a joint or of the base"
             source.report(item, section.at("name"), message)
@@ -490,7 +500,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
     units, convention = cast(Units, units), cast(Convention, convention)
     joints = _read_joints(top, convention, units)
     branches = _read_branches(top, joints, units)
-    values = _read(top, _ROBOT, units)
+    values = read_fields(top, _ROBOT, units)
     if "targets" in values and "tool" in top.values:
         source.report(top.values["targets"], "targets", "cannot be combined with tool", "list the tool as a target")
     for key in ("base", "tool"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -21,18 +21,8 @@ DEFAULT = "default"
 """Name of the frame of targets for which the program names none."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameTable:
-    """Frames by the names that programs use."""
-
-    tools: Mapping[str, Frame] = field(default_factory=dict)
-    """Tools in the flange's frame."""
-    bases: Mapping[str, Frame] = field(default_factory=dict)
-    """Bases in the robot's base frame."""
-
-
-def parse_frames(text: str, file: str) -> FrameTable:
-    """Return the frames of a YAML file with the keys ``units``, ``tools`` and ``bases``.
+def parse_frames(text: str, file: str) -> dict[str, Mapping[str, Frame]]:
+    """Return ``tools`` in the flange's frame and ``bases`` in the robot's base frame, by name, of a YAML file.
 
     Raises:
         InputError: The file has problems; the error carries all of them, with line and key.
@@ -44,18 +34,17 @@ def parse_frames(text: str, file: str) -> FrameTable:
         source.finish()
         raise AssertionError("finish() raises where a section is missing")
     frames = named_frames("expected frames by name, each with xyz and rpy, found {found}")
-    table = FrameTable(**read_fields(top, {"tools": frames, "bases": frames}, units))
+    table = read_fields(top, {"tools": frames, "bases": frames}, units)
     source.finish()
     return table
 
 
-def with_frames(program: Program, table: FrameTable) -> Program:
+def with_frames(program: Program, table: Mapping[str, Mapping[str, Frame]]) -> Program:
     """Return the program with the frames of a table where the program names a frame but does not define it.
 
     Names are compared without regard to case. The frame :data:`DEFAULT` stands for one that the program does not name.
     """
-    tools = {name.lower(): frame for name, frame in table.tools.items()}
-    bases = {name.lower(): frame for name, frame in table.bases.items()}
+    tools, bases = ({name.lower(): at for name, at in table.get(key, {}).items()} for key in ("tools", "bases"))
 
     def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:
         if frame is None:

@@ -68,7 +68,7 @@ class _Writer:
         """Add a joint and the link it moves, which becomes the last link."""
         link = SubElement(self.root, "link", name=child)
         joint = SubElement(self.root, "joint", name=name, type=kind)
-        _add_origin(joint, origin)
+        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(_exact_rpy(origin.rotation)))
         SubElement(joint, "parent", link=self.link)
         SubElement(joint, "child", link=child)
         self.link = child
@@ -124,7 +124,12 @@ class _Writer:
             multiplier, offset = repr(float(joint.mimic.multiplier)), repr(float(joint.mimic.offset))
             SubElement(element, "mimic", joint=joint.mimic.master, multiplier=multiplier, offset=offset)
         if joint.mass is not None:
-            _add_inertial(link, joint, tail)
+            com = rotate(tail.rotation, np.array(joint.com or ZERO)) + tail.translation
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "origin", xyz=_numbers(com), rpy="0.0 0.0 0.0")
+            SubElement(inertial, "mass", value=repr(float(joint.mass)))
+            # The format requires moments of inertia; a robot file has none.
+            SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
 
     def place_branches(self, robot: Robot) -> None:
         """Add the joints outside the chain, each on the link that carries it; the chain's last link stays the last."""
@@ -139,7 +144,8 @@ class _Writer:
     def place_tools(self, robot: Robot) -> None:
         """Add the tool or the targets, side by side on the last link."""
         frames = dict(robot.targets) or {TOOL_LINK: robot.tool}
-        if not robot.targets and robot.tool == Frame() and _is_identity(self.tail):
+        is_flange = np.array_equal(self.tail.rotation, np.eye(3)) and not np.any(self.tail.translation)
+        if not robot.targets and robot.tool == Frame() and is_flange:
             return
         flange = self.link
         for name, frame in frames.items():
@@ -174,14 +180,6 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
     return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
 
 
-def _is_identity(poses: Poses) -> bool:
-    return bool(np.array_equal(poses.rotation, np.eye(3)) and not np.any(poses.translation))
-
-
-def _add_origin(element: Element, poses: Poses) -> None:
-    SubElement(element, "origin", xyz=_numbers(poses.translation), rpy=_numbers(_exact_rpy(poses.rotation)))
-
-
 def _exact_rpy(rotation: Array) -> Array:
     """Return roll, pitch, yaw that give the rotation to rounding at any pitch.
 
@@ -191,15 +189,6 @@ def _exact_rpy(rotation: Array) -> Array:
     _, pitch, yaw = rpy_from_rotation(rotation)
     remainder = rotation_from_rpy(np.array([0.0, pitch, yaw])).T @ rotation
     return np.array([np.arctan2(remainder[2, 1], remainder[1, 1]), pitch, yaw])
-
-
-def _add_inertial(link: Element, joint: Joint, tail: Poses) -> None:
-    com = rotate(tail.rotation, np.array(joint.com or ZERO)) + tail.translation
-    inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", xyz=_numbers(com), rpy="0.0 0.0 0.0")
-    SubElement(inertial, "mass", value=repr(float(joint.mass or 0.0)))
-    # The format requires moments of inertia; a robot file has none.
-    SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
 
 
 def _numbers(values: Array) -> str:

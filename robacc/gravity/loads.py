@@ -69,8 +69,9 @@ def _branch_positions(arm: Arm, data: Measurements | None) -> Array:
     """Return the variables ``(B + J, N)`` of the branches and of the chain; ``(B + J, 1)`` if none of them counts."""
     at_rest = np.array([branch.position for branch in arm.robot.branch_variables])[:, None]
     positions = at_rest if data is None or data.branches is None else data.branches
-    followed = data.q if data is not None and arm.branches_follow else None
-    q = np.zeros((len(arm.names), positions.shape[1])) if followed is None else followed
+    follow = any(drive.joint >= len(at_rest) for _, chain in arm.branches for drive in chain.drives)
+    q = data.q if data is not None and follow else None
+    q = np.zeros((len(arm.names), positions.shape[1])) if q is None else q
     return np.vstack((np.broadcast_to(positions, (len(positions), q.shape[1])), q))
 
 

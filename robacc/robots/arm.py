@@ -225,12 +225,6 @@ class Arm:
         return tuple(chains)
 
     @cached_property
-    def branches_follow(self) -> bool:
-        """Return whether a joint outside the chain follows a joint of the chain."""
-        first = len(self.robot.branch_variables)
-        return any(drive.joint >= first for _, chain in self.branches for drive in chain.drives)
-
-    @cached_property
     def payload_com(self) -> Vector:
         """Payload's centre of mass in the last link's frame, m: from the file, else at the tool."""
         if self.robot.payload_com is not None:

@@ -38,11 +38,6 @@ class Units:
     angle: float
     """Unit of angle in rad."""
 
-    @classmethod
-    def of(cls, length: str, angle: str) -> Units:
-        """Return the units with the file's names."""
-        return cls(_LENGTHS[length], _ANGLES[angle])
-
     @property
     def names(self) -> tuple[str, str]:
         """Names of the unit of length and of angle in a file."""
@@ -115,7 +110,7 @@ def read_units(top: YamlSection) -> Units | None:
     for key, sizes in (("length", _LENGTHS), ("angle", _ANGLES)):
         entry = section.require(key)
         names.append(entry and section.source.choice(entry, section.at(key), tuple(sizes)))
-    return Units.of(names[0], names[1]) if names[0] and names[1] else None
+    return Units(_LENGTHS[names[0]], _ANGLES[names[1]]) if names[0] and names[1] else None
 
 
 def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:

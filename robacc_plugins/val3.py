@@ -24,7 +24,7 @@ from robacc.programs.program import (
     ProgramNote,
     ProgramNumber,
     ProgramSource,
-    Written,
+    ProgramTarget,
     nearest_angles,
 )
 from robacc.robots.description import Frame
@@ -173,15 +173,15 @@ def _values(text: str) -> dict[str, list[_Val3Value]]:
     return result
 
 
-def _written(text: str, kind: str, value: _Val3Value) -> Written | None:
+def _written(text: str, kind: str, value: _Val3Value) -> ProgramTarget | None:
     """Return a point or joints; None where a number lacks."""
     places = [value.places[key] for key in _KEYS[kind] if key in value.places]
     if kind == "jointRx":
         axes = numbers(text, places, AXIS_UNITS)
-        return None if axes is None else Written(None, axes)
+        return None if axes is None else ProgramTarget(None, axes)
     pose = numbers(text, places, POSE_UNITS)
     words = [value.attributes[key] for key in ("shoulder", "elbow", "wrist") if key in value.attributes]
-    return None if pose is None else Written(MOVING_XYZ, pose, " ".join(words))
+    return None if pose is None else ProgramTarget(MOVING_XYZ, pose, " ".join(words))
 
 
 def _frame(
@@ -208,4 +208,4 @@ def _frame(
         native += (ProgramNumber(0, 0, 0.0, unit),) if place is None else numbers(text, [place], [unit]) or ()
     if father is None or len(native) != len(POSE_UNITS):
         return None
-    return Frame.of(father.pose @ Written(MOVING_XYZ, tuple(native)).frame.pose)
+    return Frame.of(father.pose @ ProgramTarget(MOVING_XYZ, tuple(native)).frame.pose)

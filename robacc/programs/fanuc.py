@@ -18,7 +18,7 @@ from robacc.programs.program import (
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -107,7 +107,7 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     comment = (match[2] or "").strip().strip('"')
     return draft.add(
         f"P[{match[1]}:{comment}]" if comment else f"P[{match[1]}]",
-        Written(
+        ProgramTarget(
             FIXED_XYZ if is_pose else None,
             known,
             configuration[1] if configuration else "",

@@ -222,7 +222,6 @@ def to_native(convention: Convention | None, values: Array, near: Array) -> Arra
 
 
 _T = TypeVar("_T")
-TargetKind = Literal["joint", "cartesian"]
 MotionType = Literal["joint", "linear", "circular", "other"]
 
 
@@ -259,30 +258,40 @@ class ProgramNumber:
 
 @dataclass(frozen=True, slots=True)
 class ProgramTarget:
-    """Target that is written in the program as numbers."""
+    """Target, or frame, that is written in the program as numbers."""
 
-    name: str
-    """Name in the program; ``line 12`` for a target without a name."""
-    line: int
-    """1-based line of its first number."""
-    kind: TargetKind
-    values: tuple[float, ...]
-    """Joint target: joint variables, rad (m for a joint in mm), as the program counts them. Cartesian target:
-    x, y, z (m) and the quaternion w, x, y, z of the tool in the base frame of the target."""
     convention: Convention | None
     """None for joint variables."""
     numbers: tuple[ProgramNumber, ...]
     """Numbers in the order of the program's components."""
     configuration: str = ""
     """Configuration of a Cartesian target, as written: ``S 2,T 10``, ``[0,-1,0,0]``, ``N U T, 0, 0, 0``."""
+    external: str = ""
+    """External axes, as written; they are left alone."""
+    name: str = ""
+    """Name in the program; ``line 12`` for a target without a name."""
+    line: int = 0
+    """1-based line of its first number."""
+    values: tuple[float, ...] = ()
+    """Joint target: joint variables, rad (m for a joint in mm), as the program counts them. Cartesian target:
+    x, y, z (m) and the quaternion w, x, y, z of the tool in the base frame of the target."""
     tool: ProgramFrame | None = None
     """Tool of its motions; None where none is named, or where its motions name several."""
     base: ProgramFrame | None = None
     """Base frame (work object, user frame) of its motions; None as for ``tool``."""
     motion: MotionType | None = None
     """Type of its motions; None without a motion in the files read, or with several types."""
-    external: str = ""
-    """External axes, as written; they are left alone."""
+
+    @property
+    def kind(self) -> Literal["joint", "cartesian"]:
+        """Whether the numbers are joint variables or a pose."""
+        return "joint" if self.convention is None else "cartesian"
+
+    @property
+    def frame(self) -> Frame:
+        """Frame of Cartesian numbers."""
+        values = to_values(self.convention, native_of([self]))[:, 0]
+        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -327,24 +336,6 @@ _LARGEST = 1e6
 """Largest number of a target in the program's unit that is taken for one; above it, numbers stand for no value."""
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """Target or frame whose numbers are written in the text."""
-
-    convention: Convention | None
-    """None for joint variables."""
-    numbers: tuple[ProgramNumber, ...]
-    configuration: str = ""
-    external: str = ""
-
-    @property
-    def frame(self) -> Frame:
-        """Frame of Cartesian numbers."""
-        native = np.array([number.value * number.unit for number in self.numbers])
-        values = to_values(self.convention, native[:, None])[:, 0]
-        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
-
-
 @dataclass(slots=True)
 class Draft:
     """Findings of a reader, to be assembled into a program."""
@@ -362,28 +353,16 @@ class Draft:
         self.notes.append(ProgramNote(self.source.line(place[0]), self.source.excerpt(*place), reason))
 
     def add(
-        self, name: str, written: Written, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
+        self, name: str, target: ProgramTarget, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
     ) -> int | None:
         """Add a target, its values still missing; return its index, or None for numbers that are no target."""
-        numbers = written.numbers
-        line = self.source.line(numbers[0].start)
-        if any(not abs(number.value) < _LARGEST for number in numbers):
-            self.note((numbers[0].start, numbers[-1].end), "a number of this target is a placeholder")
+        first, last = target.numbers[0].start, target.numbers[-1].end
+        if any(not abs(number.value) < _LARGEST for number in target.numbers):
+            self.note((first, last), "a number of this target is a placeholder")
             return None
-        kind: TargetKind = "joint" if written.convention is None else "cartesian"
-        target = ProgramTarget(
-            self.source.name(name) or f"line {line}",
-            line,
-            kind,
-            (),
-            written.convention,
-            numbers,
-            written.configuration,
-            tool,
-            base,
-            external=written.external,
-        )
-        self.targets.append(target)
+        line = self.source.line(first)
+        name = self.source.name(name) or f"line {line}"
+        self.targets.append(replace(target, name=name, line=line, tool=tool, base=base))
         return len(self.targets) - 1
 
     def move(

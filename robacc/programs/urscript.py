@@ -29,7 +29,7 @@ from robacc.programs.program import (
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -168,9 +168,9 @@ class _Script:
         return sorted(events, key=lambda event: event.position)
 
 
-def _written(text: str, place: Place) -> Written | None:
+def _written(text: str, place: Place) -> ProgramTarget | None:
     """Return the joints ``[…]`` or the pose ``p[…]`` of six numbers; None for anything else."""
     is_pose = text[place[0] : place[1]][:1] == "p"
     values = numbers(text, items(text, (place[0] + is_pose, place[1])), (1.0,) * 6)
     convention = ROTATION_VECTOR if is_pose else None
-    return None if values is None else Written(convention, values)
+    return None if values is None else ProgramTarget(convention, values)

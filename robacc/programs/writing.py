@@ -244,13 +244,12 @@ _PRESETS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 80
 
 def joint_target(name: str, q: Sequence[float]) -> ProgramTarget:
     """Return a target for :func:`write_program` from joint variables in rad and m."""
-    return ProgramTarget(name, 0, "joint", tuple(float(value) for value in q), None, ())
+    return ProgramTarget(None, (), name=name, values=tuple(float(value) for value in q))
 
 
 def cartesian_target(name: str, values: Sequence[float], configuration: str = "") -> ProgramTarget:
     """Return a target for :func:`write_program` from x, y, z (m) and the quaternion w, x, y, z."""
-    pose = tuple(float(value) for value in values)
-    return ProgramTarget(name, 0, "cartesian", pose, QUATERNION, (), configuration)
+    return ProgramTarget(QUATERNION, (), configuration, name=name, values=tuple(float(value) for value in values))
 
 
 def write_program(

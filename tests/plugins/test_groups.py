@@ -19,7 +19,7 @@ DIALECT = """
 import re
 
 from robacc.programs.grammar import AXIS_UNITS, arguments, numbers
-from robacc.programs.program import Draft, Written
+from robacc.programs.program import Draft, ProgramTarget
 
 SIGN = re.compile(r"^CELL PROGRAM", re.M)
 
@@ -32,7 +32,8 @@ def parse(source, others=()):
     draft = Draft(source, "cell")
     for match in re.finditer(r"^GOTO ", source.text, re.M):
         places, _ = arguments(source.text, match.end(), source.text.index("\\n", match.end()))
-        draft.move(match.span(), [draft.add("", Written(None, numbers(source.text, places, AXIS_UNITS)))], "joint")
+        target = ProgramTarget(None, numbers(source.text, places, AXIS_UNITS))
+        draft.move(match.span(), [draft.add("", target)], "joint")
     return draft.program()
 """
 EXPORTER = """

@@ -62,7 +62,6 @@ def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
 def test_a_frame_that_a_program_sets_is_unknown() -> None:
     program = read_program(SAMPLES / "cell.dtx")
     base = named(program, "pPick[2]").base
-    assert base is not None
     assert (base.name, base.frame) == ("fMoved[0]", None)
 
 

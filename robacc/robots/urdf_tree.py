@@ -137,8 +137,6 @@ def read_tree(text: str, file: str) -> UrdfTree:
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise InputError(Problem(f"not well-formed XML: {reason}", file, error.lineno)) from None
-    except UnicodeEncodeError:
-        raise InputError(Problem("not well-formed XML: it contains a lone surrogate", file)) from None
     root = reader.builder.close()
     links = {element.get("name", ""): element for element in root.iter("link")}
     unread = UrdfTree(file, root.get("name", "robot"), links, (), reader.lines)

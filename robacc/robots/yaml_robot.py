@@ -305,16 +305,6 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
     if kind is None:
         return None
     joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
-    has = section.values
-
-    def report(key: str, message: str, fix: str | None = None) -> None:
-        section.source.report(section.get(key) or has.get(key), section.at(key), message, fix)
-
-    for key in has if kind == "fixed" else ():
-        if key not in (*_FIXED_KEYS, "parent"):
-            report(key, "a fixed joint does not have this key")
-    if kind == "continuous" and "limits" in has:
-        report("limits", "a continuous joint has no limits", "make its type revolute")
     variable = _length if joint_type == "prismatic" else _angle
     if is_urdf:
         parameters: dict[str, Kind] = {"origin": _frame, "offset": variable}
@@ -326,14 +316,41 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
     moving = {"axis": _axis, "limits": _limits(joint_type)} if kind != "fixed" else {}
     kinds = {"name": _text, "link": _text, **_LINK, **parameters, **moving, **_DRIVE, **_MIMIC}
     values = read_fields(section, kinds, units, required)
-    if section.get("com") and not section.get("mass"):
-        report("com", "a centre of mass needs a mass", "add the link's mass in kg")
-    if "coupling" in values and "mimic" in has:
-        report("coupling", "cannot be combined with mimic", "list the joint here too")
     is_passive = values.pop("passive", None) == "true"
-    if is_passive and "coupling" not in has:
-        message = "a passive joint moves by its coupling alone, and there is none"
-        report("passive", message, "add coupling, such as {j2: -1.0, j3: -1.0}")
+    has = section.values
+    checks = [
+        (
+            kind == "continuous" and "limits" in has,
+            "limits",
+            "a continuous joint has no limits",
+            "make its type revolute",
+        ),
+        (
+            section.get("com") is not None and section.get("mass") is None,
+            "com",
+            "a centre of mass needs a mass",
+            "add the link's mass in kg",
+        ),
+        (
+            "coupling" in values and "mimic" in has,
+            "coupling",
+            "cannot be combined with mimic",
+            "list the joint here too",
+        ),
+        (
+            is_passive and "coupling" not in has,
+            "passive",
+            "a passive joint moves by its coupling alone, and there is none",
+            "add coupling, such as {j2: -1.0, j3: -1.0}",
+        ),
+        *(
+            (kind == "fixed" and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
+            for key in has
+        ),
+    ]
+    for is_wrong, key, message, fix in checks:
+        if is_wrong:
+            section.source.report(has[key], section.at(key), message, fix)
     names = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
     origin = values.pop("origin", Frame())
     found = dict(zip(_FRAME_TOLERANCES, (*origin.xyz, *origin.rpy), strict=True))
@@ -386,24 +403,10 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
         return ()
     if items and not any(joint.is_variable for joint in joints):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    joints = _resolve_mimics(source, joints, items, units)
-    variables = {joint.name: joint for joint in joints if joint.is_variable}
-    for i, joint in enumerate(joints):
-        for name in joint.coupling:
-            if name not in variables or name == joint.name:
-                known = ", ".join(key for key in variables if key != joint.name)
-                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-                source.report(items[i], f"joints[{i}].coupling.{name}", message)
-        ratios = {
-            name: ratio * (units.of_joint(joint.type) / units.of_joint(variables[name].type))
-            for name, ratio in joint.coupling.items()
-            if name in variables
-        }
-        joints[i] = replace(joint, coupling=ratios)
-    return tuple(joints)
+    return tuple(_followers(source, joints, items, units))
 
 
-def _resolve_mimics(
+def _followers(
     source: Source,
     joints: Sequence[Joint],
     nodes: Sequence[yaml.Node],
@@ -411,27 +414,36 @@ def _resolve_mimics(
     masters: Sequence[Joint] = (),
     key: str = "joints",
 ) -> list[Joint]:
-    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable.
+    """Return the joints with their mimics and couplings in SI units; report those that follow no joint variable.
 
-    Each joint of the list ``key`` of the file follows another one of it, or one of ``masters``.
+    Each joint of the list ``key`` of the file follows others of it, or of ``masters``.
     """
     by_name = {joint.name: joint for joint in (*masters, *joints)}
+    variables = [name for name, joint in by_name.items() if joint.is_variable]
     resolved = []
     for i, joint in enumerate(joints):
-        mimic = joint.mimic
+        mimic, unit = joint.mimic, units.of_joint(joint.type)
         if mimic is not None and mimic.master:
-            path, master = f"{key}[{i}].mimic.joint", by_name.get(mimic.master)
-            if master is None:
-                message = f"{joint.name!r} follows {mimic.master!r}, which is not a joint of this robot"
-                source.report(nodes[i], path, message)
-            elif not master.is_variable:
-                kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
-                source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
+            master = by_name.get(mimic.master)
+            if master is None or not master.is_variable:
+                reason = "is fixed" if master and master.type == "fixed" else "follows another joint itself"
+                reason = "is not a joint of this robot" if master is None else reason
+                message = f"{joint.name!r} follows {mimic.master!r}, which {reason}"
+                source.report(nodes[i], f"{key}[{i}].mimic.joint", message)
             else:
-                unit = units.of_joint(joint.type)
                 ratio = mimic.multiplier * (unit / units.of_joint(master.type))
                 joint = replace(joint, mimic=Mimic(master.name, ratio, mimic.offset * unit))
-        resolved.append(joint)
+        for name in joint.coupling:
+            if name not in variables or name == joint.name:
+                known = ", ".join(other for other in variables if other != joint.name)
+                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
+                source.report(nodes[i], f"{key}[{i}].coupling.{name}", message)
+        ratios = {
+            name: ratio * (unit / units.of_joint(by_name[name].type))
+            for name, ratio in joint.coupling.items()
+            if name in variables
+        }
+        resolved.append(replace(joint, coupling=ratios))
     return resolved
 
 
@@ -471,7 +483,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
         branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, position))
         nodes.append(item)
     _check_count(source, node, "branches", len(branches))
-    beside = _resolve_mimics(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+    beside = _followers(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
     return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 

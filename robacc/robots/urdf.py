@@ -141,13 +141,12 @@ _ANGLE_FIX = "a URDF's angles are in rad"
 
 def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
     element, kind = joint.element, _TYPES.get(joint.type)
-    if kind is None:
-        known = joint.type in ("floating", "planar")
-        message = (
-            f"a {joint.type} joint cannot be part of a serial chain" if known else f"unknown joint type {joint.type!r}"
-        )
-        tree.report(element, joint.name, message, "choose a chain without it with `base_link` and `tip_link`")
     axis = unit_axis(numbers(element.find("axis"), "xyz", "1 0 0"))
+    if kind is None:
+        message = f"unknown joint type {joint.type!r}"
+        if joint.type in ("floating", "planar"):
+            message = f"a {joint.type} joint cannot be part of a serial chain"
+        tree.report(element, joint.name, message, "choose a chain without it with `base_link` and `tip_link`")
     if axis is None and joint.type != "fixed":
         tree.report(element, joint.name, "the joint's axis is zero and has no direction")
     mass, com = _inertial(tree, joint.child)
@@ -160,7 +159,7 @@ def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
         type=kind or "fixed",
         parameters=dict(zip(ORIGIN_PARAMETERS, (*origin, 0.0), strict=True)),
         axis=axis if axis and joint.type != "fixed" else (0.0, 0.0, 1.0),
-        limits=None if joint.type in ("fixed", "continuous") else _read_limits(tree, joint),
+        limits=_read_limits(tree, joint) if joint.type in ("revolute", "prismatic") else None,
         is_continuous=joint.type == "continuous",
         mass=mass,
         com=None if mass is None else com,
@@ -177,15 +176,12 @@ def _read_limits(tree: UrdfTree, joint: UrdfJoint) -> tuple[float, float] | None
     lower, upper = numbers(limit, "lower", "0") + numbers(limit, "upper", "0")
     if math.isinf(lower) and math.isinf(upper):
         return None
-    problem, fix = None, None
-    limits: tuple[float, float] | None = (lower, upper)
+    limits, problem = finite_limits(joint.type, (lower, upper))
+    fix: str | None = "make them infinite for a joint without limits"
     if math.isinf(lower) or math.isinf(upper):
-        problem = f"one limit is infinite, the other is not ({lower:g}, {upper:g})"
+        problem, fix = f"one limit is infinite, the other is not ({lower:g}, {upper:g})", None
     elif lower > upper:
-        problem = f"the lower limit {lower:g} is above the upper limit {upper:g}"
-    elif joint.type in ("revolute", "prismatic"):
-        limits, problem = finite_limits(joint.type, (lower, upper))
-        fix = "make them infinite for a joint without limits"
+        problem, fix = f"the lower limit {lower:g} is above the upper limit {upper:g}", None
     if problem is not None:
         tree.report(joint.element, joint.name, problem, fix)
     return limits

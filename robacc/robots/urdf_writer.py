@@ -167,11 +167,8 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
         xyz = np.array([values["x"], values["y"], values["z"]])
         origin = Poses.from_xyz_rpy(xyz, np.array([values["roll"], values["pitch"], values["yaw"]]))
         offset = np.multiply(joint.axis, values.get("offset", 0.0))
-        if joint.type == "revolute":
-            origin = origin @ Poses(exp_so3(offset), np.zeros(3))
-        elif joint.type == "prismatic":
-            origin = origin @ Poses(np.eye(3), offset)
-        return origin, Poses.identity()
+        zero = {"revolute": Poses(exp_so3(offset), np.zeros(3)), "prismatic": Poses(np.eye(3), offset)}.get(joint.type)
+        return origin if zero is None else origin @ zero, Poses.identity()
     variable = about(2, values["theta"]) @ along(2, values["d"])
     tilt = about(1, values.get("beta", 0.0))
     twist = about(0, values["alpha"])
@@ -197,22 +194,24 @@ def _numbers(values: Array) -> str:
 
 
 def _losses(robot: Robot) -> tuple[str, ...]:
-    def line_for(loss: str, joints: list[str]) -> list[str]:
-        return [f"{loss} of {', '.join(joints)}"] if joints else []
-
-    lines = [f"effect {effect.get('effect', effect.get('name', '?'))}" for effect in robot.effects]
-    lines += line_for("tolerances", [joint.name for joint in robot.joints if joint.tolerance])
-    lines += ["tolerances of the base"] if robot.base_tolerance else []
-    lines += ["tolerances of the tool"] if robot.tool_tolerance else []
-    lines += line_for("gear ratio", [joint.name for joint in robot.joints if joint.gear_ratio is not None])
-    lines += ["targets: each becomes a link"] if robot.targets else []
-    lines += ["gravity other than 9.81 m/s^2 downwards"] if robot.gravity != STANDARD_GRAVITY else []
-    lines += ["the payload's centre of mass"] if robot.payload_com is not None else []
-    unknown = [
-        joint.name
-        for joint in robot.joints
-        if joint.type == "revolute" and joint.limits is None and not joint.is_continuous
+    """Return a line for each piece of information that a URDF cannot carry, with the joints that have it."""
+    joints = robot.joints
+    losses: list[tuple[str, bool | list[str]]] = [
+        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
+        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
+        ("tolerances of the base", bool(robot.base_tolerance)),
+        ("tolerances of the tool", bool(robot.tool_tolerance)),
+        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
+        ("targets: each becomes a link", bool(robot.targets)),
+        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
+        ("the payload's centre of mass", robot.payload_com is not None),
+        (
+            "missing limits (one turn either way is written)",
+            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
+        ),
+        (
+            "an unlimited range (a URDF requires limits)",
+            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
+        ),
     ]
-    lines += line_for("missing limits (one turn either way is written)", unknown)
-    unlimited = [joint.name for joint in robot.joints if joint.type == "prismatic" and joint.limits is None]
-    return tuple(lines + line_for("an unlimited range (a URDF requires limits)", unlimited))
+    return tuple(f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)

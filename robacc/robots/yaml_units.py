@@ -9,7 +9,7 @@ from typing import cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, describe
+from robacc.io.yaml_nodes import Source, YamlSection, describe, join
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, Frame, Joint, Robot, Vector
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
@@ -86,11 +86,12 @@ class Units:
         node = section.get("tolerance")
         inner = node and section.source.section(node, section.at("tolerance"), names)
         result: dict[str, float] = {}
-        for name, item in inner.values.items() if inner else ():
-            value = self.parameter(section.source, item, inner.at(name), is_length=name in lengths)
+        for name, item in inner.values.items() if isinstance(inner, YamlSection) else ():
+            path = join(section.at("tolerance"), name)
+            value = self.parameter(section.source, item, path, is_length=name in lengths)
             if value is not None and value < 0:
                 message = f"a standard deviation cannot be negative, found {describe(item)}"
-                section.source.report(item, inner.at(name), message)
+                section.source.report(item, path, message)
             elif value is not None:
                 result[name] = value
         return result

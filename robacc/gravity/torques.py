@@ -192,12 +192,13 @@ def weight_torques(arm: Arm, data: Measurements) -> Array:
     """
     assert data.q is not None
     inputs = (arm, data.q, data.branches)
-    if not all(map(operator.is_, inputs, _last[:-1])):
-        result = gravity_torques(arm, data.q, own_weight(arm, data))
-        result.flags.writeable = False
-        _last[:] = (*inputs, result)
-    torques: Array = _last[-1]
-    return torques
+    *kept, torques = _last
+    if not all(map(operator.is_, inputs, kept)):
+        torques = gravity_torques(arm, data.q, own_weight(arm, data))
+        torques.flags.writeable = False
+        _last[:] = (*inputs, torques)
+    result: Array = torques
+    return result
 
 
 _last: list[Any] = [None] * 4

@@ -494,7 +494,7 @@ def _configured(
         if window is not None:
             q = window.turned(q, limits, revolute)
             usable = usable & window.allows(q)
-            if program.dialect is Dialect.krl:
+            if program.dialect == Dialect.krl:
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from robacc.api.inputs import load_robot
 from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model, known_ur_arm
+from robacc.controllers.formats import ExportedModel, export_model, known_ur_arm
 from robacc.documents.envelope import InputFile
 from robacc.errors import Note, UsageError
 from robacc.prediction.model_fit import model_fit
@@ -23,7 +23,7 @@ class Exported(Result, ExportedModel):
     """Model in the format of a controller, with the error that remains there."""
 
     command: ClassVar[str] = "export"
-    format: ExportFormatName
+    format: str
     made: Provenance
     warnings: tuple[str, ...] = ()
     """Doubts about the model; :attr:`not_carried` lists what the format leaves out."""
@@ -52,7 +52,12 @@ def export(
     ],
     *,
     format: Annotated[
-        ExportFormatName | None, Help("Format of the text.", python="None is ur-calibration for an arm that it fits.")
+        ExportFormatName | str | None,
+        Help(
+            "Format of the text.",
+            python="None is ur-calibration for an arm that it fits.",
+            group="robacc.exporters",
+        ),
     ] = None,
     nominal: Annotated[
         StrPath | Robot | None,
@@ -103,7 +108,7 @@ def export(
         path = os.fspath(template)
         text = read_text(path)
         records.append(InputFile.at(path, sha256_of(path), "template"))
-    body = export_model(robot, ControllerFormat(format), nominal=controller, arm=arm, template=text)
+    body = export_model(robot, format, nominal=controller, arm=arm, template=text)
     options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
     fit = model_fit(robot)
     warnings = notes if fit is None else (*notes, *fit.warnings)

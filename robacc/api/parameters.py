@@ -16,6 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, get_args, get_origin
 
 from robacc.errors import UsageError
+from robacc.plug_ins import plug_in_names
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.threads import single_threaded
 
@@ -50,6 +51,8 @@ class Help(NamedTuple):
     """Makes the argument from the option's name and text; None for text, and for a number as it is annotated."""
     holds: Literal["", "measured poses", "planned poses", "output"] = ""
     """What a file holds, where the command line must know."""
+    group: str = ""
+    """Group of entry points whose names are further choices."""
 
 
 class _KnownNames(dict[str, Any]):
@@ -124,7 +127,8 @@ def _type_text(annotation: str) -> str:
 
 def _check(parameter: str, value: Any, kind: Any, meaning: Help) -> None:
     """Raise UsageError for an argument outside the choices or the range of its annotation."""
-    if (choices := choices_of(kind)) and value is not None and value not in choices:
+    choices = choices_of(kind)
+    if choices and value not in (None, *choices) and not (meaning.group and value in plug_in_names(meaning.group)):
         listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
         raise UsageError(f"`{parameter}`: expected one of {listed}, found {value!r}")
     if meaning.least is not None and value is not None:

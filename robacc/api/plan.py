@@ -53,8 +53,9 @@ from robacc.planning.candidates import (
     parse_half_space,
     parse_vector,
 )
-from robacc.planning.collisions import at_rest_warning, check_at_rest, link_collisions, read_link_shapes
+from robacc.planning.collisions import at_rest_warning, check_at_rest
 from robacc.planning.planner import plan_campaign
+from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 
@@ -404,7 +405,7 @@ def plan(
             raise UsageError(
                 "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
             )
-        links = link_collisions(urdf, read_link_shapes(os.fspath(robot), urdf))
+        links = plug_in("robacc.collisions", "fcl")(os.fspath(robot), urdf)
     demands, demand_records = load_demands(gate, grade, scale)
     if demands and purpose != "acceptance":
         raise UsageError("`gate` and `grade` set the number of acceptance poses; give purpose acceptance")

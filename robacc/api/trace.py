@@ -24,6 +24,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, options_of
+from robacc.effects.base import load_plug_ins
 from robacc.effects.request import Baseline, build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -100,6 +101,7 @@ def trace(
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
     arguments = locals()
+    load_plug_ins()
     inputs = load_fit_inputs(poses, robot, holdout, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
     arm = Arm.of(inputs.robot)
     baseline = requested(declared, arm, inputs.data)

@@ -30,6 +30,7 @@ from robacc.controllers.restricted import RemainingError, Restricted, kinematic_
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Poses
 from robacc.io.yaml_nodes import Source, compose
+from robacc.plug_ins import plug_in
 from robacc.robots.description import Frame, Joint, Robot
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -348,7 +349,7 @@ class ExportedModel:
 
 def export_model(
     robot: Robot,
-    form: ControllerFormat,
+    form: str,
     *,
     nominal: Robot | None = None,
     arm: str | None = None,
@@ -358,7 +359,7 @@ def export_model(
 
     Args:
         robot: Model, with the effects of its file.
-        form: Format.
+        form: Format, of :class:`ControllerFormat` or the name of an entry point of the group ``robacc.exporters``.
         nominal: Nominal arm of the controller, for ``joint-offsets``.
         arm: Arm of Universal Robots, for ``ur-calibration``; default: recognised by its lengths.
         template: Text of the arm's own file, whose other lines are kept (``ur-calibration``, ``ur-kinematics``).
@@ -366,7 +367,7 @@ def export_model(
     Raises:
         UsageError: The arm does not fit the format, or an argument is missing.
     """
-    if form is ControllerFormat.joint_offsets:
+    if form == ControllerFormat.joint_offsets:
         if nominal is None:
             raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
         if nominal.variable_names != robot.variable_names:
@@ -378,17 +379,18 @@ def export_model(
         return dataclasses.replace(result, not_carried=()) if is_exact else result
     part = kinematic_part(robot)
     chosen = None
-    if form is ControllerFormat.urdf:
-        text, losses = robot_to_urdf(part.robot)
+    if form == ControllerFormat.urdf or form not in tuple(ControllerFormat):
+        write = robot_to_urdf if form == ControllerFormat.urdf else plug_in("robacc.exporters", form)
+        text, losses = write(part.robot)
         return _exported(robot, part, text, part.robot, part.robot.tool, losses)
-    if form is ControllerFormat.mdh:
+    if form == ControllerFormat.mdh:
         controller = _modified_robot(part.robot)
         return _exported(robot, part, robot_to_yaml(controller), controller, controller.tool, ())
     frames = joint_frames(part.robot)
-    if form is ControllerFormat.json:
+    if form == ControllerFormat.json:
         text = json.dumps(_document(part.robot), indent=2) + "\n"
         return _exported(robot, part, text, part.robot, part.robot.tool, ())
-    if form is ControllerFormat.ur_calibration:
+    if form == ControllerFormat.ur_calibration:
         if arm is not None and arm not in UR_ARMS:
             raise UsageError(f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}")
         chosen = arm or ur_arm_of(frames)
@@ -401,7 +403,7 @@ def export_model(
         last = Frame.of(written.tool.pose @ tool.pose)
         return _exported(robot, part, text, dataclasses.replace(written, base=base, tool=last), tool, (), chosen)
     header = f"written by robacc {__version__} from {robot.name}"
-    text, last = links_text(frames, link_names(frames, form.value), header, hash_line_of(template or ""))
+    text, last = links_text(frames, link_names(frames, form), header, hash_line_of(template or ""))
     tool = Frame.of(last.pose @ robot.tool.pose)
     return _exported(robot, part, text, part.robot, tool, ())
 

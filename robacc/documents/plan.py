@@ -122,7 +122,6 @@ PLAN = part(
                     "pairs": Key(
                         array(array(text)),
                         "Links of each pair that was checked.",
-                        lambda it: [[it.shapes[i].link for i in pair] for pair in it.pairs],
                     ),
                     "overlapping": Key(
                         array(array(text)),

@@ -25,6 +25,7 @@ from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
+from robacc.plug_ins import plug_in, plug_in_names
 from robacc.robots.arm import Arm
 
 _JOINT = "{joint}"
@@ -605,12 +606,20 @@ def register(cls: E) -> E:
     return cls
 
 
+def load_plug_ins() -> None:
+    """Add the effects of the entry points of the group ``robacc.effects``, whose modules register them."""
+    for name in plug_in_names("robacc.effects"):
+        plug_in("robacc.effects", name)
+
+
 def effect_class(name: str) -> type[Effect]:
     """Return the effect called ``name``.
 
     Raises:
         UsageError: there is no such effect; the message suggests the nearest name and lists all.
     """
+    if name not in REGISTRY:
+        load_plug_ins()
     try:
         return REGISTRY[name]
     except KeyError:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from robacc.effects.base import REGISTRY, Effect, effect_class
+from robacc.effects.base import REGISTRY, Effect, effect_class, load_plug_ins
 from robacc.effects.specification import every_column
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -34,6 +34,7 @@ def catalogue(
     Raises:
         UsageError: there is no such effect.
     """
+    load_plug_ins()
     classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
     if robot is None:
         return tuple(CatalogueEntry(cls, False) for cls in classes)

@@ -40,10 +40,11 @@ def own_weight(arm: Arm, data: Measurements | None = None) -> tuple[Load, ...]:
     branches that follow joints of the chain stand as those, at zero without ``data``. Branches of an arm without masses
     do not count.
     """
-    loads = []
-    for body in arm.chain.bodies:
-        x, y, z = body.com
-        loads.append(Load(body.after, body.mass, (body.mass * x, body.mass * y, body.mass * z)))
+    loads = [
+        Load(body.after, body.mass, (body.mass * x, body.mass * y, body.mass * z))
+        for body in arm.chain.bodies
+        for x, y, z in (body.com,)
+    ]
     return (*loads, *_branch_loads(arm, data)) if loads else ()
 
 
@@ -69,8 +70,9 @@ def _branch_positions(arm: Arm, data: Measurements | None) -> Array:
     """Return the variables ``(B + J, N)`` of the branches and of the chain; ``(B + J, 1)`` if none of them counts."""
     at_rest = np.array([branch.position for branch in arm.robot.branch_variables])[:, None]
     positions = at_rest if data is None or data.branches is None else data.branches
-    followed = data.q if data is not None and arm.branches_follow else None
-    q = np.zeros((len(arm.names), positions.shape[1])) if followed is None else followed
+    follow = any(drive.joint >= len(at_rest) for _, chain in arm.branches for drive in chain.drives)
+    q = data.q if data is not None and follow else None
+    q = np.zeros((len(arm.names), positions.shape[1])) if q is None else q
     return np.vstack((np.broadcast_to(positions, (len(positions), q.shape[1])), q))
 
 
@@ -87,10 +89,7 @@ def unit_loads(arm: Arm, first: int) -> dict[str, tuple[Load, ...]]:
     The fit determines which of them the poses identify.
     """
     loads: dict[str, tuple[Load, ...]] = {}
-    ends: dict[int, int] = {}
-    for k, motion in enumerate(arm.chain.motions):
-        if motion.owner >= 0:
-            ends[motion.owner] = k + 1
+    ends = {motion.owner: k + 1 for k, motion in enumerate(arm.chain.motions)}
     for owner in range(first, len(arm.robot.joints)):
         after = ends[owner]
         for axis, label in enumerate(("hx", "hy", "hz")):

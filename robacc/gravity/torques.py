@@ -17,7 +17,7 @@ Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (20
 from __future__ import annotations
 
 import math
-import weakref
+import operator
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -176,34 +176,6 @@ def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
     return tuple(map(bool, shares))
 
 
-class _LastResult:
-    """The last result, and weak references to what it was computed from."""
-
-    def __init__(self) -> None:
-        self._result: tuple[tuple[weakref.ref[Any] | None, ...], Array] | None = None
-
-    def of(self, *inputs: object) -> Array | None:
-        """Return the result, if it was computed from the very same objects."""
-        if self._result is None:
-            return None
-        references, result = self._result
-        return result if all(map(_refers, references, inputs)) else None
-
-    def keep(self, result: Array, *inputs: object) -> Array:
-        """Keep a result, and return it read-only."""
-        result.flags.writeable = False
-        self._result = tuple(None if i is None else weakref.ref(i) for i in inputs), result
-        return result
-
-
-def _refers(reference: weakref.ref[Any] | None, value: object) -> bool:
-    """Return whether a reference is to this very object; None refers to None."""
-    return value is None if reference is None else value is not None and reference() is value
-
-
-_LAST = _LastResult()
-
-
 def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> Array:
     """Return the torque (N m) or force (N) ``(J, N)`` of loads along each joint's axis at its nominal pose.
 
@@ -219,10 +191,18 @@ def weight_torques(arm: Arm, data: Measurements) -> Array:
     result is kept, read-only: hundreds of candidates ask for the same one.
     """
     assert data.q is not None
-    result = _LAST.of(arm, data.q, data.branches)
-    if result is None:
-        result = _LAST.keep(gravity_torques(arm, data.q, own_weight(arm, data)), arm, data.q, data.branches)
+    inputs = (arm, data.q, data.branches)
+    *kept, torques = _last
+    if not all(map(operator.is_, inputs, kept)):
+        torques = gravity_torques(arm, data.q, own_weight(arm, data))
+        torques.flags.writeable = False
+        _last[:] = (*inputs, torques)
+    result: Array = torques
     return result
+
+
+_last: list[Any] = [None] * 4
+"""Arm, joints and branches of the last call of :func:`weight_torques`, and its result."""
 
 
 def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load] | None = None) -> Array:

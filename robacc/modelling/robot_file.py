@@ -15,7 +15,8 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import read_text
 from robacc.io.yaml_edit import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
-from robacc.robots.yaml_robot import effect_lines, file_units, parse_robot
+from robacc.robots.yaml_robot import effect_lines, parse_robot
+from robacc.robots.yaml_units import Units
 from robacc.robots.yaml_writer import comment_lines, robot_document, robot_to_yaml, rounded_document
 
 _XML_SUFFIXES = frozenset({".urdf", ".xml"})
@@ -132,7 +133,7 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     text = robot.file_text
     if text is None:
         return robot_to_yaml(with_effect_units(robot), comments, rounded=True)
-    units = file_units(text, robot.name)
+    units = Units(*parse_robot(text, robot.name).effect_units)
     in_units = with_effect_units(robot, units.length, units.angle)
     document = rounded_document(robot_document(in_units, units))
     updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))

@@ -49,7 +49,7 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
         configuration: ``S`` and ``T`` as the program writes them.
         q: Joints, rad.
     """
-    status = status_number(configuration)
+    status = _bits(_STATUS, configuration)
     if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
@@ -62,16 +62,11 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     return result
 
 
-def status_number(configuration: str) -> int | None:
-    """Return the number ``S``; None where it is not given."""
-    match = _STATUS.search(configuration)
+def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
+    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones; None where it is not given."""
+    match = pattern.search(configuration)
     if match is None:
         return None
-    return _bits(match)
-
-
-def _bits(match: re.Match[str]) -> int:
-    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones."""
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
 
 
@@ -112,8 +107,8 @@ def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _NUMBERS = re.compile(r"-?\d+")
-_FLIPS = (Dialect.fanuc, Dialect.val3)
-"""Dialects whose configuration names the side of axis 5 by a letter or a word."""
+_READ_WHOLE = (Dialect.krl, Dialect.rapid)
+"""Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 _CF_AXES = (0, 3, 5)
@@ -152,19 +147,18 @@ class JointWindow:
         return np.where(fits & revolute[:, None], moved, q)
 
 
-def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWindow | None:
+def joint_window(dialect: str, configuration: str, n_joints: int) -> JointWindow | None:
     """Return the joints that a configuration allows; None where it is not given, or not read."""
     if n_joints != _N_AXES:
         return None
     low, high = np.full(_N_AXES, -np.inf), np.full(_N_AXES, np.inf)
-    if dialect is Dialect.krl:
-        match = _TURN.search(configuration)
-        if match is None:
-            return None if status_number(configuration) is None else JointWindow(low, high)
-        turn = _bits(match)
+    if dialect == Dialect.krl:
+        turn = _bits(_TURN, configuration)
+        if turn is None:
+            return None if _bits(_STATUS, configuration) is None else JointWindow(low, high)
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
-    if dialect is Dialect.fanuc:
+    if dialect == Dialect.fanuc:
         turns = [int(number) for number in _NUMBERS.findall(configuration)]
         if len(turns) != 3:
             return None
@@ -173,19 +167,19 @@ def joint_window(dialect: Dialect, configuration: str, n_joints: int) -> JointWi
             low[3], high[3] = _turn_range(turns[0])
         return JointWindow(low, high)
     quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
-    if dialect is Dialect.rapid and len(quarters) == 3:
+    if dialect == Dialect.rapid and len(quarters) == 3:
         low[list(_CF_AXES)] = 0.5 * np.pi * np.array(quarters)
         high[list(_CF_AXES)] = 0.5 * np.pi * (np.array(quarters) + 1)
         return JointWindow(low, high)
     return None
 
 
-def is_read(dialect: Dialect, configuration: str, n_joints: int) -> bool:
+def is_read(dialect: str, configuration: str, n_joints: int) -> bool:
     """Return whether a configuration is given and read as a whole, letters and words too."""
-    return dialect not in _FLIPS and joint_window(dialect, configuration, n_joints) is not None
+    return dialect in _READ_WHOLE and joint_window(dialect, configuration, n_joints) is not None
 
 
-def leaves_configuration(dialect: Dialect, configuration: str, before: Array, after: Array) -> bool:
+def leaves_configuration(dialect: str, configuration: str, before: Array, after: Array) -> bool:
     """Return whether corrected joints have another configuration than the one that a target states.
 
     Joints that were on a border already leave nothing.
@@ -201,7 +195,9 @@ def leaves_configuration(dialect: Dialect, configuration: str, before: Array, af
         inside = (before > window.low) & (before < window.high)
         if np.any(inside & ((after < window.low) | (after > window.high))):
             return True
-    return dialect in _FLIPS and bool(configuration) and before.size == _N_AXES and bool(before[4] * after[4] < 0)
+    return (
+        dialect not in _READ_WHOLE and bool(configuration) and before.size == _N_AXES and bool(before[4] * after[4] < 0)
+    )
 
 
 def _turn_range(turn: int) -> tuple[float, float]:

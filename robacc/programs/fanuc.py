@@ -10,15 +10,15 @@ from collections.abc import Sequence
 
 from robacc.programs.grammar import AXIS_UNITS, MM, POSE_UNITS, numbers
 from robacc.programs.program import (
+    FIXED_XYZ,
     NUMBER,
-    Convention,
     Dialect,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -107,8 +107,8 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     comment = (match[2] or "").strip().strip('"')
     return draft.add(
         f"P[{match[1]}:{comment}]" if comment else f"P[{match[1]}]",
-        Written(
-            Convention.fixed_xyz if is_pose else Convention.joints,
+        ProgramTarget(
+            FIXED_XYZ if is_pose else None,
             known,
             configuration[1] if configuration else "",
             ", ".join(external),

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import yaml
 
 from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
-from robacc.io.yaml_nodes import Source, YamlSection, compose, join
+from robacc.io.yaml_nodes import Source, compose
 from robacc.programs.program import Program, ProgramFrame, ProgramTarget
 from robacc.robots.description import Frame
-from robacc.robots.yaml_units import Units, read_units
+from robacc.robots.yaml_robot import named_frames, read_fields
+from robacc.robots.yaml_units import read_units
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
 
@@ -21,18 +21,8 @@ DEFAULT = "default"
 """Name of the frame of targets for which the program names none."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameTable:
-    """Frames by the names that programs use."""
-
-    tools: Mapping[str, Frame] = field(default_factory=dict)
-    """Tools in the flange's frame."""
-    bases: Mapping[str, Frame] = field(default_factory=dict)
-    """Bases in the robot's base frame."""
-
-
-def parse_frames(text: str, file: str) -> FrameTable:
-    """Return the frames of a YAML file with the keys ``units``, ``tools`` and ``bases``.
+def parse_frames(text: str, file: str) -> dict[str, Mapping[str, Frame]]:
+    """Return ``tools`` in the flange's frame and ``bases`` in the robot's base frame, by name, of a YAML file.
 
     Raises:
         InputError: The file has problems; the error carries all of them, with line and key.
@@ -43,18 +33,18 @@ def parse_frames(text: str, file: str) -> FrameTable:
     if top is None or units is None:
         source.finish()
         raise AssertionError("finish() raises where a section is missing")
-    table = FrameTable(_frames_by_name(top, "tools", units), _frames_by_name(top, "bases", units))
+    frames = named_frames("expected frames by name, each with xyz and rpy, found {found}")
+    table = read_fields(top, {"tools": frames, "bases": frames}, units)
     source.finish()
     return table
 
 
-def with_frames(program: Program, table: FrameTable) -> Program:
+def with_frames(program: Program, table: Mapping[str, Mapping[str, Frame]]) -> Program:
     """Return the program with the frames of a table where the program names a frame but does not define it.
 
     Names are compared without regard to case. The frame :data:`DEFAULT` stands for one that the program does not name.
     """
-    tools = {name.lower(): frame for name, frame in table.tools.items()}
-    bases = {name.lower(): frame for name, frame in table.bases.items()}
+    tools, bases = ({name.lower(): at for name, at in table.get(key, {}).items()} for key in ("tools", "bases"))
 
     def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:
         if frame is None:
@@ -64,21 +54,6 @@ def with_frames(program: Program, table: FrameTable) -> Program:
     targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
     moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
     return replace(program, targets=tuple(targets), moves=tuple(moves))
-
-
-def _frames_by_name(top: YamlSection, key: str, units: Units) -> dict[str, Frame]:
-    node = top.get(key)
-    if node is None:
-        return {}
-    if not isinstance(node, yaml.MappingNode):
-        top.source.report(node, key, "expected frames by name, each with xyz and rpy")
-        return {}
-    result = {}
-    for name, _, value in top.source.entries(node, key):
-        section = top.source.section(value, join(key, name), ("xyz", "rpy"))
-        if section is not None:
-            result[name] = units.frame(section)
-    return result
 
 
 # Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.

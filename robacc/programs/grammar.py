@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -110,21 +110,8 @@ class FrameEvent:
     """Name of a routine that starts or is called."""
 
 
-@dataclass(frozen=True, slots=True)
-class FrameTimeline:
-    """Frames in force by place; None where branches, loops or calls leave it open."""
-
-    positions: Sequence[int]
-    frames: Sequence[ProgramFrame | None]
-
-    def at(self, position: int) -> ProgramFrame | None:
-        """Return the frame in force at a place of the text."""
-        k = bisect_right(self.positions, position) - 1
-        return self.frames[k] if k >= 0 else None
-
-
-def timeline(events: Sequence[FrameEvent]) -> FrameTimeline:
-    """Return the frames in force after each event, in the order of the text.
+def timeline(events: Sequence[FrameEvent]) -> Callable[[int], ProgramFrame | None]:
+    """Return a function of a place that returns the frame in force there; None where the text leaves it open.
 
     A frame that is set inside a branch is unknown after the branch. One that is set inside a loop is unknown from the
     loop's head to the assignment, since the second turn begins with it, and after the loop. A routine that sets one,
@@ -135,7 +122,13 @@ def timeline(events: Sequence[FrameEvent]) -> FrameTimeline:
         before = len(setting)
         frames = _frames(events, setting)
         if len(setting) == before:
-            return FrameTimeline([event.position for event in events], frames)
+            break
+
+    def at(position: int) -> ProgramFrame | None:
+        k = bisect_right(events, position, key=lambda event: event.position) - 1
+        return frames[k] if k >= 0 else None
+
+    return at
 
 
 def _frames(events: Sequence[FrameEvent], setting: set[int | str]) -> list[ProgramFrame | None]:

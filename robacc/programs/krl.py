@@ -31,14 +31,14 @@ from robacc.programs.grammar import (
 )
 from robacc.programs.program import (
     NUMBER,
-    Convention,
+    ZYX,
     Dialect,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -91,7 +91,7 @@ def _key(name: str) -> str:
     return re.sub(r"\s", "", name).upper()
 
 
-def _written(text: str, place: Place) -> Written | None:
+def _written(text: str, place: Place) -> ProgramTarget | None:
     """Return the target or frame of an aggregate ``{X 1.0,Y 2.0,…}`` that fills a place; None where a number lacks."""
     entries: dict[str, Place] = {}
     for start, end in items(text, place):
@@ -108,10 +108,10 @@ def _written(text: str, place: Place) -> Written | None:
     external = as_written(("E1", "E2", "E3", "E4", "E5", "E6"))
     pose = numbers(text, [entries[key] for key in _FRAME_KEYS if key in entries], POSE_UNITS)
     if pose is not None:
-        return Written(Convention.zyx, pose, as_written(("S", "T")), external)
+        return ProgramTarget(ZYX, pose, as_written(("S", "T")), external)
     keys = [key for key in _AXIS_KEYS if key in entries]
     axes = numbers(text, [entries[key] for key in keys], AXIS_UNITS[: len(keys)])
-    return Written(Convention.joints, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
+    return ProgramTarget(None, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
 
 
 class _KrlValue(NamedTuple):
@@ -122,7 +122,7 @@ class _KrlValue(NamedTuple):
     type: str
     """Declared type; empty for an assignment."""
     place: Place
-    written: Written | None
+    written: ProgramTarget | None
 
 
 @dataclass(slots=True)
@@ -151,28 +151,24 @@ class _File:
         return file
 
     def read_variable(self, kind: str, match: re.Match[str], end: int) -> None:
-        """Take in a statement that declares or changes a variable."""
+        """Take in a statement that declares or changes a variable: its value, or the place where it is computed."""
+        word, is_new = match[1].upper(), kind == "declaration"
         if kind == "indexed":
-            self.changes.setdefault(f"{match[1].upper()}[", []).append(match.start())
-        elif kind == "assignment":
-            name, place = _key(match[1]), stripped(self.text, (match.end(), end))
-            written = None if match[2] else _written(self.text, place)
-            self.give(name, _KrlValue(match[1].strip(), "", place, written), written is not None)
-        elif kind == "declaration" and not match[3]:
+            self.changes.setdefault(f"{word}[", []).append(match.start())
+        elif is_new and not match[3]:
             for other in (match[2], *match[4].split(",")):
-                self.declared[_key(other).partition("[")[0]] = match[1].upper()
-        elif kind == "declaration" and match[1].upper() != "FDAT":
-            name, place = _key(match[2]), stripped(self.text, (match.start(4), end))
-            self.declared[name] = match[1].upper()
-            value = _KrlValue(match[2].strip(), match[1].upper(), place, _written(self.text, place))
-            self.give(name, value, self.text.startswith("{", place[0]))
-
-    def give(self, name: str, value: _KrlValue, is_literal: bool) -> None:
-        """Note a value of a variable, or the place where it is computed."""
-        if is_literal:
-            self.values.setdefault(name, []).append(value)
-        else:
-            self.changes.setdefault(name, []).append(value.place[0])
+                self.declared[_key(other).partition("[")[0]] = word
+        elif kind == "assignment" or (is_new and word != "FDAT"):
+            name, start = (match[2], match.start(4)) if is_new else (match[1], match.end())
+            place = stripped(self.text, (start, end))
+            written = None if not is_new and match[2] else _written(self.text, place)
+            if is_new:
+                self.declared[_key(name)] = word
+            if self.text.startswith("{", place[0]) if is_new else written is not None:
+                value = _KrlValue(name.strip(), word if is_new else "", place, written)
+                self.values.setdefault(_key(name), []).append(value)
+            else:
+                self.changes.setdefault(_key(name), []).append(place[0])
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -252,7 +248,7 @@ class _Reader:
                         self.fixed.add(_key(match[2]))
             for name, (value, *more) in file.values.items():
                 written = value.written
-                if more or name in file.changes or written is None or written.convention is Convention.joints:
+                if more or name in file.changes or written is None or written.convention is None:
                     continue
                 if _TABLE.match(name) or (value.type in ("FRAME", "") and not written.configuration):
                     self.frames[name] = written.frame
@@ -275,7 +271,7 @@ class _Reader:
 
     def resolve(self, text: str) -> ProgramFrame | None:
         """Return the frame of the right-hand side of an assignment; None where it is computed."""
-        if (written := _written(text, (0, len(text)))) is not None and written.convention is Convention.zyx:
+        if (written := _written(text, (0, len(text)))) is not None and written.convention is ZYX:
             return ProgramFrame("", written.frame)
         key = _key(text)
         if key in ("$NULLFRAME", "$WORLD"):
@@ -325,8 +321,8 @@ class _Reader:
             line = (match.start(), match.endpos)
             tail = _TAIL.search(text, match.end(), match.endpos)
             stop = tail.start() if tail else match.endpos
-            tool = self.of_spline(text[stop : match.endpos], "TOOL") or tools.at(line[0])
-            base = self.of_spline(text[stop : match.endpos], "BASE") or bases.at(line[0])
+            tool = self.of_spline(text[stop : match.endpos], "TOOL") or tools(line[0])
+            base = self.of_spline(text[stop : match.endpos], "BASE") or bases(line[0])
             word = match[1].upper()
             motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
             for place in arguments(text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:

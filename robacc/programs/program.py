@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, TypeVar
@@ -23,7 +23,6 @@ from robacc.geometry import (
     rotation_from_quaternion,
     rotation_from_rpy,
     rpy_from_rotation,
-    transpose,
 )
 from robacc.robots.description import Frame
 
@@ -134,65 +133,14 @@ def _not_decoded(data: bytes, encoding: str) -> int | None:
 # those nearest to the numbers in the program, so that a small correction changes them little.
 
 
-class Convention(StrEnum):
-    """Components of a target, in the order of the program."""
+@dataclass(frozen=True, slots=True)
+class Convention:
+    """Meaning of the numbers of a Cartesian target that follow x, y and z."""
 
-    joints = "joints"
-    """Joint variables."""
-    zyx = "zyx"
-    """x, y, z, A, B, C with R = Rz(A) Ry(B) Rx(C) (KUKA)."""
-    fixed_xyz = "fixed_xyz"
-    """x, y, z, W, P, R with R = Rz(R) Ry(P) Rx(W) (FANUC)."""
-    quaternion = "quaternion"
-    """x, y, z, q1 … q4 with q1 the scalar part (ABB)."""
-    moving_xyz = "moving_xyz"
-    """x, y, z, rx, ry, rz with R = Rx(rx) Ry(ry) Rz(rz) (Staubli)."""
-    rotation_vector = "rotation_vector"
-    """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
-
-    @property
-    def components(self) -> int:
-        """Numbers of a Cartesian target."""
-        return 7 if self is Convention.quaternion else 6
-
-
-def to_values(convention: Convention, native: Array) -> Array:
-    """Return x, y, z and the unit quaternion ``(7, N)`` of a program's numbers; joint variables as they are."""
-    if convention is Convention.joints:
-        return native
-    return np.concatenate((native[:3], quaternion_from_rotation(rotation_of(convention, native[3:]))))
-
-
-def rotation_of(convention: Convention, angles: Array) -> Array:
-    """Return the rotations ``(3, 3, N)`` of the numbers that follow x, y, z."""
-    if convention is Convention.zyx:
-        return rotation_from_rpy(angles[::-1])
-    if convention is Convention.fixed_xyz:
-        return rotation_from_rpy(angles)
-    if convention is Convention.moving_xyz:
-        # The inverse of the rotation by the opposite angles about fixed axes.
-        return transpose(rotation_from_rpy(-angles))
-    if convention is Convention.rotation_vector:
-        return exp_so3(angles)
-    return rotation_from_quaternion(angles)
-
-
-def to_native(convention: Convention, values: Array, near: Array) -> Array:
-    """Return a program's numbers of ``values`` (as of :func:`to_values`), nearest to the numbers ``near``."""
-    if convention is Convention.joints:
-        return values
-    rotation = rotation_from_quaternion(values[3:])
-    if convention is Convention.quaternion:
-        turned = _nearest_quaternion(values[3:], near[3:])
-    elif convention is Convention.rotation_vector:
-        turned = _nearest_vector(log_so3(rotation), near[3:])
-    elif convention is Convention.moving_xyz:
-        turned = -_nearest_angles(transpose(rotation), -near[3:])
-    elif convention is Convention.zyx:
-        turned = _nearest_angles(rotation, near[:2:-1])[::-1]
-    else:
-        turned = _nearest_angles(rotation, near[3:])
-    return np.concatenate((values[:3], turned))
+    rotation: Callable[[Array], Array]
+    """Rotations ``(3, 3, N)`` of the numbers."""
+    numbers: Callable[[Array, Array], Array]
+    """Numbers of unit quaternions ``(4, N)``, nearest to other numbers."""
 
 
 def rotation_distance(first: Array, second: Array) -> Array:
@@ -210,7 +158,8 @@ def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
     return nearest
 
 
-def _nearest_vector(vector: Array, near: Array) -> Array:
+def _nearest_vector(quaternion: Array, near: Array) -> Array:
+    vector = log_so3(rotation_from_quaternion(quaternion))
     angle = np.sqrt(np.sum(np.square(vector), axis=0))
     unit = vector / np.where(angle > 0, angle, 1.0)
     # The axis of a zero rotation is free: a whole turn about the program's own axis.
@@ -222,7 +171,7 @@ def _nearest_vector(vector: Array, near: Array) -> Array:
     return chosen
 
 
-def _nearest_angles(rotation: Array, near: Array) -> Array:
+def nearest_angles(rotation: Array, near: Array) -> Array:
     """Return roll, pitch, yaw ``(3, N)`` of the solution nearest to ``near``, in the range that ``near`` is in."""
     first = rpy_from_rotation(rotation)
     pole = np.abs(np.abs(first[1]) - np.pi / 2) < 1e-9
@@ -243,19 +192,46 @@ def _wrapped(angle: Array) -> Array:
     return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
 
 
+ZYX = Convention(
+    lambda angles: rotation_from_rpy(angles[::-1]),
+    lambda quaternions, near: nearest_angles(rotation_from_quaternion(quaternions), near[::-1])[::-1],
+)
+"""x, y, z, A, B, C with R = Rz(A) Ry(B) Rx(C) (KUKA)."""
+FIXED_XYZ = Convention(
+    rotation_from_rpy, lambda quaternions, near: nearest_angles(rotation_from_quaternion(quaternions), near)
+)
+"""x, y, z, W, P, R with R = Rz(R) Ry(P) Rx(W) (FANUC)."""
+QUATERNION = Convention(rotation_from_quaternion, _nearest_quaternion)
+"""x, y, z, q1 … q4 with q1 the scalar part (ABB)."""
+ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
+"""x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
+
+
+def to_values(convention: Convention | None, native: Array) -> Array:
+    """Return x, y, z and the unit quaternion ``(7, N)`` of a program's numbers; joint variables as they are."""
+    if convention is None:
+        return native
+    return np.concatenate((native[:3], quaternion_from_rotation(convention.rotation(native[3:]))))
+
+
+def to_native(convention: Convention | None, values: Array, near: Array) -> Array:
+    """Return a program's numbers of ``values`` (as of :func:`to_values`), nearest to the numbers ``near``."""
+    if convention is None:
+        return values
+    return np.concatenate((values[:3], convention.numbers(values[3:], near[3:])))
+
+
 _T = TypeVar("_T")
-TargetKind = Literal["joint", "cartesian"]
 MotionType = Literal["joint", "linear", "circular", "other"]
 
 
 class Dialect(StrEnum):
-    """Language of a robot program."""
+    """Languages that the package reads and writes; plug-ins read others."""
 
     krl = "krl"
     rapid = "rapid"
     fanuc = "fanuc"
     urscript = "urscript"
-    val3 = "val3"
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,29 +258,40 @@ class ProgramNumber:
 
 @dataclass(frozen=True, slots=True)
 class ProgramTarget:
-    """Target that is written in the program as numbers."""
+    """Target, or frame, that is written in the program as numbers."""
 
-    name: str
-    """Name in the program; ``line 12`` for a target without a name."""
-    line: int
-    """1-based line of its first number."""
-    kind: TargetKind
-    values: tuple[float, ...]
-    """Joint target: joint variables, rad (m for a joint in mm), as the program counts them. Cartesian target:
-    x, y, z (m) and the quaternion w, x, y, z of the tool in the base frame of the target."""
-    convention: Convention
+    convention: Convention | None
+    """None for joint variables."""
     numbers: tuple[ProgramNumber, ...]
     """Numbers in the order of the program's components."""
     configuration: str = ""
     """Configuration of a Cartesian target, as written: ``S 2,T 10``, ``[0,-1,0,0]``, ``N U T, 0, 0, 0``."""
+    external: str = ""
+    """External axes, as written; they are left alone."""
+    name: str = ""
+    """Name in the program; ``line 12`` for a target without a name."""
+    line: int = 0
+    """1-based line of its first number."""
+    values: tuple[float, ...] = ()
+    """Joint target: joint variables, rad (m for a joint in mm), as the program counts them. Cartesian target:
+    x, y, z (m) and the quaternion w, x, y, z of the tool in the base frame of the target."""
     tool: ProgramFrame | None = None
     """Tool of its motions; None where none is named, or where its motions name several."""
     base: ProgramFrame | None = None
     """Base frame (work object, user frame) of its motions; None as for ``tool``."""
     motion: MotionType | None = None
     """Type of its motions; None without a motion in the files read, or with several types."""
-    external: str = ""
-    """External axes, as written; they are left alone."""
+
+    @property
+    def kind(self) -> Literal["joint", "cartesian"]:
+        """Whether the numbers are joint variables or a pose."""
+        return "joint" if self.convention is None else "cartesian"
+
+    @property
+    def frame(self) -> Frame:
+        """Frame of Cartesian numbers."""
+        values = to_values(self.convention, native_of([self]))[:, 0]
+        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,7 +321,7 @@ class Program:
     """Robot program that was read."""
 
     file: str
-    dialect: Dialect
+    dialect: str
     source: ProgramSource
     targets: tuple[ProgramTarget, ...]
     moves: tuple[ProgramMove, ...]
@@ -349,29 +336,12 @@ _LARGEST = 1e6
 """Largest number of a target in the program's unit that is taken for one; above it, numbers stand for no value."""
 
 
-@dataclass(frozen=True, slots=True)
-class Written:
-    """Target or frame whose numbers are written in the text."""
-
-    convention: Convention
-    numbers: tuple[ProgramNumber, ...]
-    configuration: str = ""
-    external: str = ""
-
-    @property
-    def frame(self) -> Frame:
-        """Frame of Cartesian numbers."""
-        native = np.array([number.value * number.unit for number in self.numbers])
-        values = to_values(self.convention, native[:, None])[:, 0]
-        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
-
-
 @dataclass(slots=True)
 class Draft:
     """Findings of a reader, to be assembled into a program."""
 
     source: ProgramSource
-    dialect: Dialect
+    dialect: str
     targets: list[ProgramTarget] = field(default_factory=list)
     moves: list[ProgramMove] = field(default_factory=list)
     notes: list[ProgramNote] = field(default_factory=list)
@@ -383,28 +353,16 @@ class Draft:
         self.notes.append(ProgramNote(self.source.line(place[0]), self.source.excerpt(*place), reason))
 
     def add(
-        self, name: str, written: Written, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
+        self, name: str, target: ProgramTarget, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
     ) -> int | None:
         """Add a target, its values still missing; return its index, or None for numbers that are no target."""
-        numbers = written.numbers
-        line = self.source.line(numbers[0].start)
-        if any(not abs(number.value) < _LARGEST for number in numbers):
-            self.note((numbers[0].start, numbers[-1].end), "a number of this target is a placeholder")
+        first, last = target.numbers[0].start, target.numbers[-1].end
+        if any(not abs(number.value) < _LARGEST for number in target.numbers):
+            self.note((first, last), "a number of this target is a placeholder")
             return None
-        kind: TargetKind = "joint" if written.convention is Convention.joints else "cartesian"
-        target = ProgramTarget(
-            self.source.name(name) or f"line {line}",
-            line,
-            kind,
-            (),
-            written.convention,
-            numbers,
-            written.configuration,
-            tool,
-            base,
-            external=written.external,
-        )
-        self.targets.append(target)
+        line = self.source.line(first)
+        name = self.source.name(name) or f"line {line}"
+        self.targets.append(replace(target, name=name, line=line, tool=tool, base=base))
         return len(self.targets) - 1
 
     def move(
@@ -451,9 +409,9 @@ class Draft:
         return Program(source.file, self.dialect, source, tuple(targets), moves, notes)
 
 
-def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention, list[int]]]:
+def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:
     """Return the keys of targets that are converted at once: of one convention and number of components."""
-    groups: dict[tuple[Convention, int], list[int]] = {}
+    groups: dict[tuple[Convention | None, int], list[int]] = {}
     for i, target in targets.items():
         groups.setdefault((target.convention, len(target.numbers)), []).append(i)
     return ((convention, rows) for (convention, _), rows in groups.items())

@@ -24,14 +24,14 @@ from robacc.programs.grammar import (
     numbers,
 )
 from robacc.programs.program import (
-    Convention,
+    QUATERNION,
     Dialect,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -92,11 +92,8 @@ class _Module:
         if opened:
             word, position = opened[-1]
             raise source.error(f"is truncated: this {word} has no END{word}", position, copy)
-        declared = [match.span() for match in _DECLARATION.finditer(text)]
-        for match in _ASSIGNMENT.finditer(text):
-            k = bisect_right(declared, (match.start(), len(text))) - 1
-            if k < 0 or match.start() >= declared[k][1]:
-                module.changes.setdefault((module.routine(match.start()), match[1].lower()), match.start())
+        for match in _ASSIGNMENT.finditer(mask(text, _DECLARATION)):
+            module.changes.setdefault((module.routine(match.start()), match[1].lower()), match.start())
         for match in _INSTRUCTION.finditer(text):
             if match[1].lower().startswith("search"):  # it stores a point in its second argument
                 point = text[slice(*[*_arguments(text, match), (0, 0), (0, 0)][1])]
@@ -192,24 +189,24 @@ def _read_targets(module: _Module, draft: Draft) -> dict[tuple[int, str], list[i
     return targets
 
 
-def _written(text: str, place: Place, kind: str) -> Written | None:
+def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:
     """Return the robtarget or jointtarget of an aggregate; None where a number lacks."""
     parts = items(text, place)
     words = [" ".join(text[slice(*part)].split()) for part in parts]
     if kind == "jointtarget":
         axes = numbers(text, items(text, parts[0]), AXIS_UNITS) if len(parts) == 2 else None
-        return None if axes is None else Written(Convention.joints, axes, "", words[1])
+        return None if axes is None else ProgramTarget(None, axes, "", words[1])
     return _pose(text, parts[:2], words[2], words[3]) if len(parts) == 4 else None
 
 
-def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: str = "") -> Written | None:
+def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: str = "") -> ProgramTarget | None:
     """Return a pose of its place and its orientation; None where a number lacks."""
     if len(parts) != 2:
         return None
     place, turn = numbers(text, items(text, parts[0]), (MM,) * 3), numbers(text, items(text, parts[1]), (1.0,) * 4)
     if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > _NOT_UNIT:
         return None
-    return Written(Convention.quaternion, place + turn, configuration, external)
+    return ProgramTarget(QUATERNION, place + turn, configuration, external)
 
 
 def _frame(text: str, place: Place, kind: str) -> Frame | None:

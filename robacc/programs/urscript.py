@@ -22,14 +22,14 @@ from robacc.programs.grammar import (
     unclosed,
 )
 from robacc.programs.program import (
-    Convention,
+    ROTATION_VECTOR,
     Dialect,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
-    Written,
+    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -84,7 +84,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         places, end = arguments(script.text, match.end())
         motion = _KINDS[match[1]]
         for place in places[: 2 if motion == "circular" else 1]:
-            draft.move((match.start(), end + 1), script.target(place), motion, tools.at(match.start()), _BASE)
+            draft.move((match.start(), end + 1), script.target(place), motion, tools(match.start()), _BASE)
     for place in script.literals.values():
         if place[0] not in script.used and script.text[place[0]] == "p":
             draft.note(place, "is a pose that no motion goes to directly")
@@ -146,7 +146,7 @@ class _Script:
             line = self.draft.source.line(self.changed[name])
             return f"the program assigns {name} at run time in line {line}"
         written = _written(self.text, place)
-        if written is None or (inverse is not None and written.convention is Convention.joints):
+        if written is None or (inverse is not None and written.convention is None):
             return RUN_TIME
         if self.used.get(place[0]) is None:
             self.used[place[0]] = self.draft.add(name, written)
@@ -159,7 +159,7 @@ class _Script:
             _, place = self.argument(arguments(self.text, match.end())[0][0])
             written = _written(self.text, place)
             frame = None
-            if written is not None and written.convention is not Convention.joints:
+            if written is not None and written.convention is not None:
                 frame = ProgramFrame("", written.frame)
                 self.used.setdefault(place[0])
             events.append(FrameEvent(match.start(), "set", frame))
@@ -168,9 +168,9 @@ class _Script:
         return sorted(events, key=lambda event: event.position)
 
 
-def _written(text: str, place: Place) -> Written | None:
+def _written(text: str, place: Place) -> ProgramTarget | None:
     """Return the joints ``[…]`` or the pose ``p[…]`` of six numbers; None for anything else."""
     is_pose = text[place[0] : place[1]][:1] == "p"
     values = numbers(text, items(text, (place[0] + is_pose, place[1])), (1.0,) * 6)
-    convention = Convention.rotation_vector if is_pose else Convention.joints
-    return None if values is None else Written(convention, values)
+    convention = ROTATION_VECTOR if is_pose else None
+    return None if values is None else ProgramTarget(convention, values)

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.programs.program import (
+    FIXED_XYZ,
+    QUATERNION,
+    ROTATION_VECTOR,
+    ZYX,
     Convention,
     Dialect,
     Program,
@@ -86,7 +90,9 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         ValueError: The number of values is not that of the targets or of a target's values.
     """
     edits: list[tuple[int, int, str]] = []
-    bare_point = _omits_zero(program)
+    text = program.source.text
+    # A program with a .5 for 0.5 has all numbers so.
+    bare_point = any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
     changed = {}
     for i, (target, new) in enumerate(zip(program.targets, values, strict=True)):
         if new is not None and len(new) != len(target.values):
@@ -101,7 +107,7 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         turned, moved = _changes(convention, old, wanted)
         for k, target in enumerate(targets):
             for c, number in enumerate(target.numbers):
-                if not (moved[k] if convention is Convention.joints or c < 3 else turned[k]):
+                if not (moved[k] if convention is None or c < 3 else turned[k]):
                     continue
                 value = float(native[c, k]) / number.unit
                 part = edit(program.source, number, value, _least_decimals(program.dialect, number, c), bare_point)
@@ -110,9 +116,9 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
     return program.source.replaced(edits)
 
 
-def _changes(convention: Convention, old: Array, new: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _changes(convention: Convention | None, old: Array, new: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return for each target whether its orientation, and whether its position or joints change."""
-    if convention is Convention.joints:
+    if convention is None:
         moved = np.any(np.abs(new - old) > _SAME, axis=0)
         return moved, moved
     unit = new[3:] / np.sqrt(np.sum(np.square(new[3:]), axis=0))
@@ -120,20 +126,14 @@ def _changes(convention: Convention, old: Array, new: Array) -> tuple[NDArray[np
     return rotation_distance(old[3:], unit) > 4 * _SAME, np.any(np.abs(new[:3] - old[:3]) > _SAME, axis=0)
 
 
-def _least_decimals(dialect: Dialect, number: ProgramNumber, component: int) -> int:
+def _least_decimals(dialect: str, number: ProgramNumber, component: int) -> int:
     """Return the least decimals of a number."""
-    if dialect is Dialect.fanuc:
+    if dialect == Dialect.fanuc:
         return _FANUC_DECIMALS
-    if number.unit == 1.0 and dialect is Dialect.rapid:
+    if number.unit == 1.0 and dialect == Dialect.rapid:
         return _QUATERNION_DECIMALS
     resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (component >= 3 or number.unit < 1) else _LENGTH_DIGITS
     return max(0, round(-float(np.log10(resolution / number.unit))))
-
-
-def _omits_zero(program: Program) -> bool:
-    """Return whether a number of the program's targets is written .5 for 0.5."""
-    text = program.source.text
-    return any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
 
 
 # New programs with given targets: one motion to each, slow, with a stop for the measurement.
@@ -172,10 +172,10 @@ class _NewProgram:
 
 
 _UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
-_LAYOUTS = {
+_LAYOUTS: dict[str, _NewProgram] = {
     Dialect.krl: _NewProgram(
         suffix=".src",
-        convention=Convention.zyx,
+        convention=ZYX,
         program=f"&ACCESS RVP\nDEF {{name}}( )\n; {_WRITTEN.format('tool')}\nBAS (#INITMOV,0)\n"
         + "".join(f"$VEL_AXIS[{i + 1}]={{percent}}\n" for i in range(6))
         + "$VEL.CP={speed:.3f}\n{moves}\nEND\n",
@@ -189,7 +189,7 @@ _LAYOUTS = {
     ),
     Dialect.rapid: _NewProgram(
         suffix=".mod",
-        convention=Convention.quaternion,
+        convention=QUATERNION,
         program=f"MODULE {{name}}\n  ! {_WRITTEN.format('tool')}\n"
         "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
         wait="    WaitTime \\InPos,{pause:g};",
@@ -207,7 +207,7 @@ _LAYOUTS = {
     ),
     Dialect.fanuc: _NewProgram(
         suffix=".ls",
-        convention=Convention.fixed_xyz,
+        convention=FIXED_XYZ,
         program='/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
         "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
         line="{i:4d}:{line} ;",
@@ -226,7 +226,7 @@ _LAYOUTS = {
     ),
     Dialect.urscript: _NewProgram(
         suffix=".script",
-        convention=Convention.rotation_vector,
+        convention=ROTATION_VECTOR,
         line_end="\n",
         units=(1.0, 1.0),
         program=f"def {{name}}():\n  # {_WRITTEN.format('TCP')}\n{{moves}}\nend\n",
@@ -244,17 +244,16 @@ _PRESETS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 80
 
 def joint_target(name: str, q: Sequence[float]) -> ProgramTarget:
     """Return a target for :func:`write_program` from joint variables in rad and m."""
-    return ProgramTarget(name, 0, "joint", tuple(float(value) for value in q), Convention.joints, ())
+    return ProgramTarget(None, (), name=name, values=tuple(float(value) for value in q))
 
 
 def cartesian_target(name: str, values: Sequence[float], configuration: str = "") -> ProgramTarget:
     """Return a target for :func:`write_program` from x, y, z (m) and the quaternion w, x, y, z."""
-    pose = tuple(float(value) for value in values)
-    return ProgramTarget(name, 0, "cartesian", pose, Convention.quaternion, (), configuration)
+    return ProgramTarget(QUATERNION, (), configuration, name=name, values=tuple(float(value) for value in values))
 
 
 def write_program(
-    dialect: Dialect,
+    dialect: str,
     targets: Sequence[ProgramTarget],
     *,
     name: str = "robacc",
@@ -279,7 +278,7 @@ def write_program(
         UsageError: A target has more joints than the dialect's targets, or the speed is not in (0, 1].
     """
     if dialect not in SUFFIX:
-        raise UsageError(f"robacc writes no new {dialect.value} program; choose {', '.join(SUFFIX)}")
+        raise UsageError(f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}")
     if not 0 < speed <= 1:
         raise UsageError(f"a speed of {speed:g} is not a fraction of the largest; give a number above 0 and at most 1")
     if not pause >= 0:
@@ -319,7 +318,7 @@ def write_program(
     return whole.replace("\n", layout.line_end)
 
 
-def _numbers(dialect: Dialect, target: ProgramTarget, linear: frozenset[int]) -> str:
+def _numbers(dialect: str, target: ProgramTarget, linear: frozenset[int]) -> str:
     """Return the numbers of a target in the dialect's units, as it writes them.
 
     Raises:
@@ -330,17 +329,17 @@ def _numbers(dialect: Dialect, target: ProgramTarget, linear: frozenset[int]) ->
     if target.kind == "joint":
         if n > _MOST_JOINTS or not n:
             raise UsageError(
-                f"target {target.name} has {n} joints; a {dialect.value} program's targets have 1 to {_MOST_JOINTS}"
+                f"target {target.name} has {n} joints; a {dialect} program's targets have 1 to {_MOST_JOINTS}"
             )
-        if dialect is Dialect.urscript and n != _MOST_JOINTS:
+        if dialect == Dialect.urscript and n != _MOST_JOINTS:
             raise UsageError(f"target {target.name} has {n} joints; a URScript target has 6")
-        if dialect is Dialect.rapid:
+        if dialect == Dialect.rapid:
             values += [0.0] * (_MOST_JOINTS - n)
         parts = [(str(i + 1), 0, value * (length if i in linear else angle)) for i, value in enumerate(values)]
     else:
-        near = np.zeros((layout.convention.components, 1))
+        near = np.zeros((7 if layout.convention is QUATERNION else 6, 1))
         native = to_native(layout.convention, np.array(values)[:, None], near)[:, 0].tolist()
-        turn = 1.0 if layout.convention is Convention.quaternion else angle
+        turn = 1.0 if layout.convention is QUATERNION else angle
         keys = layout.keys or " " * len(native)
         parts = [
             (key, 1 if i < 3 else 2, value * (length if i < 3 else turn))
@@ -350,7 +349,7 @@ def _numbers(dialect: Dialect, target: ProgramTarget, linear: frozenset[int]) ->
     for key, kind, value in parts:
         text = f"{value:.{layout.decimals[kind]}f}"
         text = text.removeprefix("-") if float(text) == 0 else text
-        text = re.sub(r"^(-?)0\.", r"\1.", text) if dialect is Dialect.fanuc else text
+        text = re.sub(r"^(-?)0\.", r"\1.", text) if dialect == Dialect.fanuc else text
         entries.append(layout.entries[kind].format(key=key, value=text))
     halves = (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))
     return layout.halves[target.kind != "joint"].join(filter(None, halves))

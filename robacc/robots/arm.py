@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -61,17 +61,6 @@ def build_chain(robot: Robot) -> Chain:
             joint_axis[drive.joint] = drive.motion
     motions += _frame_motions(robot.tool, TOOL)
     return Chain(tuple(motions), tuple(drives), len(number), tuple(bodies), tuple(joint_axis))
-
-
-def branch_chain(path: Sequence[BranchJoint], variables: Sequence[str]) -> Chain:
-    """Return the chain of joints beside the arm's, from the link that carries the first of them.
-
-    Its joint variables are numbered as the names ``variables``, of the branches first and then of the arm, which joints
-    of a branch may follow. Each link with a mass is a body.
-    """
-    number = {name: i for i, name in enumerate(variables)}
-    motions, drives, bodies = _links([], [branch.joint for branch in path], "urdf", number)
-    return Chain(tuple(motions), tuple(drives), len(variables), tuple(bodies))
 
 
 def _links(
@@ -216,38 +205,24 @@ class Arm:
         the arm's.
         """
         variables = (*(branch.joint.name for branch in self.robot.branch_variables), *self.names)
+        number = {name: i for i, name in enumerate(variables)}
+        paths: dict[str | None, tuple[BranchJoint, ...]] = {}
+        for branch in self.robot.branches:
+            paths[branch.joint.name] = (*paths.get(branch.parent, ()), branch)
+        places = {joint.name: owner for owner, joint in enumerate(self.robot.joints)}
         counted: set[str] = set()
-        paths = []
-        for path in sorted(map(self._branch_path, self.robot.branches), key=len, reverse=True):
-            if path[-1].joint.name not in counted:
-                paths.append((path, {branch.joint.name for branch in path} - counted))
-                counted |= paths[-1][1]
         chains = []
-        for path, new in paths:
-            chain = branch_chain(path, variables)
-            bodies = tuple(body for body in chain.bodies if path[body.owner].joint.name in new)
-            chains.append((self._motions_before(path[0].parent), replace(chain, bodies=bodies)))
+        for path in sorted(paths.values(), key=len, reverse=True):
+            new = {branch.joint.name for branch in path} - counted
+            if path[-1].joint.name not in new:
+                continue
+            counted |= new
+            motions, drives, bodies = _links([], [branch.joint for branch in path], "urdf", number)
+            kept = tuple(body for body in bodies if path[body.owner].joint.name in new)
+            carrier = places.get(path[0].parent or "", BASE)
+            before = 1 + max(k for k, motion in enumerate(self.chain.motions) if motion.owner == carrier)
+            chains.append((before, Chain(tuple(motions), tuple(drives), len(variables), kept)))
         return tuple(chains)
-
-    @cached_property
-    def branches_follow(self) -> bool:
-        """Return whether a joint outside the chain follows a joint of the chain."""
-        first = len(self.robot.branch_variables)
-        return any(drive.joint >= first for _, chain in self.branches for drive in chain.drives)
-
-    def _branch_path(self, last: BranchJoint) -> list[BranchJoint]:
-        """Return the joints outside the chain up to ``last``."""
-        beside = {branch.joint.name: branch for branch in self.robot.branches}
-        path = [last]
-        while path[0].parent in beside:
-            path.insert(0, beside[path[0].parent])
-        return path
-
-    def _motions_before(self, carrier: str | None) -> int:
-        """Return the number of motions up to the frame of a joint's link, or of the base."""
-        names = [joint.name for joint in self.robot.joints]
-        owner = BASE if carrier is None else names.index(carrier)
-        return 1 + max(k for k, motion in enumerate(self.chain.motions) if motion.owner == owner)
 
     @cached_property
     def payload_com(self) -> Vector:

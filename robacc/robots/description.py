@@ -242,10 +242,6 @@ IDENTITY = {
 
 def read_identity(section: YamlSection) -> dict[str, str]:
     """Return the identity of a section with the keys of :data:`IDENTITY`; its source collects problems."""
-    identity = {}
-    for key in IDENTITY:
-        node = section.get(key)
-        text = None if node is None else section.source.text(node, section.at(key))
-        if text is not None:
-            identity[key] = text
-    return identity
+    nodes = {key: section.get(key) for key in IDENTITY}
+    texts = {key: section.source.text(node, section.at(key)) for key, node in nodes.items() if node is not None}
+    return {key: text for key, text in texts.items() if text is not None}

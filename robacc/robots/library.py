@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -160,13 +161,9 @@ def low_discrepancy(dimensions: int, count: int) -> Array:
     Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
     properties of algebraic numbers", Los Alamos report LA-1342, 1951.
     """
-    primes: list[int] = []
-    candidate = 2
-    while len(primes) < dimensions:
-        if all(candidate % prime for prime in primes):
-            primes.append(candidate)
-        candidate += 1
-    products = np.sqrt(np.array(primes, dtype=float))[:, None] * np.arange(1, count + 1)
+    numbers = itertools.count(2)
+    primes = itertools.islice((n for n in numbers if all(n % k for k in range(2, n))), dimensions)
+    products = np.sqrt(np.fromiter(primes, dtype=float))[:, None] * np.arange(1, count + 1)
     return np.asarray(products % 1.0, dtype=np.float64)
 
 

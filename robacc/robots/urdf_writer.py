@@ -68,7 +68,7 @@ class _Writer:
         """Add a joint and the link it moves, which becomes the last link."""
         link = SubElement(self.root, "link", name=child)
         joint = SubElement(self.root, "joint", name=name, type=kind)
-        _add_origin(joint, origin)
+        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(_exact_rpy(origin.rotation)))
         SubElement(joint, "parent", link=self.link)
         SubElement(joint, "child", link=child)
         self.link = child
@@ -124,7 +124,12 @@ class _Writer:
             multiplier, offset = repr(float(joint.mimic.multiplier)), repr(float(joint.mimic.offset))
             SubElement(element, "mimic", joint=joint.mimic.master, multiplier=multiplier, offset=offset)
         if joint.mass is not None:
-            _add_inertial(link, joint, tail)
+            com = rotate(tail.rotation, np.array(joint.com or ZERO)) + tail.translation
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "origin", xyz=_numbers(com), rpy="0.0 0.0 0.0")
+            SubElement(inertial, "mass", value=repr(float(joint.mass)))
+            # The format requires moments of inertia; a robot file has none.
+            SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
 
     def place_branches(self, robot: Robot) -> None:
         """Add the joints outside the chain, each on the link that carries it; the chain's last link stays the last."""
@@ -139,7 +144,8 @@ class _Writer:
     def place_tools(self, robot: Robot) -> None:
         """Add the tool or the targets, side by side on the last link."""
         frames = dict(robot.targets) or {TOOL_LINK: robot.tool}
-        if not robot.targets and robot.tool == Frame() and _is_identity(self.tail):
+        is_flange = np.array_equal(self.tail.rotation, np.eye(3)) and not np.any(self.tail.translation)
+        if not robot.targets and robot.tool == Frame() and is_flange:
             return
         flange = self.link
         for name, frame in frames.items():
@@ -161,25 +167,14 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
         xyz = np.array([values["x"], values["y"], values["z"]])
         origin = Poses.from_xyz_rpy(xyz, np.array([values["roll"], values["pitch"], values["yaw"]]))
         offset = np.multiply(joint.axis, values.get("offset", 0.0))
-        if joint.type == "revolute":
-            origin = origin @ Poses(exp_so3(offset), np.zeros(3))
-        elif joint.type == "prismatic":
-            origin = origin @ Poses(np.eye(3), offset)
-        return origin, Poses.identity()
+        zero = {"revolute": Poses(exp_so3(offset), np.zeros(3)), "prismatic": Poses(np.eye(3), offset)}.get(joint.type)
+        return origin if zero is None else origin @ zero, Poses.identity()
     variable = about(2, values["theta"]) @ along(2, values["d"])
     tilt = about(1, values.get("beta", 0.0))
     twist = about(0, values["alpha"])
     if convention == "standard":
         return variable, along(0, values["a"]) @ twist @ tilt
     return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
-
-
-def _is_identity(poses: Poses) -> bool:
-    return bool(np.array_equal(poses.rotation, np.eye(3)) and not np.any(poses.translation))
-
-
-def _add_origin(element: Element, poses: Poses) -> None:
-    SubElement(element, "origin", xyz=_numbers(poses.translation), rpy=_numbers(_exact_rpy(poses.rotation)))
 
 
 def _exact_rpy(rotation: Array) -> Array:
@@ -193,37 +188,30 @@ def _exact_rpy(rotation: Array) -> Array:
     return np.array([np.arctan2(remainder[2, 1], remainder[1, 1]), pitch, yaw])
 
 
-def _add_inertial(link: Element, joint: Joint, tail: Poses) -> None:
-    com = rotate(tail.rotation, np.array(joint.com or ZERO)) + tail.translation
-    inertial = SubElement(link, "inertial")
-    SubElement(inertial, "origin", xyz=_numbers(com), rpy="0.0 0.0 0.0")
-    SubElement(inertial, "mass", value=repr(float(joint.mass or 0.0)))
-    # The format requires moments of inertia; a robot file has none.
-    SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
-
-
 def _numbers(values: Array) -> str:
     # Adding zero turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
 
 
 def _losses(robot: Robot) -> tuple[str, ...]:
-    def line_for(loss: str, joints: list[str]) -> list[str]:
-        return [f"{loss} of {', '.join(joints)}"] if joints else []
-
-    lines = [f"effect {effect.get('effect', effect.get('name', '?'))}" for effect in robot.effects]
-    lines += line_for("tolerances", [joint.name for joint in robot.joints if joint.tolerance])
-    lines += ["tolerances of the base"] if robot.base_tolerance else []
-    lines += ["tolerances of the tool"] if robot.tool_tolerance else []
-    lines += line_for("gear ratio", [joint.name for joint in robot.joints if joint.gear_ratio is not None])
-    lines += ["targets: each becomes a link"] if robot.targets else []
-    lines += ["gravity other than 9.81 m/s^2 downwards"] if robot.gravity != STANDARD_GRAVITY else []
-    lines += ["the payload's centre of mass"] if robot.payload_com is not None else []
-    unknown = [
-        joint.name
-        for joint in robot.joints
-        if joint.type == "revolute" and joint.limits is None and not joint.is_continuous
+    """Return a line for each piece of information that a URDF cannot carry, with the joints that have it."""
+    joints = robot.joints
+    losses: list[tuple[str, bool | list[str]]] = [
+        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
+        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
+        ("tolerances of the base", bool(robot.base_tolerance)),
+        ("tolerances of the tool", bool(robot.tool_tolerance)),
+        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
+        ("targets: each becomes a link", bool(robot.targets)),
+        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
+        ("the payload's centre of mass", robot.payload_com is not None),
+        (
+            "missing limits (one turn either way is written)",
+            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
+        ),
+        (
+            "an unlimited range (a URDF requires limits)",
+            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
+        ),
     ]
-    lines += line_for("missing limits (one turn either way is written)", unknown)
-    unlimited = [joint.name for joint in robot.joints if joint.type == "prismatic" and joint.limits is None]
-    return tuple(lines + line_for("an unlimited range (a URDF requires limits)", unlimited))
+    return tuple(f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)

@@ -30,7 +30,7 @@ from robacc.robots.description import (
     effect_key,
     unit_axis,
 )
-from robacc.robots.yaml_units import Units, check_likely_units, finite_limits, read_units
+from robacc.robots.yaml_units import TRAVEL_IN_MM, Units, check_likely_units, finite_limits, read_units
 
 # Kinds of values: each reads a node, and reports what is wrong with it at its dotted key.
 
@@ -46,7 +46,7 @@ _MAX_GRAVITY = 50.0
 """m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 
 
-def _read(
+def read_fields(
     section: YamlSection, kinds: Mapping[str, Kind], units: Units, required: Collection[str] = ()
 ) -> dict[str, Any]:
     """Return the values of a section's fields that it has; report the required ones that it lacks."""
@@ -64,7 +64,7 @@ def _section(kinds: Mapping[str, Kind], required: Collection[str] = ()) -> Kind:
 
     def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Any] | None:
         section = source.section(node, path, tuple(kinds))
-        return None if section is None else _read(section, kinds, units, required)
+        return None if section is None else read_fields(section, kinds, units, required)
 
     return read
 
@@ -100,7 +100,7 @@ def _angle(source: Source, node: yaml.Node, path: str, units: Units) -> float | 
 
 
 def _position(source: Source, node: yaml.Node, path: str, units: Units) -> Vector | None:
-    return units.position(source, node, path)
+    return units.vector(source, node, path)
 
 
 def _frame(source: Source, node: yaml.Node, path: str, units: Units) -> Frame | None:
@@ -139,11 +139,12 @@ def _limits(joint_type: JointType) -> Kind:
         if low > high:
             source.report(node, path, f"the lower limit {low:g} is above the upper limit {high:g}")
             return None
-        if joint_type == "prismatic":
-            limits = units.travel(source, node, path, (low, high))
-        else:
-            limits = (low * units.angle, high * units.angle)
-        finite, problem = finite_limits(joint_type, limits)
+        unit = units.of_joint(joint_type)
+        longest = max(map(abs, values)) * unit
+        if joint_type == "prismatic" and unit == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
+            fix = "it looks like mm: write length: mm under units"
+            source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
+        finite, problem = finite_limits(joint_type, (low * unit, high * unit))
         if problem is not None:
             source.report(node, path, problem, "leave limits out for a joint without limits")
         return finite
@@ -160,17 +161,26 @@ def _coupling(source: Source, node: yaml.Node, path: str, _: Units) -> dict[str,
     return {name: source.number(value, f"{path}.{name}") or 0.0 for name, _, value in source.entries(node, path)}
 
 
-def _frames(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
-    if not isinstance(node, yaml.MappingNode) or not node.value:
-        source.report(node, path, f"expected names with xyz, found {describe(node)}")
-        return None
-    frames: dict[str, Frame] = {}
-    for name, _, value in source.entries(node, path):
-        section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
-        if section:
-            section.require("xyz")
-            frames[name] = units.frame(section)
-    return frames
+def named_frames(message: str, *required: str) -> Kind:
+    """Kind of frames by name; without keys that are ``required`` of each, there may be none.
+
+    The ``message`` says what is expected, with ``{found}``.
+    """
+
+    def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
+        if not isinstance(node, yaml.MappingNode) or (required and not node.value):
+            source.report(node, path, message.format(found=describe(node)))
+            return None
+        frames: dict[str, Frame] = {}
+        for name, _, value in source.entries(node, path):
+            section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
+            if section:
+                for key in required:
+                    section.require(key)
+                frames[name] = units.frame(section)
+        return frames
+
+    return read
 
 
 def _digests(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[str, ...]:
@@ -210,13 +220,14 @@ _SHARE = (
     "expected a share from 0 to 1, found {value:g}",
     "it is relative: 0.1 for 10 %",
 )
+_TARGETS = named_frames("expected names with xyz, found {found}", "xyz")
 _ROBOT: dict[str, Kind] = {
     "base": _frame_with_tolerance,
     "tool": _frame_with_tolerance,
     "name": _text,
     "gravity": _gravity,
     "payload": _section({"com": _position}, ["com"]),
-    "targets": _frames,
+    "targets": _TARGETS,
     "effects": _effects,
     "base_link": _text,
     "tip_link": _text,
@@ -224,7 +235,7 @@ _ROBOT: dict[str, Kind] = {
     "campaign": _section(
         {
             "poses": _digests,
-            "before": _section({"base": _frame, "tool": _frame, "targets": _frames}),
+            "before": _section({"base": _frame, "tool": _frame, "targets": _TARGETS}),
             "effects": _effects,
         }
     ),
@@ -290,20 +301,10 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
     """Return the joint of a section, None where it cannot be read."""
     is_urdf = convention == "urdf"
     type_of = {"type": _choice(*_TYPES, "fixed") if is_urdf else _choice(*_TYPES)}
-    kind = _read(section, type_of, units, ["type"]).get("type")
+    kind = read_fields(section, type_of, units, ["type"]).get("type")
     if kind is None:
         return None
     joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
-    has = section.values
-
-    def report(key: str, message: str, fix: str | None = None) -> None:
-        section.source.report(section.get(key) or has.get(key), section.at(key), message, fix)
-
-    for key in has if kind == "fixed" else ():
-        if key not in (*_FIXED_KEYS, "parent"):
-            report(key, "a fixed joint does not have this key")
-    if kind == "continuous" and "limits" in has:
-        report("limits", "a continuous joint has no limits", "make its type revolute")
     variable = _length if joint_type == "prismatic" else _angle
     if is_urdf:
         parameters: dict[str, Kind] = {"origin": _frame, "offset": variable}
@@ -314,15 +315,42 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
         required = set(DH_PARAMETERS) - {"beta", "theta" if joint_type == "revolute" else "d"}
     moving = {"axis": _axis, "limits": _limits(joint_type)} if kind != "fixed" else {}
     kinds = {"name": _text, "link": _text, **_LINK, **parameters, **moving, **_DRIVE, **_MIMIC}
-    values = _read(section, kinds, units, required)
-    if section.get("com") and not section.get("mass"):
-        report("com", "a centre of mass needs a mass", "add the link's mass in kg")
-    if "coupling" in values and "mimic" in has:
-        report("coupling", "cannot be combined with mimic", "list the joint here too")
+    values = read_fields(section, kinds, units, required)
     is_passive = values.pop("passive", None) == "true"
-    if is_passive and "coupling" not in has:
-        message = "a passive joint moves by its coupling alone, and there is none"
-        report("passive", message, "add coupling, such as {j2: -1.0, j3: -1.0}")
+    has = section.values
+    checks = [
+        (
+            kind == "continuous" and "limits" in has,
+            "limits",
+            "a continuous joint has no limits",
+            "make its type revolute",
+        ),
+        (
+            section.get("com") is not None and section.get("mass") is None,
+            "com",
+            "a centre of mass needs a mass",
+            "add the link's mass in kg",
+        ),
+        (
+            "coupling" in values and "mimic" in has,
+            "coupling",
+            "cannot be combined with mimic",
+            "list the joint here too",
+        ),
+        (
+            is_passive and "coupling" not in has,
+            "passive",
+            "a passive joint moves by its coupling alone, and there is none",
+            "add coupling, such as {j2: -1.0, j3: -1.0}",
+        ),
+        *(
+            (kind == "fixed" and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
+            for key in has
+        ),
+    ]
+    for is_wrong, key, message, fix in checks:
+        if is_wrong:
+            section.source.report(has[key], section.at(key), message, fix)
     names = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
     origin = values.pop("origin", Frame())
     found = dict(zip(_FRAME_TOLERANCES, (*origin.xyz, *origin.rpy), strict=True))
@@ -375,24 +403,10 @@ def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tupl
         return ()
     if items and not any(joint.is_variable for joint in joints):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    joints = _resolve_mimics(source, joints, items, units)
-    variables = {joint.name: joint for joint in joints if joint.is_variable}
-    for i, joint in enumerate(joints):
-        for name in joint.coupling:
-            if name not in variables or name == joint.name:
-                known = ", ".join(key for key in variables if key != joint.name)
-                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-                source.report(items[i], f"joints[{i}].coupling.{name}", message)
-        ratios = {
-            name: ratio * (units.of_joint(joint.type) / units.of_joint(variables[name].type))
-            for name, ratio in joint.coupling.items()
-            if name in variables
-        }
-        joints[i] = replace(joint, coupling=ratios)
-    return tuple(joints)
+    return tuple(_followers(source, joints, items, units))
 
 
-def _resolve_mimics(
+def _followers(
     source: Source,
     joints: Sequence[Joint],
     nodes: Sequence[yaml.Node],
@@ -400,27 +414,36 @@ def _resolve_mimics(
     masters: Sequence[Joint] = (),
     key: str = "joints",
 ) -> list[Joint]:
-    """Return the joints with their mimics in SI units; report mimics that follow no joint with a variable.
+    """Return the joints with their mimics and couplings in SI units; report those that follow no joint variable.
 
-    Each joint of the list ``key`` of the file follows another one of it, or one of ``masters``.
+    Each joint of the list ``key`` of the file follows others of it, or of ``masters``.
     """
     by_name = {joint.name: joint for joint in (*masters, *joints)}
+    variables = [name for name, joint in by_name.items() if joint.is_variable]
     resolved = []
     for i, joint in enumerate(joints):
-        mimic = joint.mimic
+        mimic, unit = joint.mimic, units.of_joint(joint.type)
         if mimic is not None and mimic.master:
-            path, master = f"{key}[{i}].mimic.joint", by_name.get(mimic.master)
-            if master is None:
-                message = f"{joint.name!r} follows {mimic.master!r}, which is not a joint of this robot"
-                source.report(nodes[i], path, message)
-            elif not master.is_variable:
-                kind = "is fixed" if master.type == "fixed" else "follows another joint itself"
-                source.report(nodes[i], path, f"{joint.name!r} follows {master.name!r}, which {kind}")
+            master = by_name.get(mimic.master)
+            if master is None or not master.is_variable:
+                reason = "is fixed" if master and master.type == "fixed" else "follows another joint itself"
+                reason = "is not a joint of this robot" if master is None else reason
+                message = f"{joint.name!r} follows {mimic.master!r}, which {reason}"
+                source.report(nodes[i], f"{key}[{i}].mimic.joint", message)
             else:
-                unit = units.of_joint(joint.type)
                 ratio = mimic.multiplier * (unit / units.of_joint(master.type))
                 joint = replace(joint, mimic=Mimic(master.name, ratio, mimic.offset * unit))
-        resolved.append(joint)
+        for name in joint.coupling:
+            if name not in variables or name == joint.name:
+                known = ", ".join(other for other in variables if other != joint.name)
+                message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
+                source.report(nodes[i], f"{key}[{i}].coupling.{name}", message)
+        ratios = {
+            name: ratio * (unit / units.of_joint(by_name[name].type))
+            for name, ratio in joint.coupling.items()
+            if name in variables
+        }
+        resolved.append(replace(joint, coupling=ratios))
     return resolved
 
 
@@ -440,7 +463,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
             continue
         section.require("name")
         joint = _read_joint(section, i, "urdf", units)
-        parent = _read(section, {"parent": _text}, units, ["parent"]).get("parent")
+        parent = read_fields(section, {"parent": _text}, units, ["parent"]).get("parent")
         if joint is None:
             continue
         position = 0.0
@@ -449,7 +472,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
             source.report(place, section.at("position"), message)
         else:
             kind = _length if joint.type == "prismatic" else _angle
-            position = _read(section, {"position": kind}, units).get("position", 0.0)
+            position = read_fields(section, {"position": kind}, units).get("position", 0.0)
         if joint.name in names or joint.name == BASE_LINK:
             message = f"{joint.name!r} is already the name of a joint or of the base"
             source.report(item, section.at("name"), message)
@@ -460,7 +483,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
         branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, position))
         nodes.append(item)
     _check_count(source, node, "branches", len(branches))
-    beside = _resolve_mimics(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+    beside = _followers(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
     return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 
@@ -489,7 +512,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
     units, convention = cast(Units, units), cast(Convention, convention)
     joints = _read_joints(top, convention, units)
     branches = _read_branches(top, joints, units)
-    values = _read(top, _ROBOT, units)
+    values = read_fields(top, _ROBOT, units)
     if "targets" in values and "tool" in top.values:
         source.report(top.values["targets"], "targets", "cannot be combined with tool", "list the tool as a target")
     for key in ("base", "tool"):
@@ -519,12 +542,6 @@ def _check_version(top: YamlSection) -> None:
         top.source.report(None, "robacc", "the format version is missing, so this is not a robot file of robacc", fix)
     elif not isinstance(node, yaml.ScalarNode) or node.value != str(FORMAT_VERSION):
         top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
-
-
-def file_units(document_text: str, file: str) -> Units:
-    """Return the units of a robot file that :func:`parse_robot` has read before."""
-    top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
-    return cast(Units, top and read_units(top))
 
 
 def effect_lines(document_text: str, file: str) -> dict[str, int]:

@@ -9,7 +9,7 @@ from typing import cast
 
 import yaml
 
-from robacc.io.yaml_nodes import Source, YamlSection, describe
+from robacc.io.yaml_nodes import Source, YamlSection, describe, join
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, Frame, Joint, Robot, Vector
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
@@ -38,11 +38,6 @@ class Units:
     angle: float
     """Unit of angle in rad."""
 
-    @classmethod
-    def of(cls, length: str, angle: str) -> Units:
-        """Return the units with the file's names."""
-        return cls(_LENGTHS[length], _ANGLES[angle])
-
     @property
     def names(self) -> tuple[str, str]:
         """Names of the unit of length and of angle in a file."""
@@ -56,47 +51,33 @@ class Units:
     def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
         """Return a length in m or an angle in rad; report a value that is too large, with the likely cause."""
         value = source.number(node, path)
-        return None if value is None else self._check(source, node, path, value, is_length)
-
-    def _check(self, source: Source, node: yaml.Node, path: str, value: float, is_length: bool) -> float | None:
-        if is_length and abs(value) * self.length > MAX_LENGTH:
-            fix = "it looks like mm: write length: mm under units" if self.length == 1.0 else None
-            source.report(node, path, f"{value:g} is {abs(value) * self.length:g} m, too long for an arm", fix)
-            return None
-        if not is_length and abs(value) * self.angle > TURN:
-            fix = "it looks like degrees: write angle: deg under units" if self.angle == 1.0 else None
+        unit, most = (self.length, MAX_LENGTH) if is_length else (self.angle, TURN)
+        if value is None or abs(value) * unit <= most:
+            return None if value is None else value * unit
+        if is_length:
+            fix = "it looks like mm: write length: mm under units" if unit == 1.0 else None
+            source.report(node, path, f"{value:g} is {abs(value) * unit:g} m, too long for an arm", fix)
+        else:
+            fix = "it looks like degrees: write angle: deg under units" if unit == 1.0 else None
             source.report(node, path, f"{value:g} {'rad' if fix else 'deg'} is more than a turn", fix)
+        return None
+
+    def vector(self, source: Source, node: yaml.Node, path: str, *, is_length: bool = True) -> Vector | None:
+        """Return three lengths in m or three angles in rad."""
+        if source.numbers(node, path, 3) is None:
             return None
-        return value * (self.length if is_length else self.angle)
-
-    def travel(self, source: Source, node: yaml.Node, path: str, limits: tuple[float, float]) -> tuple[float, float]:
-        """Return a prismatic joint's limits in m; report limits that only make sense in mm."""
-        longest = max(map(abs, limits)) * self.length
-        if self.length == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-            fix = "it looks like mm: write length: mm under units"
-            source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
-        return limits[0] * self.length, limits[1] * self.length
-
-    def position(self, source: Source, node: yaml.Node, path: str) -> Vector | None:
-        """Return three lengths in m."""
-        return self._vector(source, node, path, is_length=True)
+        items = enumerate(cast(yaml.SequenceNode, node).value)
+        values = [self.parameter(source, item, f"{path}[{i}]", is_length=is_length) for i, item in items]
+        return None if None in values else cast(Vector, tuple(values))
 
     def frame(self, section: YamlSection) -> Frame:
         """Return ``xyz`` and ``rpy`` of a section, each zero where absent."""
-        parts = []
-        for key in ("xyz", "rpy"):
-            node = section.get(key)
-            value = self._vector(section.source, node, section.at(key), key == "xyz") if node else None
-            parts.append(value or ZERO)
-        return Frame(*parts)
-
-    def _vector(self, source: Source, node: yaml.Node, path: str, is_length: bool) -> Vector | None:
-        values = source.numbers(node, path, 3)
-        if values is None:
-            return None
-        items = cast(yaml.SequenceNode, node).value
-        checked = [self._check(source, items[i], f"{path}[{i}]", values[i], is_length) for i in range(3)]
-        return None if None in checked else cast(Vector, tuple(checked))
+        nodes = ((key, section.get(key)) for key in ("xyz", "rpy"))
+        xyz, rpy = (
+            (node and self.vector(section.source, node, section.at(key), is_length=key == "xyz")) or ZERO
+            for key, node in nodes
+        )
+        return Frame(xyz, rpy)
 
     def tolerances(
         self, section: YamlSection, names: Sequence[str], lengths: Collection[str] = LENGTH_PARAMETERS
@@ -104,14 +85,13 @@ class Units:
         """Return the section's ``tolerance``: standard deviations by name, m for the ``lengths``, else rad."""
         node = section.get("tolerance")
         inner = node and section.source.section(node, section.at("tolerance"), names)
-        if not inner:
-            return {}
         result: dict[str, float] = {}
-        for name, item in inner.values.items():
-            value = self.parameter(section.source, item, inner.at(name), is_length=name in lengths)
+        for name, item in inner.values.items() if isinstance(inner, YamlSection) else ():
+            path = join(section.at("tolerance"), name)
+            value = self.parameter(section.source, item, path, is_length=name in lengths)
             if value is not None and value < 0:
                 message = f"a standard deviation cannot be negative, found {describe(item)}"
-                section.source.report(item, inner.at(name), message)
+                section.source.report(item, path, message)
             elif value is not None:
                 result[name] = value
         return result
@@ -131,7 +111,7 @@ def read_units(top: YamlSection) -> Units | None:
     for key, sizes in (("length", _LENGTHS), ("angle", _ANGLES)):
         entry = section.require(key)
         names.append(entry and section.source.choice(entry, section.at(key), tuple(sizes)))
-    return Units.of(names[0], names[1]) if names[0] and names[1] else None
+    return Units(_LENGTHS[names[0]], _ANGLES[names[1]]) if names[0] and names[1] else None
 
 
 def check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:

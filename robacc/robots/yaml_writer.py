@@ -62,7 +62,7 @@ def robot_document(robot: Robot, units: Units = SI) -> dict[str, Any]:
             "base": _frame(robot.base, robot.base_tolerance, units),
             "targets": targets,
             "tool": None if targets else _frame(robot.tool, robot.tool_tolerance, units),
-            "payload": None if payload is None else {"com": _lengths(payload, units)},
+            "payload": None if payload is None else {"com": _floats(payload, units.length)},
             "mass_uncertainty": None if robot.mass_uncertainty is None else float(robot.mass_uncertainty),
             "base_link": robot.base_link,
             "tip_link": robot.tip_link,
@@ -98,7 +98,7 @@ def rounded_document(value: Any) -> Any:
 
 
 def _frame(frame: Frame, tolerance: Mapping[str, float], units: Units) -> dict[str, Any]:
-    entry: dict[str, Any] = {"xyz": _lengths(frame.xyz, units), "rpy": [value / units.angle for value in frame.rpy]}
+    entry: dict[str, Any] = {"xyz": _floats(frame.xyz, units.length), "rpy": _floats(frame.rpy, units.angle)}
     if tolerance:
         entry["tolerance"] = _sizes(tolerance, LENGTH_PARAMETERS, units)
     return entry
@@ -121,11 +121,11 @@ def _joint(joint: Joint, is_urdf: bool, units: Units, types: Mapping[str, str]) 
     mimic = joint.mimic
     return entry | _given(
         {
-            "limits": joint.limits and [value / unit for value in joint.limits],
+            "limits": joint.limits and _floats(joint.limits, unit),
             "sign": -1 if joint.sign < 0 else None,
             "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
             "mass": None if joint.mass is None else float(joint.mass),
-            "com": joint.com and _lengths(joint.com, units),
+            "com": joint.com and _floats(joint.com, units.length),
             "tolerance": _sizes(joint.tolerance, lengths, units),
             "link": joint.link,
             "coupling": {
@@ -148,10 +148,6 @@ def _branch(branch: BranchJoint, units: Units, types: Mapping[str, str]) -> dict
     return {"name": entry.pop("name"), "parent": branch.parent or "base", **entry, **position}
 
 
-def _lengths(values: Sequence[float], units: Units) -> list[float]:
-    return [float(value) / units.length for value in values]
-
-
 def _sizes(values: Mapping[str, float], lengths: Collection[str], units: Units) -> dict[str, float]:
     """Return values by name in the file's units; those of ``lengths`` are lengths, the others angles."""
     return {
@@ -159,8 +155,8 @@ def _sizes(values: Mapping[str, float], lengths: Collection[str], units: Units) 
     }
 
 
-def _floats(values: Sequence[float]) -> list[float]:
-    return [float(value) for value in values]
+def _floats(values: Sequence[float], unit: float = 1.0) -> list[float]:
+    return [float(value) / unit for value in values]
 
 
 def _plain(value: Any) -> Any:

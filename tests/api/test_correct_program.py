@@ -135,7 +135,7 @@ def test_the_configuration_of_the_program_decides() -> None:
     for (dialect, text), expected in cases.items():
         window = joint_window(dialect, text, 6)
         assert window.allows(q).tolist() == expected
-    assert joint_window(Dialect.val3, "lefty epositive wpositive", 6) is None
+    assert joint_window("val3", "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert (joint_window(Dialect.krl, "T 5", 7), joint_window(Dialect.krl, "", 6)) == (None, None)
 
@@ -161,7 +161,7 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
     assert [leaves_configuration(Dialect.fanuc, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
     # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
     assert [leaves_configuration(Dialect.krl, "S 2,T 10", before, q) for q in (before, over, flipped)] == [0, 0, 1]
-    assert [leaves_configuration(Dialect.val3, "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
+    assert [leaves_configuration("val3", "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
     assert not leaves_configuration(Dialect.fanuc, config, on_border, on_border + 1e-4 * np.eye(6)[5])
 

@@ -85,7 +85,7 @@ def test_a_mesh_of_the_package_or_of_one_beside_it_is_read(tmp_path: Path, mesh:
     pytest.importorskip("fcl")
     import trimesh
 
-    from robacc.planning.collisions import read_link_shapes
+    from robacc_plugins.collisions import read_link_shapes
 
     for name in ("arm/urdf", "arm/meshes", "tool/meshes"):
         (tmp_path / name).mkdir(parents=True)

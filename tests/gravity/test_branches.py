@@ -190,7 +190,6 @@ def test_a_trace_names_the_joints_that_give_way_to_both_arms() -> None:
 def test_joints_beside_the_chain_without_a_column_stand_at_zero_and_are_named(tmp_path: Path) -> None:
     poses, robot_path = written(tmp_path, 12, 4, (*CHAIN, "left_lift"))
     data = read_poses(poses, robot=read_robot(robot_path, tip_link="right_hand_link"))
-    assert data.branches is not None
     assert not data.branches[[0, 2]].any()
     assert data.branches[1].any()
     (warning,) = [text for text in data.warnings if "outside the chain" in text]

@@ -41,7 +41,6 @@ def start(robot_arm: Arm) -> list[np.ndarray]:
     """Every scalar off zero, so that no motion is special."""
     rng = np.random.default_rng(1)
     q = circumstances(robot_arm.robot, N).q
-    assert q is not None
     return [np.broadcast_to(s, (N,)) + rng.normal(scale=0.05, size=N) for s in robot_arm.chain.scalars(q)]
 
 
@@ -102,7 +101,6 @@ def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str
 def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
     robot_arm = arm(name)
     q = circumstances(robot_arm.robot, N).q
-    assert q is not None
     result = gravity_torques(robot_arm, q)
 
     def energy(at: np.ndarray) -> np.ndarray:
@@ -125,11 +123,9 @@ def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
 def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all() -> None:
     puma = arm("puma560")
     q = circumstances(puma.robot, N).q
-    assert q is not None
     np.testing.assert_allclose(gravity_torques(puma, q)[0], 0.0, rtol=0, atol=1e-12)
     bare = arm("irb1600")
     q = circumstances(bare.robot, N).q
-    assert q is not None
     assert not np.any(gravity_torques(bare, q))
 
 
@@ -158,7 +154,6 @@ def test_a_joint_bears_weight_if_a_mass_on_its_link_can_load_it(name: str, leani
     down = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
     one = Arm.of(dataclasses.replace(robot, gravity=tuple(down)))
     q = circumstances(robot, 40).q
-    assert q is not None
     loads = unit_loads(one, 0)
     for number, owner in enumerate(one.owners):
         labels = ("hx", "hy", "hz") if one.is_revolute(one.names[number]) else ("m",)

@@ -21,11 +21,8 @@ def test_positions_have_frames_configuration_and_motion() -> None:
     assert [target.motion for target in program.targets] == ["joint", "linear", "circular", "circular"]
     assert program.targets[3].configuration == "F U T, 0, -1, 1"
     tool, base = program.targets[0].tool, program.targets[0].base
-    assert tool is not None
-    assert base is not None
     assert (tool.name, tool.frame, base.name, base.frame) == ("3", None, "1", None)
     world = program.targets[2].base
-    assert world is not None
     assert world.frame is not None
 
 

@@ -26,10 +26,6 @@ def test_frames_are_taken_by_number(tmp_path: Path) -> None:
     path.write_text(FRAMES, encoding="utf-8")
     targets = read_program(SAMPLES / "pick.ls", [path]).targets
     tool, base = targets[0].tool, targets[0].base
-    assert tool is not None
-    assert tool.frame is not None
-    assert base is not None
-    assert base.frame is not None
     np.testing.assert_allclose(tool.frame.xyz, (0, 0, 0.12))
     np.testing.assert_allclose(tool.frame.rpy, (0, np.pi / 2, 0))
     np.testing.assert_allclose(base.frame.xyz, (1, 0, 0))

@@ -30,12 +30,8 @@ def test_inline_forms_give_tool_and_base_by_number() -> None:
     assert [t.motion for t in program.targets] == ["joint", "linear", "circular", "circular"]
     assert all(t.tool is not None and t.tool.name == "3" for t in program.targets)
     first = program.targets[0]
-    assert first.tool is not None
-    assert first.tool.frame is not None
     np.testing.assert_allclose(first.tool.frame.xyz, (0.0875, 0, 0.41225))
     np.testing.assert_allclose(first.tool.frame.rpy, np.radians([0, -45, 0]), atol=1e-15)
-    assert first.base is not None
-    assert first.base.frame is not None
     np.testing.assert_allclose(first.base.frame.rpy, np.radians([0, 0, 90]), atol=1e-15)
     assert first.configuration == "S 18,T 2"
     assert program.targets[2].external.startswith("E1 -1200.5")
@@ -63,8 +59,6 @@ def test_literals_of_motions_and_of_single_assignments_are_targets() -> None:
     by_line = {target.line: target for target in program.targets}
     joint = by_line[line_of("expert.src", "PTP {A1 10.0")]
     np.testing.assert_allclose(joint.values, np.radians([10, -95.5, 100.25, 0, 85.25, -10]))
-    assert joint.tool is not None
-    assert joint.tool.frame is not None
     np.testing.assert_allclose(joint.tool.frame.xyz, (0.0125, 0, 0.21075))
     assert by_line[line_of("expert.src", "ptp {E6AXIS")].external == "E1 500.0"
     assert by_line[line_of("expert.src", "target =")].motion == "linear"
@@ -74,10 +68,8 @@ def test_a_tool_set_in_a_branch_is_unknown_after_it() -> None:
     program = read_program(SAMPLES / "expert.src", [SAMPLES / "config.dat"])
     by_line = {target.line: target for target in program.targets}
     inside, after = (by_line[line_of("expert.src", f"LIN {{X {x}.0")] for x in (840, 850))
-    assert inside.tool is not None
     assert inside.tool.name == "2"
     assert after.tool is None
-    assert after.base is not None
     assert after.base.name == "4"
 
 
@@ -107,13 +99,9 @@ def test_spline_motions_name_their_frames_themselves() -> None:
     program = read_program(SAMPLES / "spline.dat", [SAMPLES / "config.dat"])
     by_name = {target.name: target for target in program.targets}
     first = by_name["XP1"]
-    assert first.tool is not None
-    assert first.base is not None
     assert (first.tool.name, first.base.name) == ("1", "0")
-    assert first.tool.frame is not None
     np.testing.assert_allclose(first.tool.frame.xyz, (0, 0, 0.15))
     moving = by_name["XS[3]"]
-    assert moving.base is not None
     assert moving.base.frame is None, "a base on a moving unit is not known from the text"
 
 

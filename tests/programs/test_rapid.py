@@ -30,16 +30,11 @@ def test_targets_have_tool_and_work_object() -> None:
     p20 = targets["p20"]
     np.testing.assert_allclose(p20.values, (0.506291651, -0.150257853, 0.679799999, 0.5, 0, 0.866025404, 0), atol=1e-9)
     assert p20.motion == "linear"
-    assert p20.tool is not None
-    assert p20.tool.frame is not None
     np.testing.assert_allclose(p20.tool.frame.xyz, (0.031792631019, 0, 0.229638935148))
-    assert p20.base is not None
-    assert p20.base.frame is not None
     # The object frame lies in the user frame, which is turned by 90 degrees about z.
     np.testing.assert_allclose(p20.base.frame.xyz, (0.98, -0.03, 0.83), atol=1e-9)
     np.testing.assert_allclose(p20.base.frame.rpy, (0, 0, np.pi / 2), atol=1e-8)
     moving = targets["p30"]
-    assert moving.base is not None
     assert moving.base.frame is None
     assert moving.configuration == "[0,-2,-1,4]"
 
@@ -89,8 +84,6 @@ def test_search_points_and_displacements_are_listed() -> None:
     assert "pBad lacks some of the numbers of a robtarget" in reasons(program)
     assert any(reason.startswith("PDispOn moves targets") for reason in reasons(program))
     weld = targets["pW20"]
-    assert weld.tool is not None
-    assert weld.tool.frame is not None
     np.testing.assert_allclose(weld.tool.frame.xyz, (0, 0, 0.4005))
     assert targets["pW10"].tool is None, "two tools go to it"
 

@@ -260,7 +260,6 @@ def robacc_reach(robot: robacc.Robot) -> float:
 @pytest.mark.parametrize("name", ["ur10e", "UR10e", "Universal Robots UR10e", "kr6_r900_sixx", "KR 6 R900 sixx"])
 def test_names_of_an_arm(name: str) -> None:
     arm = find_arm(name)
-    assert arm is not None
     assert read_robot(name).name == f"{arm.maker} {arm.model}"
     assert robot_path(name) == str(arm.path)
 
@@ -305,7 +304,6 @@ def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["init", "KR 6 R900 sixx", "--folder", str(tmp_path)])
     assert done.exit_code == 0, done.output
     arm = find_arm("kr6_r900_sixx")
-    assert arm is not None
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == arm.path.read_text(encoding="utf-8")
     robot = read_robot(tmp_path / "robot.yaml")
     found = robacc.estimate(tmp_path / "poses.csv", robot=robot, align=("base_frame", "tool_frame"))

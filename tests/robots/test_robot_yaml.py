@@ -93,13 +93,6 @@ joints:
     assert robot.effect_units == (1e-3, deg)
 
 
-def test_the_same_arm_in_both_units_is_the_same_arm() -> None:
-    text = (PROJECT / "configs" / "robots" / "irb1600.yaml").read_text()
-    robot = parse_robot(text, "irb1600.yaml")
-    reread = parse_robot(robot_to_yaml(robot), "irb1600.yaml")
-    assert replace(reread, effect_units=robot.effect_units) == robot
-
-
 def test_urdf_joints() -> None:
     robot = parse_robot(URDF_LIKE, "arm.yaml")
     deg = math.pi / 180

@@ -258,10 +258,3 @@ def test_every_problem_comes_at_once_in_the_order_of_the_file() -> None:
     assert len(caught.value.problems) == MAX_PROBLEMS
     assert caught.value.total == 30
     assert "… and 10 more problems" in str(caught.value)
-
-
-def test_hostile_files_are_refused() -> None:
-    lines = ["a0: &a0 x"] + [f"a{i + 1}: &a{i + 1} [{', '.join([f'*a{i}'] * 9)}]" for i in range(30)]
-    assert "anchors" in problem("\n".join(lines))
-    assert "nested deeper" in problem("[" * 100_000)
-    assert "nested deeper" in problem("a: " + "{a: " * 5_000)

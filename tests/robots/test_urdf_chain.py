@@ -87,7 +87,6 @@ def test_a_panda_ends_at_its_flange(tmp_path: Path) -> None:
     (tmp_path / "named.csv").write_text(text)
     for poses in (tmp_path / "numbered.csv", tmp_path / "named.csv", made.data):
         found = robacc.estimate(poses, robot=urdf)
-        assert found.robot is not None
         assert (found.robot.tip_link, len(found.robot.variables)) == ("panda_link8", 7)
         # The library's Panda and the URDF are one arm, so noise is all that remains.
         np.testing.assert_allclose(found.position.rms, np.sqrt(3) * 5e-5, rtol=0.35)

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from robacc.api.parameters import Help
 from robacc.cli.options import Call
+from robacc.plug_ins import plug_in_names
 
-ExportFormat = Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table"]
-"""Format of the written model; table and json belong to ``--urdf`` too."""
+_FORMATS = ("urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table")
+"""Formats of the written model; table and json belong to ``--urdf`` too."""
+if TYPE_CHECKING:
+    ExportFormat = str
+else:
+    ExportFormat = Literal[(*_FORMATS, *plug_in_names("robacc.exporters"))]
 
 
 def export(

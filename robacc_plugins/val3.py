@@ -6,15 +6,16 @@ visose/Robots) and a public worked example of nested frames, which agree.
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Collection, Mapping, Sequence
-from pathlib import PureWindowsPath
+from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
+from robacc.geometry import rotation_from_quaternion, rotation_from_rpy, transpose
 from robacc.programs.grammar import AXIS_UNITS, POSE_UNITS, RUN_TIME, Place, arguments, mask, numbers
 from robacc.programs.program import (
     Convention,
-    Dialect,
     Draft,
     MotionType,
     Program,
@@ -23,11 +24,12 @@ from robacc.programs.program import (
     ProgramNote,
     ProgramNumber,
     ProgramSource,
-    Written,
+    ProgramTarget,
+    nearest_angles,
 )
 from robacc.robots.description import Frame
 
-_SIGN = re.compile(r"<Database\b[^>]*/VAL3/Data/")
+SIGN = re.compile(r"<Database\b[^>]*/VAL3/Data/")
 _COMMENT = re.compile(r"<!--.*?-->", re.S)
 _DATA = re.compile(r"<Data\b([^>]*?)(?:/>|>(.*?)</Data\s*>)", re.S)
 _VALUE = re.compile(r"<Value\b([^>]*?)/?>", re.S)
@@ -47,6 +49,14 @@ _ASSIGNED = re.compile(r"\b(\w+)\s*(?:\[[^\]\r\n]*\])?(?:\s*\.\s*\w+)*\s*=(?!=)"
 _LINKED = re.compile(r"\b(?:link|setFrame)\s*\(([^)]*)\)")
 
 
+MOVING_XYZ = Convention(
+    # The inverse of the rotation by the opposite angles about fixed axes.
+    lambda angles: transpose(rotation_from_rpy(-angles)),
+    lambda quaternions, near: -nearest_angles(transpose(rotation_from_quaternion(quaternions)), -near),
+)
+"""x, y, z, rx, ry, rz with R = Rx(rx) Ry(ry) Rz(rz)."""
+
+
 class _Val3Value(NamedTuple):
     """Element ``Value`` of an array of data."""
 
@@ -56,6 +66,12 @@ class _Val3Value(NamedTuple):
     attributes: Mapping[str, str]
     places: Mapping[str, Place]
     """Place of each attribute's text."""
+
+
+def companions(path: str) -> list[str]:
+    """Return the paths of the programs and projects in the folder of a data file, by name."""
+    paths = sorted(Path(path).parent.iterdir()) if path.lower().endswith(".dtx") else []
+    return [os.fspath(other) for other in paths if other.suffix.lower() in (".pgx", ".pjx") and other.is_file()]
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -69,7 +85,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         InputError: The text is no data file, is truncated, or belongs to a project in inches.
     """
     text = mask(source.text, _COMMENT)
-    if _SIGN.search(text) is None:
+    if SIGN.search(text) is None:
         raise source.error("is not a VAL3 data file: it has no Database of VAL3/Data", fix=_FIX)
     if "</Database" not in text:
         raise source.error("is truncated: it has no </Database>", len(text), _FIX)
@@ -84,7 +100,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         for position, word in words:
             changed.setdefault(word.lower(), f"line {program.line(position)} of {_name(program)}")
     frames = {kind: {value.name.lower(): value for value in values.get(kind, ())} for kind in _ROOTS}
-    draft = Draft(source, Dialect.val3)
+    draft = Draft(source, "val3")
     targets: dict[str, int] = {}
     for kind in _KEYS:
         for value in values.get(kind, ()):
@@ -157,15 +173,15 @@ def _values(text: str) -> dict[str, list[_Val3Value]]:
     return result
 
 
-def _written(text: str, kind: str, value: _Val3Value) -> Written | None:
+def _written(text: str, kind: str, value: _Val3Value) -> ProgramTarget | None:
     """Return a point or joints; None where a number lacks."""
     places = [value.places[key] for key in _KEYS[kind] if key in value.places]
     if kind == "jointRx":
         axes = numbers(text, places, AXIS_UNITS)
-        return None if axes is None else Written(Convention.joints, axes)
+        return None if axes is None else ProgramTarget(None, axes)
     pose = numbers(text, places, POSE_UNITS)
     words = [value.attributes[key] for key in ("shoulder", "elbow", "wrist") if key in value.attributes]
-    return None if pose is None else Written(Convention.moving_xyz, pose, " ".join(words))
+    return None if pose is None else ProgramTarget(MOVING_XYZ, pose, " ".join(words))
 
 
 def _frame(
@@ -192,4 +208,4 @@ def _frame(
         native += (ProgramNumber(0, 0, 0.0, unit),) if place is None else numbers(text, [place], [unit]) or ()
     if father is None or len(native) != len(POSE_UNITS):
         return None
-    return Frame.of(father.pose @ Written(Convention.moving_xyz, tuple(native)).frame.pose)
+    return Frame.of(father.pose @ ProgramTarget(MOVING_XYZ, tuple(native)).frame.pose)

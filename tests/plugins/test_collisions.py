@@ -11,7 +11,7 @@ from commands import refused
 import robacc
 from robacc.errors import InputError, UsageError
 from robacc.modelling.robot_file import read_robot
-from robacc.planning.collisions import LinkCollisions, link_collisions, read_link_shapes
+from robacc_plugins.collisions import ShapeCollisions, link_collisions
 
 pytest.importorskip("fcl")
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,9 +46,8 @@ def urdf(tmp_path: Path) -> Path:
     return path
 
 
-def collisions_of(urdf: Path) -> LinkCollisions:
-    robot = read_robot(str(urdf), tip_link="tip")
-    return link_collisions(robot, read_link_shapes(str(urdf), robot))
+def collisions_of(urdf: Path) -> ShapeCollisions:
+    return link_collisions(str(urdf), read_robot(str(urdf), tip_link="tip"))
 
 
 def test_shapes_are_placed_as_another_library_places_them(urdf: Path) -> None:

@@ -1,0 +1,103 @@
+"""Entry points of a site's own package: a dialect, an effect and an exporter are found, without a change of robacc."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import robacc
+from robacc.errors import UsageError
+from robacc.plug_ins import plug_in
+from robacc.programs.reading import is_program, read_program
+
+ROOT = Path(__file__).resolve().parents[2]
+DIALECT = """
+import re
+
+from robacc.programs.grammar import AXIS_UNITS, arguments, numbers
+from robacc.programs.program import Draft, ProgramTarget
+
+SIGN = re.compile(r"^CELL PROGRAM", re.M)
+
+
+def companions(path):
+    return []
+
+
+def parse(source, others=()):
+    draft = Draft(source, "cell")
+    for match in re.finditer(r"^GOTO ", source.text, re.M):
+        places, _ = arguments(source.text, match.end(), source.text.index("\\n", match.end()))
+        target = ProgramTarget(None, numbers(source.text, places, AXIS_UNITS))
+        draft.move(match.span(), [draft.add("", target)], "joint")
+    return draft.program()
+"""
+EXPORTER = """
+def write(robot):
+    return f"cell arm of {len(robot.joints)} joints\\n", ["limits"]
+"""
+BROKEN = "import a_module_that_is_not_there\n"
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Path:
+    """A folder with an installed package of a site: its modules and its entry points."""
+    page = (ROOT / "docs" / "how-to" / "own-effect.md").read_text(encoding="utf-8")
+    effect = page.partition('title="zero_drift.py"\n')[2].partition("```")[0]
+    for name, text in (("dialect", DIALECT), ("exporter", EXPORTER), ("drift", effect), ("broken", BROKEN)):
+        (tmp_path / f"site_{name}.py").write_text(text)
+    info = tmp_path / "site_cell-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: site-cell\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(
+        "[robacc.programs]\ncell = site_dialect\n[robacc.exporters]\ncell-arm = site_exporter:write\n"
+        "[robacc.effects]\ndrift = site_drift\n[robacc.collisions]\nbroken = site_broken\n"
+    )
+    return tmp_path
+
+
+def run(site: Path, *arguments: str) -> str:
+    path = os.pathsep.join((str(site), str(ROOT)))
+    command = [sys.executable, "-m", "robacc", *arguments]
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("name", ["line.cell", "line.txt", "line.src"])
+def test_a_dialect_is_known_by_its_suffix_or_its_text(site: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(site)
+    (site / name).write_text("CELL PROGRAM\nGOTO 1,2,3,4,5,60\nGOTO 1,2,3,4,5,90\n")
+    program = read_program(site / name)
+    assert (program.dialect, len(program.targets), len(program.moves)) == ("cell", 2, 2)
+    assert is_program(site / name) is not name.endswith("txt")
+
+
+def test_an_effect_is_in_the_catalogue_and_in_robot_files(site: Path) -> None:
+    assert "zero_drift" in run(site, "effects")
+    assert "rad/s (m/s for a prismatic joint)" in run(site, "effects", "zero_drift")
+    robot = (ROOT / "sample_data" / "robot.yaml").read_text()
+    entry = "{effect: zero_drift, joints: [j3], values: {j3: 1e-7}}"
+    (site / "drifting.yaml").write_text(f"{robot.partition('effects:')[0]}effects: [{entry}]\n")
+    assert "zero_drift" in run(site, "show", str(site / "drifting.yaml"))
+
+
+def test_an_exporter_is_a_format(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = str(ROOT / "sample_data" / "robot.yaml")
+    assert run(site, "export", robot, "--format", "cell-arm", "--output", "-") == "cell arm of 6 joints\n"
+    monkeypatch.syspath_prepend(site)
+    assert robacc.export(robot, format="cell-arm").not_carried == ("limits",)
+    with pytest.raises(UsageError, match="`format`: expected one of 'urdf'"):
+        robacc.export(robot, format="another")
+
+
+def test_a_plug_in_that_is_not_there_or_cannot_be_loaded_is_named(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(site)
+    with pytest.raises(UsageError, match=r"plug-in broken \(site_broken\) cannot be loaded: No module named"):
+        plug_in("robacc.collisions", "broken")
+    with pytest.raises(UsageError, match=r"no installed package offers the plug-in other of robacc\.collisions"):
+        plug_in("robacc.collisions", "other")

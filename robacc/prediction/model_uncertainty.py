@@ -200,7 +200,7 @@ def registered_uncertainty(
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
         scatter += np.einsum("ipn,ijn,jqn->pq", weighed, independent[:rows, :rows], weighed, optimize=True)
         crossed = crossed + np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
-    inverse = _pseudo_inverse(normal)
+    inverse = scaled_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
     position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
@@ -234,7 +234,7 @@ def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
     return [0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma) for sigma in stated]
 
 
-def _pseudo_inverse(normal: Array) -> Array:
+def scaled_inverse(normal: Array) -> Array:
     """Return the inverse of a normal matrix without its undetermined directions."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)

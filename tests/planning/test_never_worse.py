@@ -9,11 +9,10 @@ from test_acceptance import energy_distance
 
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose, plan_campaign
 from robacc.planning.candidates import conditions_of
 from robacc.planning.design import CRITERIA, Criterion
-from robacc.planning.linear_model import candidate_rows, coefficients, free_effects, region_rows
-from robacc.planning.planner import plan_campaign
+from robacc.planning.expected import candidate_rows, coefficients, free_effects, region_rows
 from robacc.planning.power import expected_power, power_problem
 
 ARMS = ("irb1600", "puma560", "scara")

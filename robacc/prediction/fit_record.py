@@ -14,10 +14,10 @@ from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import ModelUncertainty, model_uncertainty
 from robacc.robots.description import Robot
+from robacc.statistics.lengths import length_quantiles, principal_variances
 
 _PROBABILITY = 0.95
 _DOUBT = 2.6

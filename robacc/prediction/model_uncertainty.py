@@ -36,7 +36,6 @@ from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
 from robacc.prediction.covariances import in_tool_frame, outer_sums
 from robacc.prediction.extrapolation import beyond_columns
-from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
@@ -47,6 +46,7 @@ from robacc.prediction.predicting import (
     predicted_grade,
 )
 from robacc.robots.description import Robot
+from robacc.statistics.lengths import length_quantiles, principal_variances
 
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 

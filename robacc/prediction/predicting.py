@@ -22,12 +22,12 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.robots.library import low_discrepancy
+from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.

@@ -34,7 +34,6 @@ from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
-from robacc.prediction.covariances import in_tool_frame, outer_sums
 from robacc.prediction.extrapolation import beyond_columns
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
@@ -42,8 +41,9 @@ from robacc.prediction.predicting import (
     Configurations,
     Prediction,
     Share,
-    predicted_errors,
-    predicted_grade,
+    in_tool_frame,
+    outer_sums,
+    predicted,
 )
 from robacc.robots.description import Robot
 from robacc.statistics.lengths import length_quantiles, principal_variances
@@ -264,8 +264,6 @@ def calibrated_accuracy(
     """
     data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
-    position = predicted_errors("m", uncertainty.position, configurations, scale.statistic)
-    orientation = predicted_errors("rad", uncertainty.orientation, configurations, scale.statistic)
     totals = np.sum(uncertainty.shares, axis=0)
     shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
     budget = [
@@ -273,18 +271,16 @@ def calibrated_accuracy(
         for name, share in zip(SOURCES, shares, strict=True)
     ]
     budget.sort(key=lambda share: -share.position)
-    notes = [*configurations.notes, *_notes(robot, fit, data)]
-    return Prediction(
+    return predicted(
+        configurations,
+        (uncertainty.position, uncertainty.orientation),
+        scale,
         parameters=(),
-        configurations=configurations,
-        position=position,
-        orientation=orientation,
         budget=tuple(budget),
         by_joint=(),
         by_kind=(),
-        grade=predicted_grade(position, orientation, scale),
         meaning=MEANING,
-        notes=tuple(notes),
+        notes=(*configurations.notes, *_notes(robot, fit, data)),
         is_calibrated=True,
     )
 

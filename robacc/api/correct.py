@@ -15,8 +15,7 @@ from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
 from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.correction.correcting import Cause, Limits
-from robacc.correction.correction import Correction, correction
+from robacc.correction.correction import Cause, Correction, Limits, correction
 from robacc.correction.wanted import check_same_joints, circumstances, nominal_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError

@@ -204,7 +204,9 @@ def parse_links(text: str, file: str) -> Robot:
             origins[name] = [source.number(item, path) or 0.0 if item else 0.0 for item, path in items]
     source.finish()
     names = _names(tuple(origins), file)
-    joints = [joint_at(_frame({"xyz": origins[link][:3], "rpy": origins[link][3:]}), name) for link, name in names.items()]
+    joints = [
+        joint_at(_frame({"xyz": origins[link][:3], "rpy": origins[link][3:]}), name) for link, name in names.items()
+    ]
     is_ur = tuple(names.values()) == UR_JOINTS
     return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
 

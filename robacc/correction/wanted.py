@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
 # Circumstances of targets other than the joints: from columns, from the order of the targets, and from options.
@@ -102,8 +102,8 @@ class RobotPair:
 
     @property
     def base(self) -> Poses:
-        """Pose of the robot's base in the measuring frame, one pose."""
-        return frame_pose(self.model.arm.robot.base)
+        """Pose of the robot's base in the measuring frame."""
+        return self.model.arm.robot.base.pose
 
     def to_measuring(self, poses: Poses) -> Poses:
         """Return Cartesian targets in the measuring frame."""
@@ -149,11 +149,6 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
         texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
         message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
         raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
-
-
-def frame_pose(frame: Frame) -> Poses:
-    """Return the pose ``(1)`` of a frame."""
-    return Poses.from_xyz_rpy(np.array(frame.xyz)[:, None], np.array(frame.rpy)[:, None])
 
 
 def arm_length(arm: Arm, q: Array) -> float:
@@ -260,18 +255,21 @@ class PoseEvaluator:
     model: Model
     """Without free effects."""
     wanted: Poses
+    """``(M)`` wanted poses."""
     oriented: bool
     setting: Circumstances
     motion: tuple[Array | None, Array | None]
     """Direction and speed of approach ``(J, N)`` of all targets."""
+    targets: NDArray[np.int64]
+    """``(M,)`` numbers of the targets whose poses are wanted."""
 
     def __call__(self, q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the errors ``(R, M)`` and ``(R, J, M)`` at joints ``q`` ``(J, M)`` of the targets ``index``.
+        """Return the errors ``(R, K)`` and ``(R, J, K)`` at joints ``q`` ``(J, K)`` of some of the wanted poses.
 
         The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
         thousandths of it. The errors are exact, so this costs a step at most.
         """
-        arm, data = self.model.arm, self.setting.at(q, self.motion, index)
+        arm, data = self.model.arm, self.setting.at(q, self.motion, self.targets[index])
         rigid = dataclasses.replace(Model(arm).bind(data), terms=_variables(arm), owners=tuple(range(len(arm.names))))
         poses, jacobian = rigid.linearise(np.zeros(len(arm.names)))
         if self.model.known:
@@ -292,7 +290,7 @@ def _nominal_joints(
     pair: RobotPair, setting: Circumstances, wanted: Poses, oriented: bool, start: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return nominal joints ``(J, N)`` near ``start`` for the wanted poses, and where they reach them."""
-    evaluate = PoseEvaluator(Model(pair.nominal), wanted, oriented, setting, (None, None))
+    evaluate = PoseEvaluator(Model(pair.nominal), wanted, oriented, setting, (None, None), np.arange(start.shape[1]))
     length = arm_length(pair.nominal, start)
     weights = row_weights(oriented, start.shape[0], length, length)
     solution = solve(evaluate, start, joint_space(pair, start), weights)

@@ -116,9 +116,7 @@ def whitened_rows(model: Model, data: Measurements, noise: ExpectedNoise, more: 
     weight = np.full((size, data.n), 1.0 / np.hypot(noise.position, noise.unexplained))
     if noise.orientation is not None:
         weight[3:] = 1.0 / noise.orientation
-    white = whitening(
-        weight, joint_columns(dataclasses.replace(model, free=()), data)[:size], noise.joints, visit_numbers(data)
-    )
+    white = whitening(weight, joint_columns(model, data)[:size], noise.joints, visit_numbers(data))
     return white.apply(np.moveaxis(_jacobian(model, data, more)[:size], 1, 0)).T
 
 
@@ -154,7 +152,7 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
 
 def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> float:
     """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over the task."""
-    columns = joint_columns(dataclasses.replace(model, free=()), with_targets(model.arm.robot, task))[:3]
+    columns = joint_columns(model, with_targets(model.arm.robot, task))[:3]
     variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
     return float(np.sqrt(np.mean(variance) / 3.0))
 

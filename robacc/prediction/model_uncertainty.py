@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
-from robacc.effects.joint_offset import JointOffset
 from robacc.errors import InputError, Problem
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, Poses
@@ -114,8 +114,7 @@ def error_columns(
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
     scatter = np.zeros((6, 0, data.n))
     if stds.any():
-        joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
-        scatter = joints.linearise(np.zeros(stds.size))[1] * stds[:, None]
+        scatter = joint_columns(model, data) * stds[:, None]
     root = _root(fit.unexplained)
     unexplained = np.zeros((6, len(root), data.n))
     for i in range(0, len(root), 3):

@@ -211,13 +211,13 @@ def parse_links(text: str, file: str) -> Robot:
     return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
 
 
-def links_text(frames: JointFrames, form: str, header: str, template: str) -> tuple[str, Frame]:
+def links_text(frames: JointFrames, form: str, name: str, template: str) -> tuple[str, Frame]:
     """Return the kinematics file of an arm, and the flange in the last joint's frame, which the file cannot hold.
 
     Args:
         frames: The arm.
         form: ``ur-kinematics`` or ``xarm``.
-        header: Comment at the top.
+        name: Name of the arm, for the comment at the top.
         template: The arm's own file, whose line ``hash: …`` is kept: the driver knows the arm by it.
 
     Raises:
@@ -229,10 +229,10 @@ def links_text(frames: JointFrames, form: str, header: str, template: str) -> tu
     if len(frames.joints) != len(names):
         raise UsageError(f"the format {form} is for arms with six joints; this one has {len(frames.joints)}")
     *steps, flange = map(Frame.of, frames.steps())
-    lines = [f"# {header}", "kinematics:"]
-    for name, step in zip(names, steps, strict=True):
+    lines = [f"# written by robacc {__version__} from {name}", "kinematics:"]
+    for link, step in zip(names, steps, strict=True):
         numbers = zip(_KEYS, (*step.xyz, *step.rpy), strict=True)
-        lines += [f"  {name}:", *(f"    {key}: {float(value)!r}" for key, value in numbers)]
+        lines += [f"  {link}:", *(f"    {key}: {float(value)!r}" for key, value in numbers)]
     lines += [f"  {line.strip()}" for line in template.splitlines() if line.strip().startswith("hash:")][:1]
     return "\n".join([*lines, ""]), flange
 
@@ -433,7 +433,8 @@ def export_model(
     Raises:
         UsageError: The arm does not fit the format, or an argument is missing.
     """
-    chosen, losses, header = None, (), f"written by robacc {__version__} from {robot.name}"
+    chosen: str | None = None
+    losses: tuple[str, ...] = ()
     if form is ControllerFormat.joint_offsets:
         if nominal is None:
             raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
@@ -463,7 +464,7 @@ def export_model(
         last = Frame.of(written.tool.pose @ tool.pose)
         controller = dataclasses.replace(written, base=Frame.of(robot.base.pose @ table.base), tool=last)
     else:
-        text, flange = links_text(joint_frames(controller), form.value, header, template or "")
+        text, flange = links_text(joint_frames(controller), form.value, robot.name, template or "")
         tool = Frame.of(flange.pose @ robot.tool.pose)
     remaining = remaining_error(part.complete, controller)
     effects = [f"effect {name}" for name in (*part.refitted, *part.excluded)]

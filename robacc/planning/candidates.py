@@ -19,7 +19,7 @@ from robacc.quantities import parse_quantity
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
+from robacc.simulation.simulate import even_joints
 
 # Constraints of a measurement campaign: which poses the robot may take and the instrument can see.
 #
@@ -372,13 +372,11 @@ def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int
     Raises:
         InputError: A prismatic joint has no limits.
     """
-    ranges = joint_ranges(Arm.of(robot), np.pi, "to choose poses within", "give it limits")
-    low, high = (limit[:, None] for limit in ranges)
-    shift = np.random.default_rng([seed, len(robot.variables)]).uniform(size=(len(low), 1))
-    unit = (low_discrepancy(len(low), skip + count)[:, skip:] + shift) % 1.0
+    rng = np.random.default_rng([seed, len(robot.variables)])
+    q = even_joints(robot, count, rng, "to choose poses within", "give it limits", margin=margin, skip=skip)
+    low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi))
     keep = margin * (high - low)
-    result: Array = np.round(low + keep + (high - low - 2 * keep) * unit, _DECIMALS)
-    return np.clip(result, low + keep, high - keep)
+    return np.clip(np.round(q, _DECIMALS), low + keep, high - keep)
 
 
 def _feasible(

@@ -6,6 +6,7 @@ they overlap by design. Shapes are surfaces of triangles: a shape wholly inside 
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import logging
 import os
@@ -56,12 +57,11 @@ def read_link_shapes(path: str, robot: Robot) -> tuple[LinkShape, ...]:
         InputError: A mesh is missing or cannot be read.
         UsageError: The URDF has no collision geometry.
     """
-    model = _loaded(path)
-    scene = model.collision_scene
+    model, carriers = _loaded(path), _carriers(robot)
+    scene, parents = model.collision_scene, {joint.child: joint.parent for joint in model.robot.joints}
     graph = scene.graph
-    carriers = _carriers(robot)
-    parents = {joint.child: joint.parent for joint in model.robot.joints}
     shapes: dict[str, list[tuple[Array, NDArray[np.int64]]]] = {}
+    bearers: dict[str, str] = {}
     for node in graph.nodes_geometry:
         link = graph.transforms.parents[node]
         placed, name = graph.get(node, frame_from=link)
@@ -70,18 +70,21 @@ def read_link_shapes(path: str, robot: Robot) -> tuple[LinkShape, ...]:
             defect = "no triangles" if len(mesh.faces) == 0 else "vertices that are not finite"
             message = f"the collision mesh {name} of link {link} has {defect}"
             raise InputError(Problem(message, path, fix="export the mesh again, or leave out `collisions`"))
-        carrier = _carrier(link, parents, carriers, robot.base_link)
-        on_carrier = np.asarray(graph.get(link, frame_from=carrier)[0]) @ placed
-        vertices = np.asarray(mesh.vertices) @ on_carrier[:3, :3].T + on_carrier[:3, 3]
+        # The nearest link of the chain before it, else the base.
+        bearer = link
+        while bearer not in carriers:
+            bearer = parents.get(bearer, str(robot.base_link))
+        bearers[link] = bearer
+        on_bearer = np.asarray(graph.get(link, frame_from=bearer)[0]) @ placed
+        vertices = np.asarray(mesh.vertices) @ on_bearer[:3, :3].T + on_bearer[:3, 3]
         shapes.setdefault(link, []).append((vertices, np.asarray(mesh.faces, dtype=np.int64)))
     if not shapes:
         raise UsageError(f"`collisions`: {path} has no collision geometry; leave out `collisions`")
     result = []
     for link, parts in shapes.items():
-        after, body = carriers[_carrier(link, parents, carriers, robot.base_link)]
         counts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
         faces = np.vstack([part + first for (_, part), first in zip(parts, counts[:-1], strict=True)])
-        result.append(LinkShape(link, np.vstack([vertices for vertices, _ in parts]), faces, after, body))
+        result.append(LinkShape(link, np.vstack([vertices for vertices, _ in parts]), faces, *carriers[bearers[link]]))
     return tuple(sorted(result, key=lambda shape: shape.body))
 
 
@@ -132,10 +135,7 @@ def _loaded(path: str) -> Any:
 
 def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:
     """Return the numbers of motions and of moving joints before each link of the chain."""
-    ends: dict[int, int] = {}
-    for k, motion in enumerate(Arm.of(robot).chain.motions):
-        if motion.owner >= 0:
-            ends[motion.owner] = k + 1
+    ends = {motion.owner: k + 1 for k, motion in enumerate(Arm.of(robot).chain.motions)}
     result = {str(robot.base_link): (0, 0)}
     after = body = 0
     for number, joint in enumerate(robot.joints):
@@ -143,13 +143,6 @@ def _carriers(robot: Robot) -> dict[str, tuple[int, int]]:
         body += joint.type != "fixed"
         result[str(joint.link)] = after, body
     return result
-
-
-def _carrier(link: str, parents: dict[str, str], carriers: dict[str, tuple[int, int]], base: str | None) -> str:
-    """Return the link of the chain that carries ``link``: the nearest before it, else the base."""
-    while link not in carriers and link in parents:
-        link = parents[link]
-    return link if link in carriers else str(base)
 
 
 # Joints outside the chain in a plan: they stand still at their positions of the robot file.
@@ -160,11 +153,11 @@ _EQUAL = 1e-4
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
     """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
-    variables = robot.branch_variables
     if not _loading(robot):
         return None, ()
-    positions = np.array([branch.position for branch in variables])
-    return np.tile(positions[:, None], (1, n)), tuple(branch.joint.name for branch in variables)
+    variables = robot.branch_variables
+    positions = np.array([[branch.position] * n for branch in variables])
+    return positions, tuple(branch.joint.name for branch in variables)
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:
@@ -237,12 +230,8 @@ class LinkCollisions:
 
     def self_collision(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses ``(J, N)`` at which two links touch."""
-        result: NDArray[np.bool_] = np.any(self.touching(q), axis=0)
+        result: NDArray[np.bool_] = np.any(self.touching(q, self.pairs), axis=0)
         return result
-
-    def touching(self, q: Array) -> NDArray[np.bool_]:
-        """Return ``(P, N)`` which of the pairs touch at the poses ``(J, N)``."""
-        return self._touching(q, self.pairs)
 
     def in_box(self, q: Array, low: Sequence[float], high: Sequence[float]) -> NDArray[np.bool_]:
         """Return ``(N,)`` the poses at which a link is in a box of the base frame; a side may be infinite, m."""
@@ -252,7 +241,7 @@ class LinkCollisions:
         box = fcl.CollisionObject(fcl.Box(*(upper - lower)), fcl.Transform(np.eye(3), 0.5 * (lower + upper)))
         number = len(self.shapes)
         pairs = [(i, number) for i, shape in enumerate(self.shapes) if shape.body >= self.first_body]
-        result: NDArray[np.bool_] = np.any(self._touching(q, pairs, box), axis=0)
+        result: NDArray[np.bool_] = np.any(self.touching(q, pairs, box), axis=0)
         return result
 
     def beyond(self, q: Array, direction: Sequence[float], offset: float) -> NDArray[np.bool_]:
@@ -269,16 +258,12 @@ class LinkCollisions:
 
     def _frames(self, q: Array) -> dict[int, Poses]:
         """Return the frames of N poses in the base frame after each number of motions that carries a shape."""
-        counts = sorted({shape.after for shape in self.shapes})
-        n = q.shape[1]
+        counts, n = sorted({shape.after for shape in self.shapes}), q.shape[1]
         swept = self.chain.sweep(self.chain.scalars(q), n, (), counts).frames
-        size = (3, n)
-        return {
-            count: Poses(np.broadcast_to(frame.rotation, (3, *size)), np.broadcast_to(frame.translation, size))
-            for count, frame in zip(counts, swept, strict=True)
-        }
+        whole = Poses.identity(n)
+        return {count: frame @ whole for count, frame in zip(counts, swept, strict=True)}
 
-    def _touching(self, q: Array, pairs: Sequence[tuple[int, int]], *obstacles: Any) -> NDArray[np.bool_]:
+    def touching(self, q: Array, pairs: Sequence[tuple[int, int]], *obstacles: Any) -> NDArray[np.bool_]:
         """Return ``(P, N)`` which pairs of shapes, and of the obstacles after them, touch at poses ``(J, N)``."""
         import fcl
 
@@ -330,11 +315,10 @@ def link_collisions(robot: Robot, shapes: Sequence[LinkShape]) -> LinkCollisions
     ).T[..., None]
     shift = np.random.default_rng([0, 7]).uniform(size=(len(low), 1))
     spread: Array = low + (high - low) * ((low_discrepancy(len(low), _SAMPLED) + shift) % 1.0)
-    is_always = every_pair.touching(spread).mean(axis=1) > _ALWAYS
-    return LinkCollisions(
-        every_pair.chain,
-        shapes,
-        tuple(pair for pair, always in zip(pairs, is_always, strict=True) if not always),
-        first,
-        tuple((shapes[i].link, shapes[j].link) for (i, j), always in zip(pairs, is_always, strict=True) if always),
+    is_always = every_pair.touching(spread, pairs).mean(axis=1) > _ALWAYS
+    overlapping = [pair for pair, always in zip(pairs, is_always, strict=True) if always]
+    return dataclasses.replace(
+        every_pair,
+        pairs=tuple(pair for pair in pairs if pair not in overlapping),
+        overlapping=tuple((shapes[i].link, shapes[j].link) for i, j in overlapping),
     )

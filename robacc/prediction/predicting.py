@@ -25,8 +25,7 @@ from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.quantities import number_text
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
+from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic
 
@@ -80,10 +79,6 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
 def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | None = None) -> Configurations:
     """Return ``n`` configurations spread evenly over the joints' ranges; a revolute joint without limits turns fully.
 
-    A low-discrepancy sequence (Richtmyer's) shifted by a random vector, modulo the unit cube: R. Cranley and
-    T. N. L. Patterson, "Randomization of number theoretic methods for multiple integration", SIAM J. Numer. Anal. 13
-    (1976) 904-914.
-
     Args:
         robot: The arm.
         n: Number of configurations.
@@ -97,30 +92,25 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     if n < 1:
         raise UsageError(f"`samples` is at least 1, not {n}")
     fix = "give it limits, or give the configurations with `poses`"
-    low, high = joint_ranges(Arm.of(robot), np.pi, "to spread configurations over", fix)
+    q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     endless = [joint.name for joint in robot.variables if joint.limits is None]
     notes = [f"joint{'s' * (len(endless) != 1)} {', '.join(endless)} without limits: sampled over a full turn"]
     robot, target_notes = _with_target(robot, target)
-    shift = np.random.default_rng(seed).random(len(low))
-    points = (low_discrepancy(len(low), n) + shift[:, None]) % 1.0
-    q = low[:, None] + (high - low)[:, None] * points
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     return Configurations(q, scalars, None, source, (*(notes if endless else ()), *target_notes))
 
 
 def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
-    if not robot.targets:
-        if target is not None:
-            raise UsageError(f"no target {target!r}; the robot file has no targets")
+    name = next(iter(robot.targets), None) if target is None else target
+    if name is None:
         return robot, ()
-    name = target if target is not None else next(iter(robot.targets))
     if name not in robot.targets:
-        raise UsageError(f"no target {name!r}; the robot file has {', '.join(robot.targets)}")
-    single_target = dataclasses.replace(robot, tool=robot.targets[name], targets={})
+        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+        raise UsageError(f"no target {name!r}; the robot file {known}")
     ambiguous = len(robot.targets) > 1 and target is None
     note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
-    return single_target, note if ambiguous else ()
+    return dataclasses.replace(robot, tool=robot.targets[name], targets={}), note if ambiguous else ()
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.

@@ -66,24 +66,12 @@ class RemainingError:
     orientation_max: float
 
 
-@dataclass(frozen=True, slots=True)
-class Restricted:
-    """Model that a controller can take."""
-
-    robot: Robot
-    """Arm without effects."""
-    complete: Robot
-    """Arm with the effects that were fitted to; constants are in its numbers."""
-    refitted: tuple[str, ...]
-    """Effects that the parameters take up as far as they can."""
-    excluded: tuple[str, ...]
-    """Effects that are left out: they depend on circumstances that a pose alone does not have."""
-
-
-def restricted(robot: Robot, nominal: Robot | None = None) -> Restricted:
+def restricted(robot: Robot, nominal: Robot | None = None) -> tuple[Robot, Robot, tuple[str, ...], tuple[str, ...]]:
     """Return the arm with all geometry free, fitted to the robot's effects; exact where there are only constants.
 
-    With ``nominal``, return this arm with joint offsets fitted to the robot, base and tool as in the robot.
+    With ``nominal``, return this arm with joint offsets fitted to the robot, base and tool as in the robot. Beside it
+    are the complete arm that it was fitted to, with constants in its numbers, the names of its effects, which the
+    parameters take up as far as they can, and those of effects that depend on circumstances, which are left out.
 
     Raises:
         UsageError: The two have different joints.
@@ -111,7 +99,7 @@ def restricted(robot: Robot, nominal: Robot | None = None) -> Restricted:
         free += [LinkGeometry(joints)] if nominal is None else []
         fitted = apply_fit(fit(model.with_free(*free), data, Options(robust=False)))
         start = dataclasses.replace(fitted, tool=start.tool, targets=start.targets)
-    return Restricted(start, complete, tuple(names), tuple(excluded))
+    return start, complete, tuple(names), tuple(excluded)
 
 
 def remaining_error(complete: Robot, controller: Robot) -> RemainingError:
@@ -347,7 +335,7 @@ def ur_arm_of(frames: JointFrames) -> str:
 def known_ur_arm(robot: Robot) -> str | None:
     """Return the name of the arm of Universal Robots that a robot is; None if it is none."""
     try:
-        return ur_arm_of(joint_frames(restricted(robot).robot))
+        return ur_arm_of(joint_frames(restricted(robot)[0]))
     except UsageError:
         return None
 
@@ -440,10 +428,11 @@ def export_model(
             raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
         if nominal.variable_names != robot.variable_names:
             raise UsageError("the model and the nominal model have different joints")
-    part = restricted(robot, nominal if form is ControllerFormat.joint_offsets else None)
-    controller, tool = part.robot, part.robot.tool
-    if form is ControllerFormat.joint_offsets and nominal is not None:
-        text, losses = _offsets_text(controller, nominal), ("link geometry",)
+    only_offsets = nominal if form is ControllerFormat.joint_offsets else None
+    controller, complete, refitted, excluded = restricted(robot, only_offsets)
+    tool = controller.tool
+    if only_offsets is not None:
+        text, losses = _offsets_text(controller, only_offsets), ("link geometry",)
     elif form is ControllerFormat.urdf:
         text, losses = robot_to_urdf(controller)
     elif form is ControllerFormat.mdh:
@@ -466,13 +455,12 @@ def export_model(
     else:
         text, flange = links_text(joint_frames(controller), form.value, robot.name, template or "")
         tool = Frame.of(flange.pose @ robot.tool.pose)
-    remaining = remaining_error(part.complete, controller)
-    effects = [f"effect {name}" for name in (*part.refitted, *part.excluded)]
+    remaining = remaining_error(complete, controller)
+    effects = [f"effect {name}" for name in (*refitted, *excluded)]
     not_carried = (*effects, *(loss for loss in losses if not loss.startswith("effect ")))
-    is_exact = max(remaining.position_max, remaining.orientation_max) < _EXACT
-    if form is ControllerFormat.joint_offsets and is_exact:
+    if only_offsets is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT:
         not_carried = ()
-    return ExportedModel(text, controller, tool, not_carried, part.refitted, remaining, chosen)
+    return ExportedModel(text, controller, tool, not_carried, refitted, remaining, chosen)
 
 
 def _modified_robot(robot: Robot) -> Robot:

@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
-from robacc.correction.solving import JointSolution, solve
+from robacc.correction.solving import Evaluate, JointSolution, solve
 from robacc.correction.wanted import (
     Circumstances,
     FrameName,
-    PoseEvaluator,
     RobotPair,
     WantedPoses,
     arm_length,
@@ -28,6 +27,7 @@ from robacc.correction.wanted import (
     nominal_poses,
     part_of,
     pose_error,
+    pose_evaluator,
     robot_pair,
     row_weights,
     wanted_poses,
@@ -300,9 +300,8 @@ def _solved(
         q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.settled.copy()
         index = changed(setting.motion(before.q), setting.motion(q))
 
-    def evaluator() -> PoseEvaluator:
-        poses = part_of(wanted.poses, index)
-        return PoseEvaluator(pair.model, poses, wanted.oriented, setting, motion, index)
+    def evaluator() -> Evaluate:
+        return pose_evaluator(pair.model, part_of(wanted.poses, index), wanted.oriented, setting, motion, index)
 
     motion = setting.motion(q)
     for _ in range(_ROUNDS):

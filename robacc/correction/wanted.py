@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.correction.solving import JointSpace, solve
+from robacc.correction.solving import Evaluate, JointSpace, solve
 from robacc.effects.base import Effect, Part, Term
 from robacc.errors import InputError, Problem
 from robacc.fitting.parameters import absorb_constants
@@ -248,34 +248,40 @@ def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
     return Poses(poses.rotation[..., index], poses.translation[:, index])
 
 
-@dataclass(frozen=True)
-class PoseEvaluator:
-    """Errors of a model's poses against wanted poses, and their Jacobian to the joints."""
+def pose_evaluator(
+    model: Model,
+    wanted: Poses,
+    oriented: bool,
+    setting: Circumstances,
+    motion: tuple[Array | None, Array | None],
+    targets: NDArray[np.int64],
+) -> Evaluate:
+    """Return errors ``(R, K)`` of a model's poses against wanted poses, and ``(R, J, K)`` to the joints, as a function.
 
-    model: Model
-    """Without free effects."""
-    wanted: Poses
-    """``(M)`` wanted poses."""
-    oriented: bool
-    setting: Circumstances
-    motion: tuple[Array | None, Array | None]
-    """Direction and speed of approach ``(J, N)`` of all targets."""
-    targets: NDArray[np.int64]
-    """``(M,)`` numbers of the targets whose poses are wanted."""
+    The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
+    thousandths of it. The errors are exact, so this costs a step at most.
 
-    def __call__(self, q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the errors ``(R, K)`` and ``(R, J, K)`` at joints ``q`` ``(J, K)`` of some of the wanted poses.
+    Args:
+        model: Without free effects.
+        wanted: ``(M)`` wanted poses.
+        oriented: Whether their orientation is wanted too.
+        setting: Circumstances of all targets.
+        motion: Direction and speed of approach ``(J, N)`` of all targets.
+        targets: ``(M,)`` numbers of the targets whose poses are wanted.
+    """
+    arm = model.arm
+    terms, owners = _variables(arm), tuple(range(len(arm.names)))
 
-        The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
-        thousandths of it. The errors are exact, so this costs a step at most.
-        """
-        arm, data = self.model.arm, self.setting.at(q, self.motion, self.targets[index])
-        rigid = dataclasses.replace(Model(arm).bind(data), terms=_variables(arm), owners=tuple(range(len(arm.names))))
-        poses, jacobian = rigid.linearise(np.zeros(len(arm.names)))
-        if self.model.known:
-            poses = self.model.bind(data).poses(np.zeros(0))
-        error = pose_error(part_of(self.wanted, index), poses, self.oriented)
+    def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+        data = setting.at(q, motion, targets[index])
+        rigid = dataclasses.replace(Model(arm).bind(data), terms=terms, owners=owners)
+        poses, jacobian = rigid.linearise(np.zeros(len(owners)))
+        if model.known:
+            poses = model.bind(data).poses(np.zeros(0))
+        error = pose_error(part_of(wanted, index), poses, oriented)
         return error, jacobian[: error.shape[0]]
+
+    return evaluate
 
 
 def _variables(arm: Arm) -> tuple[Term, ...]:
@@ -290,7 +296,7 @@ def _nominal_joints(
     pair: RobotPair, setting: Circumstances, wanted: Poses, oriented: bool, start: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return nominal joints ``(J, N)`` near ``start`` for the wanted poses, and where they reach them."""
-    evaluate = PoseEvaluator(Model(pair.nominal), wanted, oriented, setting, (None, None), np.arange(start.shape[1]))
+    evaluate = pose_evaluator(Model(pair.nominal), wanted, oriented, setting, (None, None), np.arange(start.shape[1]))
     length = arm_length(pair.nominal, start)
     weights = row_weights(oriented, start.shape[0], length, length)
     solution = solve(evaluate, start, joint_space(pair, start), weights)

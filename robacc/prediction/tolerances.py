@@ -156,12 +156,12 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     source = Source(file)
     top = source.section(compose(text, file), "", _KEYS)
     units = None if top is None else read_units(top)
-    distribution, coverage = ("normal", DEFAULT_COVERAGE) if top is None else _read_distribution(top)
+    meaning: tuple[Distribution, float] = ("normal", DEFAULT_COVERAGE) if top is None else _read_distribution(top)
     if top is None or units is None:
         # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
-    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": meaning[1]}[meaning[0]]
     joint_kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
 
     def read(node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]) -> dict[str, float]:
@@ -204,7 +204,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     if not any((moving, by_joint, base, tool)) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
-    return Tolerances(distribution, coverage, moving, by_joint, base, tool)
+    return Tolerances(*meaning, moving, by_joint, base, tool)
 
 
 def _read_distribution(top: YamlSection) -> tuple[Distribution, float]:

@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from slow_parameters import some_fast
 
 import robacc
 from robacc.correction.correction import length_bound
-from robacc.correction.wanted import PoseEvaluator
+from robacc.correction.solving import Evaluate, JointSolution, solve
 from robacc.effects.base import REGISTRY
 from robacc.effects.constants import absorbed
 from robacc.effects.specification import entry_of
@@ -363,18 +364,20 @@ def test_work_grows_in_proportion_to_the_targets() -> None:
     """Evaluations of the model, not seconds: every target takes a few, however many there are."""
     nominal, model = robacc.read_robot(ROBOT), robacc.read_robot(TRUTH)
     counts: dict[int, int] = {}
-    original = PoseEvaluator.__call__
 
     def counted(n: int):  # type: ignore[no-untyped-def]
-        def call(self: PoseEvaluator, q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
-            counts[n] = counts.get(n, 0) + index.size
-            return original(self, q, index)
+        def solved(evaluate: Evaluate, *rest: Any) -> JointSolution:
+            def count(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+                counts[n] = counts.get(n, 0) + index.size
+                return evaluate(q, index)
 
-        return call
+            return solve(count, *rest)
+
+        return solved
 
     for n in (100, 800):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(PoseEvaluator, "__call__", counted(n))
+            patch.setattr("robacc.correction.correction.solve", counted(n))
             robacc.correct(joint_targets(middle_joints(nominal, n, seed=n)), model=model, nominal=nominal)
     per_target = [counts[n] / n for n in counts]
     assert max(per_target) < 15

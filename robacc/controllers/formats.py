@@ -560,8 +560,11 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
 
 
 def _parse_json(text: str, file: str) -> Robot:
+    def no_number(name: str) -> float:
+        raise ValueError(f"{name} is not a finite number")
+
     try:
-        document: Any = json.loads(text, parse_constant=_no_number)
+        document: Any = json.loads(text, parse_constant=no_number)
     except json.JSONDecodeError as error:
         raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
     except ValueError as error:
@@ -587,7 +590,3 @@ def _parse_json(text: str, file: str) -> Robot:
 def _frame(value: Any) -> Frame:
     (x, y, z), (roll, pitch, yaw) = map(float, value["xyz"]), map(float, value["rpy"])
     return Frame((x, y, z), (roll, pitch, yaw))
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is not a finite number")

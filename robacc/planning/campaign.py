@@ -147,23 +147,20 @@ def needed(demand: Demand, expected: float | None) -> NeededPoses:
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
     """Return the number of poses that decides if the true value is ``ratio`` times the limit, below or above it."""
-    fewest = 3
+    is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
-        fewest = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95))
+        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
     if demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
-    enough = smallest_sufficient(lambda n: _decides(n, ratio, demand.confidence), 4, most=MOST_POSES)
-    if enough is None:
-        return None
-    cost = _PERCENTILE_COST if demand.statistic == "p95" else 1.0
-    number = max(math.ceil(cost * enough), fewest)
-    return number if number <= MOST_POSES else None
 
+    def decides(n: int) -> bool:
+        bound = chi2_quantile(1.0 - demand.confidence if is_below else demand.confidence, n)
+        below = chi2_cdf(bound / ratio**2, n)
+        return (below if is_below else 1.0 - below) >= ASSURANCE
 
-def _decides(n: int, ratio: float, confidence: float) -> bool:
-    if ratio < 1.0:
-        return chi2_cdf(chi2_quantile(1.0 - confidence, n) / ratio**2, n) >= ASSURANCE
-    return 1.0 - chi2_cdf(chi2_quantile(confidence, n) / ratio**2, n) >= ASSURANCE
+    enough = smallest_sufficient(decides, 4, most=MOST_POSES)
+    number = None if enough is None else max(math.ceil(cost * enough), fewest)
+    return number if number is not None and number <= MOST_POSES else None
 
 
 def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np.int64]:
@@ -197,7 +194,6 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
 
 
 Purpose = Literal["calibrate", "trace", "acceptance", "health"]
-PURPOSES: tuple[Purpose, ...] = ("calibrate", "trace", "acceptance", "health")
 DEFAULT_FIT: dict[Purpose, str] = {
     "calibrate": "base_frame,tool_frame,joint_offset,link_geometry",
     "trace": "base_frame,tool_frame,joint_offset,link_geometry",
@@ -555,6 +551,10 @@ def plan_campaign(
         new_poses = rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)]
         worth = worth_of(expectation, (new_poses, repeated, readings))
 
+    # Names of given candidates, else numbers that go on from those measured already.
+    first = 1 if already is None else int(already.groups().max(initial=-1)) + 2
+    digits = len(str(first + count))
+    ids = [f"P{first + i:0{digits}d}" for i in range(count)] if pool.ids is None else pool.ids[chosen].tolist()
     default = 0 if already is not None else count if purpose == "health" else count // 10
     validation, validation_payload = _validation(model, conditions, settings)
     plan = CampaignPlan(
@@ -569,7 +569,7 @@ def plan_campaign(
             settings.check_every if already is None else 0,
             seed,
         ),
-        _ids(pool, chosen, already),
+        tuple(ids),
         validation,
         validation_payload,
         noise,
@@ -642,15 +642,6 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
     chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)]
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
     return chosen + n * (np.arange(count) % candidates.n_payloads)
-
-
-def _ids(candidates: CandidatePoses, chosen: NDArray[np.int64], already: Measurements | None) -> tuple[str, ...]:
-    """Return the names of the poses: those of given candidates, else numbers that go on from those measured already."""
-    if candidates.ids is not None:
-        return tuple(str(name) for name in candidates.ids[chosen])
-    first = 1 if already is None else int(already.groups().max(initial=-1)) + 2
-    digits = len(str(first + chosen.size))
-    return tuple(f"P{first + i:0{digits}d}" for i in range(chosen.size))
 
 
 def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> tuple[Array | None, Array | None]:

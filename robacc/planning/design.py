@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 
 Criterion = Literal["I", "G", "D", "A"]
-CRITERIA: tuple[Criterion, ...] = ("I", "G", "D", "A")
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""

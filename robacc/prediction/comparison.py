@@ -156,11 +156,6 @@ class SufficientStatistics:
     """Combinations of base and tool coordinates that were fitted to the same poses."""
     noise: MeasurementNoise
 
-    @property
-    def noise_is_estimated(self) -> bool:
-        """True if noise of position or orientation was estimated from the same poses."""
-        return "estimated" in (self.noise.source_position, self.noise.source_orientation)
-
 
 def reduce_residuals(
     robot: Robot,
@@ -344,7 +339,7 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
     parameters = ChiSquare.of(normalised_squares, n_directions)
-    noise_is_known = not statistics.noise_is_estimated
+    noise_is_known = "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation)
     total = (
         ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
         if noise_is_known

@@ -11,7 +11,7 @@ from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, Poses, log_between, rotate_back
+from robacc.geometry import Array, log_between, rotate_back
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.prediction.model_fit import ModelFit
@@ -132,16 +132,12 @@ def nominal_robot(robot: Robot, record: ModelFit) -> Robot:
 
 def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
     """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
-    changed = {}
+    changed: dict[str, dict[str, float]] = {}
     for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True):
-        names = {*fitted.parameters, *before.parameters}
-        numbers = {
-            name: float(before.parameters.get(name, 0.0))
-            for name in sorted(names)
-            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
-        }
-        if numbers:
-            changed[before.name] = numbers
+        for name in sorted({*fitted.parameters, *before.parameters}):
+            number = before.parameters.get(name, 0.0)
+            if number != fitted.parameters.get(name, 0.0):
+                changed.setdefault(before.name, {})[name] = float(number)
     return changed
 
 
@@ -153,13 +149,9 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     )
     full = Model.of(robot)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    real: Poses = arm_only.bind(data).poses(np.zeros(0))
-    wanted = predict(rigid, data)
-    angle = log_between(real.rotation, wanted.rotation)
-    return (
-        float(np.max(np.linalg.norm(real.translation - wanted.translation, axis=0))),
-        float(np.max(np.linalg.norm(angle, axis=0))),
-    )
+    real, wanted = arm_only.bind(data).poses(np.zeros(0)), predict(rigid, data)
+    moved, turned = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
+    return float(np.linalg.norm(moved, axis=0).max()), float(np.linalg.norm(turned, axis=0).max())
 
 
 def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:

@@ -413,10 +413,7 @@ def _largest_first(share: Share) -> tuple[float, float]:
 def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
     """Return the grade of the predicted errors, and the share of poses that meet each step."""
     sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {
-        name: int(np.argmax(steps_met(scale, {name: np.array([errors.value(scale.statistic)])})))
-        for name, errors in sizes.items()
-    }
+    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
     rank = max(ranks.values())
     met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
     return PredictedGrade(
@@ -531,14 +528,8 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
-    statistic = prediction.grade.scale.statistic
-    position, orientation = limits
-    return np.array(
-        [
-            prediction.position.value(statistic) / position,
-            0.0 if orientation is None else prediction.orientation.value(statistic) / orientation,
-        ]
-    )
+    errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
+    return np.array([part.value(statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
 
 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:
@@ -599,7 +590,11 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
         position: ``(3, N)`` position of the target, measuring frame, m.
         edge: Edge of a voxel, m; None for a round length that gives ten to 25 voxels along its longest side.
     """
-    edge = _round_edge(position) if edge is None else edge
+    if edge is None:
+        # 1, 2 or 5 times a power of ten.
+        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
+        power = 10.0 ** math.floor(math.log10(wanted))
+        edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
     index = np.floor(position / edge).astype(np.int64)
     voxels, number = np.unique(index, axis=1, return_inverse=True)
     number = number.ravel()
@@ -613,10 +608,3 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
     grades = tuple(map(scale.name_of, ranks.tolist()))
     return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)
-
-
-def _round_edge(position: Array) -> float:
-    """Return the edge of a voxel, m: 1, 2 or 5 times a power of ten, for the positions ``(3, N)``."""
-    wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
-    power = 10.0 ** math.floor(math.log10(wanted))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= wanted))

@@ -137,11 +137,6 @@ def robot_pair(model: Robot, nominal: Robot, frame: FrameName) -> RobotPair:
     return RobotPair(dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out)
 
 
-def nominal_of(model: Robot) -> Robot:
-    """Return the robot that a model was fitted from: its numbers without the fitted constants, and no effects."""
-    return dataclasses.replace(absorb_constants(model), effects=())
-
-
 def check_same_joints(model: Robot, nominal: Robot) -> None:
     """Raise InputError unless both robots have the same joint variables."""
     pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]

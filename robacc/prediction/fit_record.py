@@ -120,11 +120,15 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     return float(1.0 / max(share - effective, _LEAST_SURPLUS))
 
 
-def nominal_robot(robot: Robot, record: ModelFit) -> Robot:
-    """Return the robot that a model was fitted from, in the model's frames and without effects."""
+def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
+    """Return the robot that a model was fitted from, in the model's frames and without effects.
+
+    Without a record, its joints keep the fitted numbers, but for the constants.
+    """
     robot = absorb_constants(robot)
+    before = {} if record is None else record.nominal
     joints = tuple(
-        dataclasses.replace(joint, parameters={**joint.parameters, **record.nominal.get(joint.name, {})})
+        dataclasses.replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})})
         for joint in robot.joints
     )
     return dataclasses.replace(robot, joints=joints, effects=())
@@ -183,24 +187,21 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    rows = residual.shape[0]
-    turned = np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
-    n = turned.shape[1]
-    total = _scatter(turned)
+    rows, n = residual.shape
+    remaining = _scatter(
+        np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
+    )
     local = uncertainty.in_target_frame()
-    explained = np.zeros((rows, rows))
-    parts = (local.position, local.orientation)
-    for i, (part, variance, shares) in enumerate(zip(parts[: rows // 3], noise, uncertainty.shares.T, strict=False)):
+    parts = (local.position, local.orientation)[: rows // 3]
+    for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
         block = slice(3 * i, 3 * i + 3)
         # The first share is that of the coefficients, the second that of the scatter of the joints.
         known = shares[0] + shares[1]
         scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
-        explained[block, block] = variance * np.eye(3)
-        explained[block, block] += scale * np.mean(part, axis=2)
-    remaining = total - explained
-    for block in (slice(i, i + 3) for i in range(0, rows, 3)):
-        expected = float(np.trace(explained[block, block]))
-        if float(np.trace(remaining[block, block])) <= 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(expected, 0.0):
+        explained = variance * np.eye(3) + scale * np.mean(part, axis=2)
+        remaining[block, block] -= explained
+        chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
+        if float(np.trace(remaining[block, block])) <= chance:
             remaining[block, :] = remaining[:, block] = 0.0
     return _positive(remaining)
 

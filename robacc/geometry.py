@@ -237,11 +237,10 @@ class Poses:
         return np.moveaxis(result, (0, 1), (-2, -1))
 
     def __matmul__(self, other: Poses) -> Poses:
-        """Return ``T1 T2``, broadcasting over the batch axes."""
-        return Poses(
-            compose(self.rotation, other.rotation),
-            rotate(self.rotation, other.translation) + self.translation,
-        )
+        """Return ``T1 T2``, broadcasting over the batch axes; a single transform applies to every one of many."""
+        moved = rotate(self.rotation, other.translation)
+        shift = self.translation[(..., *(None,) * (moved.ndim - self.translation.ndim))]
+        return Poses(compose(self.rotation, other.rotation), moved + shift)
 
     def inverse(self) -> Poses:
         """Return ``T^-1``."""

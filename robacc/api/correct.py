@@ -15,9 +15,8 @@ from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
 from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.correction.correcting import Cause, Limits
-from robacc.correction.correction import Correction, correction
-from robacc.correction.wanted import check_same_joints, circumstances, nominal_of
+from robacc.correction.correction import Cause, Correction, Limits, correction
+from robacc.correction.wanted import check_same_joints, circumstances
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
@@ -291,19 +290,20 @@ def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, 
     if nominal is not None:
         robot, record = load_robot(nominal)
         return robot, (replace(record, kind="nominal"),), ()
-    if (fit := model_fit(model)) is not None:
-        return nominal_robot(model, fit), (), ()
-    if not model.effects:
-        doubt = (
+    fit = model_fit(model)
+    if fit is not None:
+        doubts: tuple[str, ...] = ()
+    elif not model.effects:
+        doubts = (
             "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
-            "`write_model` wrote, or `nominal` with the controller's robot file"
+            "`write_model` wrote, or `nominal` with the controller's robot file",
         )
-        return nominal_of(model), (), (doubt,)
-    doubt = (
-        "the model does not contain the robot that it was fitted from, so its numbers without its effects count as "
-        "the controller's; give `nominal`"
-    )
-    return nominal_of(model), (), (doubt,)
+    else:
+        doubts = (
+            "the model does not contain the robot that it was fitted from, so its numbers without its effects count "
+            "as the controller's; give `nominal`",
+        )
+    return nominal_robot(model, fit), (), doubts
 
 
 def _limits(

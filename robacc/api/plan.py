@@ -43,6 +43,7 @@ from robacc.planning.campaign import (
     CampaignPlan,
     CampaignSettings,
     Demand,
+    plan_campaign,
 )
 from robacc.planning.candidates import (
     Constraints,
@@ -54,7 +55,6 @@ from robacc.planning.candidates import (
     parse_vector,
 )
 from robacc.planning.collisions import at_rest_warning, check_at_rest
-from robacc.planning.planner import plan_campaign
 from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot

@@ -113,7 +113,7 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.prediction.warranty_map import warranty_map
+        from robacc.prediction.predicting import warranty_map
         from robacc.robots.arm import build_chain
 
         edge = size(voxel, "length", "`voxel`")

@@ -220,7 +220,7 @@ def _hayati_row(current: Poses, following: Poses, hint: DhRow | None) -> DhRow:
     if np.cos(theta - aim) < 0:
         theta, a, x = theta + np.pi, -a, -x
     u = np.array([x @ direction, np.cross(z, x) @ direction, z @ direction])
-    theta = aim + float((theta - aim + np.pi) % (2 * np.pi) - np.pi)
+    theta = aim + _wrapped(theta - aim)
     # The z axis behind the row is (sin beta, -sin alpha cos beta, cos alpha cos beta).
     return DhRow(theta, d, a, float(np.arctan2(-u[1], u[2])), float(np.arcsin(np.clip(u[0], -1.0, 1.0))))
 
@@ -250,14 +250,15 @@ def _row(current: Poses, following: Poses, place: Poses, hint: DhRow | None, is_
     return _nearest(DhRow(theta, d, a, alpha), hint)
 
 
+def _wrapped(angle: float) -> float:
+    """Return the angle within half a turn of zero."""
+    return float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
+
+
 def _nearest(row: DhRow, hint: DhRow | None) -> DhRow:
     """Return the row with the direction of the normal that gives a theta near the hint's, or near zero."""
     aim = 0.0 if hint is None else hint.theta
-
-    def wrapped(angle: float) -> float:
-        return float(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
-
     other = DhRow(row.theta + np.pi, row.d, -row.a, -row.alpha)
-    chosen = row if abs(wrapped(row.theta - aim)) <= abs(wrapped(other.theta - aim)) else other
-    alpha = chosen.alpha if hint is None else hint.alpha + wrapped(chosen.alpha - hint.alpha)
-    return DhRow(aim + wrapped(chosen.theta - aim), chosen.d, chosen.a, alpha)
+    chosen = row if abs(_wrapped(row.theta - aim)) <= abs(_wrapped(other.theta - aim)) else other
+    alpha = chosen.alpha if hint is None else hint.alpha + _wrapped(chosen.alpha - hint.alpha)
+    return DhRow(aim + _wrapped(chosen.theta - aim), chosen.d, chosen.a, alpha)

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 import yaml
 
+from robacc.accuracy.pose_errors import pose_metrics
 from robacc.controllers.dh_table import (
     FULL_TURN,
     DhRow,
-    DhTable,
     JointFrames,
     dh_table,
     joint_at,
@@ -26,15 +26,100 @@ from robacc.controllers.dh_table import (
     modified_rows,
     robot_of,
 )
-from robacc.controllers.restricted import RemainingError, Restricted, kinematic_part, offsets_only, remaining_error
-from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Poses
+from robacc.effects.base import Effect
+from robacc.effects.joint_offset import JointOffset
+from robacc.effects.link_geometry import LinkGeometry
+from robacc.errors import InputError, Problem, RobaccError, UsageError
+from robacc.fitting.fit_result import Options
+from robacc.fitting.parameters import absorb_constants, apply_fit
+from robacc.fitting.solver import fit
+from robacc.geometry import Poses, log_between
 from robacc.io.yaml_nodes import Source, compose
+from robacc.modelling.model import Model, predict
 from robacc.plug_ins import plug_in
 from robacc.robots.description import Frame, Joint, Robot
 from robacc.robots.urdf_writer import robot_to_urdf
 from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__
+
+# Best model that a controller can take, and the error that remains because it cannot take everything.
+#
+# The parameters that the format has are fitted again to poses of the complete model, so that they take up what they can
+# of the effects that the format lacks; those effects are not just cut off.
+
+FIT_POSES = 400
+CHECK_POSES = 1000
+_SEEDS = (11, 12)
+"""Seeds of the poses for the fit and of those for the remaining error."""
+
+
+@dataclass(frozen=True, slots=True)
+class RemainingError:
+    """Difference between a complete model and what the controller takes, over poses within the joint limits."""
+
+    poses: int
+    position_rms: float
+    """m"""
+    position_max: float
+    orientation_rms: float
+    """rad"""
+    orientation_max: float
+
+
+def restricted(robot: Robot, nominal: Robot | None = None) -> tuple[Robot, Robot, tuple[str, ...], tuple[str, ...]]:
+    """Return the arm with all geometry free, fitted to the robot's effects; exact where there are only constants.
+
+    With ``nominal``, return this arm with joint offsets fitted to the robot, base and tool as in the robot. Beside it
+    are the complete arm that it was fitted to, with constants in its numbers, the names of its effects, which the
+    parameters take up as far as they can, and those of effects that depend on circumstances, which are left out.
+
+    Raises:
+        UsageError: The two have different joints.
+    """
+    whole = absorb_constants(robot)
+    start = dataclasses.replace(whole if nominal is None else absorb_constants(nominal), effects=())
+    if nominal is not None:
+        start = dataclasses.replace(start, base=robot.base, tool=robot.tool, targets=robot.targets)
+    kept, names, excluded = [], [], []
+    for entry in whole.effects:
+        name = str(entry.get("effect", "?"))
+        try:
+            simulate(_single_target(dataclasses.replace(whole, effects=(entry,))), Plan(2, seed=_SEEDS[0]))
+        except RobaccError:
+            excluded.append(name)
+        else:
+            kept.append(entry)
+            names.append(name)
+    complete = dataclasses.replace(whole, effects=tuple(kept))
+    if nominal is not None or kept:
+        data = simulate(_single_target(complete), Plan(FIT_POSES, seed=_SEEDS[0])).data
+        model = Model.of(_single_target(start))
+        joints = model.arm.names
+        free: list[Effect] = [JointOffset(joints)]
+        free += [LinkGeometry(joints)] if nominal is None else []
+        fitted = apply_fit(fit(model.with_free(*free), data, Options(robust=False)))
+        start = dataclasses.replace(fitted, tool=start.tool, targets=start.targets)
+    return start, complete, tuple(names), tuple(excluded)
+
+
+def remaining_error(complete: Robot, controller: Robot) -> RemainingError:
+    """Return the difference of the poses of two arms within the joint limits of the first."""
+    data = simulate(_single_target(complete), Plan(CHECK_POSES, seed=_SEEDS[1])).data
+    attained = predict(_single_target(controller), dataclasses.replace(data, target=None))
+    rotation = data.rotation
+    assert rotation is not None
+    errors = pose_metrics(np.vstack((attained.translation - data.position, log_between(attained.rotation, rotation))))
+    assert errors.orientation is not None
+    return RemainingError(
+        data.n, errors.position.rms, errors.position.max, errors.orientation.rms, errors.orientation.max
+    )
+
+
+def _single_target(robot: Robot) -> Robot:
+    """Return the robot with its flange as the only target, where it has several."""
+    return dataclasses.replace(robot, targets={}, tool=Frame()) if robot.targets else robot
+
 
 # Nominal Denavit-Hartenberg parameters of the arms of Universal Robots.
 #
@@ -96,65 +181,49 @@ def parse_links(text: str, file: str) -> Robot:
     """
     source = Source(file)
     root = compose(text, file)
-    node = _kinematics(root)
-    if node is None:
+    pairs = root.value if isinstance(root, yaml.MappingNode) else []
+    nodes = [value for key, value in pairs if key.value == "kinematics" and isinstance(value, yaml.MappingNode)]
+    if not nodes:
         fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
         raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
     origins: dict[str, list[float]] = {}
-    for name, _, value in source.entries(node, "kinematics"):
+    for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
-            nodes = [(section.require(key), section.at(key)) for key in _KEYS]
-            origins[name] = [source.number(item, path) or 0.0 if item else 0.0 for item, path in nodes]
+            items = [(section.require(key), section.at(key)) for key in _KEYS]
+            origins[name] = [source.number(item, path) or 0.0 if item else 0.0 for item, path in items]
     source.finish()
     names = _names(tuple(origins), file)
-    joints = []
-    for link, name in names.items():
-        x, y, z, roll, pitch, yaw = origins[link]
-        joints.append(joint_at(Frame((x, y, z), (roll, pitch, yaw)), name))
+    joints = [
+        joint_at(_frame({"xyz": origins[link][:3], "rpy": origins[link][3:]}), name) for link, name in names.items()
+    ]
     is_ur = tuple(names.values()) == UR_JOINTS
     return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
 
 
-def links_text(frames: JointFrames, names: Sequence[str], header: str = "", hash_line: str = "") -> tuple[str, Frame]:
-    """Return the kinematics file of an arm, and the flange in the last joint's frame, which the file cannot hold."""
-    steps = frames.steps()
-    lines = [f"# {line}" for line in header.splitlines()] + ["kinematics:"]
-    for name, step in zip(names, steps[:-1], strict=True):
-        frame = Frame.of(step)
-        lines.append(f"  {name}:")
-        lines += [f"    {key}: {float(value)!r}" for key, value in zip(_KEYS, (*frame.xyz, *frame.rpy), strict=True)]
-    if hash_line:
-        lines.append(f"  {hash_line}")
-    return "\n".join([*lines, ""]), Frame.of(steps[-1])
+def links_text(frames: JointFrames, form: str, name: str, template: str) -> tuple[str, Frame]:
+    """Return the kinematics file of an arm, and the flange in the last joint's frame, which the file cannot hold.
 
-
-def link_names(frames: JointFrames, form: str) -> tuple[str, ...]:
-    """Return the names of an arm's joints in the file of ``form``, ``ur-kinematics`` or ``xarm``.
+    Args:
+        frames: The arm.
+        form: ``ur-kinematics`` or ``xarm``.
+        name: Name of the arm, for the comment at the top.
+        template: The arm's own file, whose line ``hash: …`` is kept: the driver knows the arm by it.
 
     Raises:
         UsageError: The arm has a prismatic joint, or for ``ur-kinematics`` other than six joints.
     """
     if any(joint.type != "revolute" for joint in frames.joints):
         raise UsageError(f"the format {form} has revolute joints only")
-    if form == "xarm":
-        return tuple(f"joint{i + 1}" for i in range(len(frames.joints)))
-    if len(frames.joints) != len(UR_LINKS):
+    names = UR_LINKS if form != "xarm" else tuple(f"joint{i + 1}" for i in range(len(frames.joints)))
+    if len(frames.joints) != len(names):
         raise UsageError(f"the format {form} is for arms with six joints; this one has {len(frames.joints)}")
-    return UR_LINKS
-
-
-def hash_line_of(text: str) -> str:
-    """Return the line ``hash: …`` of a kinematics file, by which the driver knows the arm; empty without one."""
-    return next((line.strip() for line in text.splitlines() if line.strip().startswith("hash:")), "")
-
-
-def _kinematics(root: yaml.Node) -> yaml.MappingNode | None:
-    if not isinstance(root, yaml.MappingNode):
-        return None
-    for key, value in root.value:
-        if isinstance(key, yaml.ScalarNode) and key.value == "kinematics" and isinstance(value, yaml.MappingNode):
-            return value
-    return None
+    *steps, flange = map(Frame.of, frames.steps())
+    lines = [f"# written by robacc {__version__} from {name}", "kinematics:"]
+    for link, step in zip(names, steps, strict=True):
+        numbers = zip(_KEYS, (*step.xyz, *step.rpy), strict=True)
+        lines += [f"  {link}:", *(f"    {key}: {float(value)!r}" for key, value in numbers)]
+    lines += [f"  {line.strip()}" for line in template.splitlines() if line.strip().startswith("hash:")][:1]
+    return "\n".join([*lines, ""]), flange
 
 
 def _names(links: tuple[str, ...], file: str) -> dict[str, str]:
@@ -183,11 +252,6 @@ _LINE = re.compile(r"^[ \t]*(delta_(?:theta|a|d|alpha))[ \t]*=[ \t]*\[([^\]\r\n]
 _LARGEST_DIFFERENCE = 5e-3
 """m: an arm that differs more from every arm of Universal Robots is none of them."""
 _MARK = re.compile(r"^[ \t]*delta_(?:theta|a|d|alpha)[ \t]*=", re.M)
-
-
-def is_ur_calibration(text: str) -> bool:
-    """Return whether a text is a calibration file of Universal Robots."""
-    return _MARK.search(text) is not None
 
 
 def parse_deltas(text: str, file: str) -> tuple[DhRow, ...]:
@@ -272,7 +336,7 @@ def ur_arm_of(frames: JointFrames) -> str:
 def known_ur_arm(robot: Robot) -> str | None:
     """Return the name of the arm of Universal Robots that a robot is; None if it is none."""
     try:
-        return ur_arm_of(joint_frames(kinematic_part(robot).robot))
+        return ur_arm_of(joint_frames(restricted(robot)[0]))
     except UsageError:
         return None
 
@@ -284,24 +348,15 @@ def _distance(first: Poses, second: Poses) -> float:
     return float(np.linalg.norm(between - z * (z @ between)))
 
 
-def ur_deltas_text(robot: Robot, arm: str, template: str | None = None) -> tuple[str, DhTable]:
-    """Return the calibration file of an arm, and the table that it describes.
-
-    Args:
-        robot: Arm, without effects.
-        arm: Its name in :data:`robacc.controllers.formats.UR_ARMS`.
-        template: The arm's own calibration file, whose other lines are kept.
-    """
-    nominal = ur_table(arm)
-    table = dh_table(joint_frames(robot), nominal, last_is_axis=True)
-    columns = {
-        key: [getattr(row, field) - getattr(base, field) for row, base in zip(table.rows, nominal, strict=True)]
+def _deltas_text(deltas: Sequence[DhRow], template: str | None = None) -> str:
+    """Return the calibration file of an arm; with a ``template``, its own file, whose other lines are kept."""
+    lines = {
+        key: f"{key} = [ {', '.join(f'{getattr(row, field):.18g}' for row in deltas)}]"
         for key, field in zip(KEYS, _FIELDS, strict=True)
     }
-    lines = {key: f"{key} = [ {', '.join(f'{value:.18g}' for value in values)}]" for key, values in columns.items()}
     if template is None:
-        return "\n".join(["[mounting]", *(lines[key] for key in KEYS), ""]), table
-    return _LINE.sub(lambda match: lines[match[1]], template), table
+        return "\n".join(["[mounting]", *(lines[key] for key in KEYS), ""])
+    return _LINE.sub(lambda match: lines[match[1]], template)
 
 
 class ControllerFormat(StrEnum):
@@ -367,60 +422,47 @@ def export_model(
     Raises:
         UsageError: The arm does not fit the format, or an argument is missing.
     """
+    chosen: str | None = None
+    losses: tuple[str, ...] = ()
     if form == ControllerFormat.joint_offsets:
         if nominal is None:
             raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
         if nominal.variable_names != robot.variable_names:
             raise UsageError("the model and the nominal model have different joints")
-        part = offsets_only(robot, nominal)
-        text = _offsets_text(part.robot, nominal)
-        result = _exported(robot, part, text, part.robot, part.robot.tool, ("link geometry",))
-        is_exact = max(result.remaining.position_max, result.remaining.orientation_max) < _EXACT
-        return dataclasses.replace(result, not_carried=()) if is_exact else result
-    part = kinematic_part(robot)
-    chosen = None
-    if form == ControllerFormat.urdf or form not in tuple(ControllerFormat):
+    only_offsets = nominal if form == ControllerFormat.joint_offsets else None
+    controller, complete, refitted, excluded = restricted(robot, only_offsets)
+    tool = controller.tool
+    if only_offsets is not None:
+        text, losses = _offsets_text(controller, only_offsets), ("link geometry",)
+    elif form == ControllerFormat.urdf or form not in tuple(ControllerFormat):
         write = robot_to_urdf if form == ControllerFormat.urdf else plug_in("robacc.exporters", form)
-        text, losses = write(part.robot)
-        return _exported(robot, part, text, part.robot, part.robot.tool, losses)
-    if form == ControllerFormat.mdh:
-        controller = _modified_robot(part.robot)
-        return _exported(robot, part, robot_to_yaml(controller), controller, controller.tool, ())
-    frames = joint_frames(part.robot)
-    if form == ControllerFormat.json:
-        text = json.dumps(_document(part.robot), indent=2) + "\n"
-        return _exported(robot, part, text, part.robot, part.robot.tool, ())
-    if form == ControllerFormat.ur_calibration:
+        text, losses = write(controller)
+    elif form == ControllerFormat.mdh:
+        controller = _modified_robot(controller)
+        text, tool = robot_to_yaml(controller), controller.tool
+    elif form == ControllerFormat.json:
+        text = json.dumps(_document(controller), indent=2) + "\n"
+    elif form == ControllerFormat.ur_calibration:
         if arm is not None and arm not in UR_ARMS:
             raise UsageError(f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}")
-        chosen = arm or ur_arm_of(frames)
-        text, table = ur_deltas_text(part.robot, chosen, template)
-        deltas = tuple(DhRow(*map(operator.sub, *rows)) for rows in zip(table.rows, ur_table(chosen), strict=True))
-        written = ur_robot(deltas, chosen)
-        base = Frame.of(robot.base.pose @ table.base)
-        tool = Frame.of(table.tool @ robot.tool.pose)
+        chosen = arm or ur_arm_of(joint_frames(controller))
+        nominal_rows = ur_table(chosen)
+        table = dh_table(joint_frames(controller), nominal_rows, last_is_axis=True)
+        deltas = tuple(DhRow(*map(operator.sub, *rows)) for rows in zip(table.rows, nominal_rows, strict=True))
+        text = _deltas_text(deltas, template)
+        written, tool = ur_robot(deltas, chosen), Frame.of(table.tool @ robot.tool.pose)
         # The description's last frame stands at the flange of the table.
         last = Frame.of(written.tool.pose @ tool.pose)
-        return _exported(robot, part, text, dataclasses.replace(written, base=base, tool=last), tool, (), chosen)
-    header = f"written by robacc {__version__} from {robot.name}"
-    text, last = links_text(frames, link_names(frames, form), header, hash_line_of(template or ""))
-    tool = Frame.of(last.pose @ robot.tool.pose)
-    return _exported(robot, part, text, part.robot, tool, ())
-
-
-def _exported(
-    robot: Robot,
-    part: Restricted,
-    text: str,
-    controller: Robot,
-    tool: Frame,
-    losses: tuple[str, ...],
-    arm: str | None = None,
-) -> ExportedModel:
-    effects = [f"effect {name}" for name in (*part.refitted, *part.excluded)]
-    remaining = remaining_error(part.complete, controller)
-    kept = [loss for loss in losses if not loss.startswith("effect ")]
-    return ExportedModel(text, controller, tool, (*effects, *kept), part.refitted, remaining, arm)
+        controller = dataclasses.replace(written, base=Frame.of(robot.base.pose @ table.base), tool=last)
+    else:
+        text, flange = links_text(joint_frames(controller), str(form), robot.name, template or "")
+        tool = Frame.of(flange.pose @ robot.tool.pose)
+    remaining = remaining_error(complete, controller)
+    effects = [f"effect {name}" for name in (*refitted, *excluded)]
+    not_carried = (*effects, *(loss for loss in losses if not loss.startswith("effect ")))
+    if only_offsets is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT:
+        not_carried = ()
+    return ExportedModel(text, controller, tool, not_carried, refitted, remaining, chosen)
 
 
 def _modified_robot(robot: Robot) -> Robot:
@@ -508,7 +550,7 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
         InputError: The file is none of these, or has errors.
         UsageError: ``arm`` is missing or unknown.
     """
-    if is_ur_calibration(text):
+    if _MARK.search(text):
         if arm not in UR_ARMS:
             reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
             raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
@@ -520,8 +562,11 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
 
 
 def _parse_json(text: str, file: str) -> Robot:
+    def no_number(name: str) -> float:
+        raise ValueError(f"{name} is not a finite number")
+
     try:
-        document: Any = json.loads(text, parse_constant=_no_number)
+        document: Any = json.loads(text, parse_constant=no_number)
     except json.JSONDecodeError as error:
         raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
     except ValueError as error:
@@ -536,8 +581,7 @@ def _parse_json(text: str, file: str) -> Robot:
                 raise ValueError(f"type {entry['type']!r}")
             limits = None if limits is None else (float(limits[0]), float(limits[1]))
             joints.append(joint_at(_frame(entry["origin"]), str(entry["name"]), entry["type"], limits))
-        gravity = tuple(float(value) for value in document["gravity"])
-        x, y, z = gravity
+        x, y, z = map(float, document["gravity"])
         base, tool = _frame(document["base"]), _frame(document["tool"])
     except (KeyError, TypeError, ValueError, IndexError) as error:
         message = f"a key is missing or has an unexpected value: {error}"
@@ -546,10 +590,5 @@ def _parse_json(text: str, file: str) -> Robot:
 
 
 def _frame(value: Any) -> Frame:
-    x, y, z = (float(number) for number in value["xyz"])
-    roll, pitch, yaw = (float(number) for number in value["rpy"])
+    (x, y, z), (roll, pitch, yaw) = map(float, value["xyz"]), map(float, value["rpy"])
     return Frame((x, y, z), (roll, pitch, yaw))
-
-
-def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is not a finite number")

@@ -71,74 +71,51 @@ def solve(
         weights: ``(R,)`` weight of each component of the error: 1 for m, a length for rad.
         first: Joints to begin with; None for ``start``.
     """
-    n = start.shape[1]
-    state = _State(evaluate, start, joints, weights, start if first is None else first)
-    open_ = np.arange(n)
-    trial = state.q.copy()
+    low, high, scale = (part[:, None] for part in (joints.low, joints.high, joints.scale))
+    q, n = np.clip(start if first is None else first, low, high), start.shape[1]
+    error, jacobian = np.zeros((weights.size, n)), np.zeros((weights.size, len(start), n))
+    cost, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
+    stalled, settled = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
+    index, trial = np.arange(n), q.copy()
     for _ in range(_STEPS):
-        state.accept(trial, open_)
-        step = state.step(open_)
-        done = np.max(np.abs(step), axis=0, initial=0.0) < _SETTLED
-        state.settled[open_[done]] = True
-        trial[:, open_] = state.limited(open_, step)
-        open_ = open_[~done & (state.stalled[open_] < _PATIENCE)]
-        if open_.size == 0:
-            break
-    return JointSolution(state.q, state.error, state.settled)
-
-
-class _State:
-    """Best joints so far of every target, with error, Jacobian and damping."""
-
-    def __init__(self, evaluate: Evaluate, start: Array, joints: JointSpace, weights: Array, first: Array) -> None:
-        count, n = start.shape
-        self.evaluate, self.joints, self.weights = evaluate, joints, weights
-        self.start = start
-        self.q = np.clip(first, joints.low[:, None], joints.high[:, None])
-        self.error = np.zeros((weights.size, n))
-        self.jacobian = np.zeros((weights.size, count, n))
-        self.cost = np.full(n, np.inf)
-        self.damping = np.full(n, _FIRST_DAMPING)
-        self.stalled = np.zeros(n, dtype=int)
-        self.settled = np.zeros(n, dtype=bool)
-
-    def accept(self, trial: Array, index: NDArray[np.int64]) -> None:
-        """Take the trial joints of the targets that they bring nearer; raise the damping of the others."""
-        error, jacobian = self.evaluate(trial[:, index], index)
-        cost = np.sum(np.square(self.weights[:, None] * error), axis=0)
-        rounding = np.square(1e-13 * np.max(self.weights))
-        nearer = cost <= self.cost[index] * (1.0 + 1e-9) + rounding
+        # Joints that bring a target nearer are taken; elsewhere the damping rises.
+        new_error, new_jacobian = evaluate(trial[:, index], index)
+        new_cost = np.sum(np.square(weights[:, None] * new_error), axis=0)
+        nearer = new_cost <= cost[index] * (1.0 + 1e-9) + np.square(1e-13 * np.max(weights))
         taken, refused = index[nearer], index[~nearer]
-        self.stalled[index] = np.where(cost < 0.999 * self.cost[index], 0, self.stalled[index] + 1)
-        self.q[:, taken], self.cost[taken] = trial[:, taken], cost[nearer]
-        self.error[:, taken], self.jacobian[..., taken] = error[:, nearer], jacobian[..., nearer]
-        self.damping[taken] = np.maximum(0.1 * self.damping[taken], _LEAST_DAMPING)
-        self.damping[refused] = np.clip(30.0 * self.damping[refused], _RAISED, _MOST_DAMPING)
+        stalled[index] = np.where(new_cost < 0.999 * cost[index], 0, stalled[index] + 1)
+        q[:, taken], cost[taken] = trial[:, taken], new_cost[nearer]
+        error[:, taken], jacobian[..., taken] = new_error[:, nearer], new_jacobian[..., nearer]
+        damping[taken] = np.maximum(0.1 * damping[taken], _LEAST_DAMPING)
+        damping[refused] = np.clip(30.0 * damping[refused], _RAISED, _MOST_DAMPING)
+        matrix = weights[:, None, None] * jacobian[..., index] * scale
+        back = (start[:, index] - q[:, index]) / scale
+        at_low, at_high = q[:, index] <= low, q[:, index] >= high
+        step = _step(matrix, weights[:, None] * error[:, index], back, damping[index], at_low, at_high)
+        settled[index] = np.max(np.abs(step), axis=0, initial=0.0) < _SETTLED
+        trial[:, index] = np.clip(q[:, index] + step * scale, low, high)
+        index = index[~settled[index] & (stalled[index] < _PATIENCE)]
+        if index.size == 0:
+            break
+    return JointSolution(q, error, settled)
 
-    def step(self, index: NDArray[np.int64]) -> Array:
-        """Return the scaled step ``(J, M)``; joints at a limit that would leave their range stay."""
-        matrix = self.weights[:, None, None] * self.jacobian[..., index] * self.joints.scale[:, None]
-        error = self.weights[:, None] * self.error[:, index]
-        back = (self.start[:, index] - self.q[:, index]) / self.joints.scale[:, None]
-        q, low, high = self.q[:, index], self.joints.low[:, None], self.joints.high[:, None]
-        damping, fixed = self.damping[index], np.zeros(q.shape, dtype=bool)
-        for _ in range(q.shape[0] + 1):
-            step = _damped_step(matrix, error, back, damping)
-            added = (((q <= low) & (step < 0.0)) | ((q >= high) & (step > 0.0))) & ~fixed
-            if not added.any():
-                break
-            fixed |= added
-            matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
-            damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
-        largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
-        result: Array = step * np.minimum(1.0, _LARGEST_STEP / largest)
-        return result
 
-    def limited(self, index: NDArray[np.int64], step: Array) -> Array:
-        """Return the joints after a scaled step, within their limits."""
-        moved = self.q[:, index] + step * self.joints.scale[:, None]
-        result: Array = np.clip(moved, self.joints.low[:, None], self.joints.high[:, None])
-        return result
+def _step(
+    matrix: Array, error: Array, back: Array, damping: Array, at_low: NDArray[np.bool_], at_high: NDArray[np.bool_]
+) -> Array:
+    """Return the scaled step ``(J, M)``; joints at a limit that would leave their range stay."""
+    fixed = np.zeros(back.shape, dtype=bool)
+    for _ in range(back.shape[0] + 1):
+        step = _damped_step(matrix, error, back, damping)
+        added = ((at_low & (step < 0.0)) | (at_high & (step > 0.0))) & ~fixed
+        if not added.any():
+            break
+        fixed |= added
+        matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
+        damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
+    largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
+    result: Array = step * np.minimum(1.0, _LARGEST_STEP / largest)
+    return result
 
 
 def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Array:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.correction.solving import JointSpace, solve
+from robacc.correction.solving import Evaluate, JointSpace, solve
 from robacc.effects.base import Effect, Part, Term
 from robacc.errors import InputError, Problem
 from robacc.fitting.parameters import absorb_constants
@@ -18,7 +18,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
 # Circumstances of targets other than the joints: from columns, from the order of the targets, and from options.
@@ -102,8 +102,8 @@ class RobotPair:
 
     @property
     def base(self) -> Poses:
-        """Pose of the robot's base in the measuring frame, one pose."""
-        return frame_pose(self.model.arm.robot.base)
+        """Pose of the robot's base in the measuring frame."""
+        return self.model.arm.robot.base.pose
 
     def to_measuring(self, poses: Poses) -> Poses:
         """Return Cartesian targets in the measuring frame."""
@@ -137,11 +137,6 @@ def robot_pair(model: Robot, nominal: Robot, frame: FrameName) -> RobotPair:
     return RobotPair(dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out)
 
 
-def nominal_of(model: Robot) -> Robot:
-    """Return the robot that a model was fitted from: its numbers without the fitted constants, and no effects."""
-    return dataclasses.replace(absorb_constants(model), effects=())
-
-
 def check_same_joints(model: Robot, nominal: Robot) -> None:
     """Raise InputError unless both robots have the same joint variables."""
     pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]
@@ -149,11 +144,6 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
         texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
         message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
         raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
-
-
-def frame_pose(frame: Frame) -> Poses:
-    """Return the pose ``(1)`` of a frame."""
-    return Poses.from_xyz_rpy(np.array(frame.xyz)[:, None], np.array(frame.rpy)[:, None])
 
 
 def arm_length(arm: Arm, q: Array) -> float:
@@ -253,31 +243,40 @@ def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
     return Poses(poses.rotation[..., index], poses.translation[:, index])
 
 
-@dataclass(frozen=True)
-class PoseEvaluator:
-    """Errors of a model's poses against wanted poses, and their Jacobian to the joints."""
+def pose_evaluator(
+    model: Model,
+    wanted: Poses,
+    oriented: bool,
+    setting: Circumstances,
+    motion: tuple[Array | None, Array | None],
+    targets: NDArray[np.int64],
+) -> Evaluate:
+    """Return errors ``(R, K)`` of a model's poses against wanted poses, and ``(R, J, K)`` to the joints, as a function.
 
-    model: Model
-    """Without free effects."""
-    wanted: Poses
-    oriented: bool
-    setting: Circumstances
-    motion: tuple[Array | None, Array | None]
-    """Direction and speed of approach ``(J, N)`` of all targets."""
+    The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
+    thousandths of it. The errors are exact, so this costs a step at most.
 
-    def __call__(self, q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the errors ``(R, M)`` and ``(R, J, M)`` at joints ``q`` ``(J, M)`` of the targets ``index``.
+    Args:
+        model: Without free effects.
+        wanted: ``(M)`` wanted poses.
+        oriented: Whether their orientation is wanted too.
+        setting: Circumstances of all targets.
+        motion: Direction and speed of approach ``(J, N)`` of all targets.
+        targets: ``(M,)`` numbers of the targets whose poses are wanted.
+    """
+    arm = model.arm
+    terms, owners = _variables(arm), tuple(range(len(arm.names)))
 
-        The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
-        thousandths of it. The errors are exact, so this costs a step at most.
-        """
-        arm, data = self.model.arm, self.setting.at(q, self.motion, index)
-        rigid = dataclasses.replace(Model(arm).bind(data), terms=_variables(arm), owners=tuple(range(len(arm.names))))
-        poses, jacobian = rigid.linearise(np.zeros(len(arm.names)))
-        if self.model.known:
-            poses = self.model.bind(data).poses(np.zeros(0))
-        error = pose_error(part_of(self.wanted, index), poses, self.oriented)
+    def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+        data = setting.at(q, motion, targets[index])
+        rigid = dataclasses.replace(Model(arm).bind(data), terms=terms, owners=owners)
+        poses, jacobian = rigid.linearise(np.zeros(len(owners)))
+        if model.known:
+            poses = model.bind(data).poses(np.zeros(0))
+        error = pose_error(part_of(wanted, index), poses, oriented)
         return error, jacobian[: error.shape[0]]
+
+    return evaluate
 
 
 def _variables(arm: Arm) -> tuple[Term, ...]:
@@ -292,7 +291,7 @@ def _nominal_joints(
     pair: RobotPair, setting: Circumstances, wanted: Poses, oriented: bool, start: Array
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return nominal joints ``(J, N)`` near ``start`` for the wanted poses, and where they reach them."""
-    evaluate = PoseEvaluator(Model(pair.nominal), wanted, oriented, setting, (None, None))
+    evaluate = pose_evaluator(Model(pair.nominal), wanted, oriented, setting, (None, None), np.arange(start.shape[1]))
     length = arm_length(pair.nominal, start)
     weights = row_weights(oriented, start.shape[0], length, length)
     solution = solve(evaluate, start, joint_space(pair, start), weights)

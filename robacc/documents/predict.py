@@ -29,7 +29,7 @@ from robacc.documents.keys import (
     vector3,
 )
 from robacc.documents.parts import OUTSIDE_KEY, QUANTITIES, REGISTERED_PARAMETER, ROBOT, robot_document, rounded
-from robacc.prediction.warranty_map import warranty_map
+from robacc.prediction.predicting import warranty_map
 from robacc.quantities import number_text
 from robacc.robots.arm import build_chain
 

@@ -16,6 +16,7 @@ import numpy as np
 from robacc.geometry import Array
 from robacc.statistics.distributions import normal_quantile, student_quantile
 from robacc.statistics.intervals import EstimateOrReason, Interval, chi2_interval, interpolated, tails
+from robacc.statistics.lengths import mean_lengths
 from robacc.statistics.multivariate import principal_axes
 from robacc.statistics.quadratic_form import length_probability
 
@@ -324,20 +325,6 @@ def _simulated_ratios(variances: Array, n: int, seed: tuple[int, ...]) -> Array:
     points -= points.mean(axis=2, keepdims=True)
     lengths = np.sqrt(np.sum(np.square(points), axis=0))
     repeatability = lengths.mean(axis=1) + 3.0 * lengths.std(axis=1, ddof=1)
-    mean_length = mean_gaussian_length(variances)
+    mean_length = float(mean_lengths(variances[:, None])[0])
     true_repeatability = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
     return np.asarray(repeatability / true_repeatability)
-
-
-def mean_gaussian_length(variances: Array) -> float:
-    """Return E|z|, z ~ N(0, diag(v)), v ``(3,)``: the integral over s of (1 - prod (1 + 2 v_i s^2)^-1/2)/s^2/sqrt(pi).
-
-    From E sqrt(Q) = (1 / (2 sqrt(pi))) integral of (1 - E exp(-t Q)) t^-3/2 dt with t = s^2; s = tan(u) / sqrt(2 tr).
-    """
-    trace = float(np.sum(variances))
-    nodes, weights = np.polynomial.legendre.leggauss(120)
-    angle = 0.25 * math.pi * (nodes + 1.0)
-    s = np.tan(angle)
-    product = np.prod(1.0 + variances[:, None] / trace * s**2, axis=0) ** -0.5
-    integral = float(np.sum(weights * (1.0 - product) / np.sin(angle) ** 2)) * 0.25 * math.pi
-    return math.sqrt(2.0 * trace / math.pi) * integral

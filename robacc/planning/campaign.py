@@ -1,4 +1,4 @@
-"""Demands on a campaign, the number of poses that decides a limit, and the plan with its expected result."""
+"""Plan of a campaign: demands and what is known before, choice of poses, order of the visits, expected result."""
 
 from __future__ import annotations
 
@@ -14,13 +14,55 @@ from robacc.errors import UsageError
 from robacc.fitting.parameters import Correlation
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
-from robacc.planning.candidates import CandidatePoses, Constraints, SafetyBox
+from robacc.modelling.model import Model
+from robacc.planning.candidates import (
+    CandidatePoses,
+    Conditions,
+    Constraints,
+    SafetyBox,
+    conditions_of,
+    given_candidates,
+    sampled_candidates,
+    task_joints,
+)
 from robacc.planning.collisions import branches_at_rest
-from robacc.planning.design import Criterion
-from robacc.planning.expected import ExpectedAccuracy, ExpectedCoefficient, Sufficiency, Worth
-from robacc.planning.linear_model import ExpectedNoise
-from robacc.planning.power import Detectability, ExpectedPower
-from robacc.planning.route import Route
+from robacc.planning.design import Criterion, DesignProblem, FitCriterion, choose, exchanged, greedy, information_of
+from robacc.planning.expected import (
+    BATCH,
+    CURVE_EXCHANGED,
+    Expectation,
+    ExpectedAccuracy,
+    ExpectedCoefficient,
+    ExpectedNoise,
+    PlannedCoefficients,
+    Sufficiency,
+    Worth,
+    candidate_rows,
+    coefficients,
+    expected_accuracy,
+    expected_coefficients,
+    expected_correlations,
+    free_effects,
+    joint_repeatability,
+    region_rows,
+    repeatability_at_target,
+    sufficiency_of,
+    whitened_rows,
+    with_targets,
+    worth_of,
+)
+from robacc.planning.power import (
+    Detectability,
+    ExpectedPower,
+    choose_for_power,
+    detectability,
+    expected_power,
+    power_problem,
+    random_power,
+)
+from robacc.planning.route import Route, route
+from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
@@ -105,23 +147,20 @@ def needed(demand: Demand, expected: float | None) -> NeededPoses:
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
     """Return the number of poses that decides if the true value is ``ratio`` times the limit, below or above it."""
-    fewest = 3
+    is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
-        fewest = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95))
+        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
     if demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
-    enough = smallest_sufficient(lambda n: _decides(n, ratio, demand.confidence), 4, most=MOST_POSES)
-    if enough is None:
-        return None
-    cost = _PERCENTILE_COST if demand.statistic == "p95" else 1.0
-    number = max(math.ceil(cost * enough), fewest)
-    return number if number <= MOST_POSES else None
 
+    def decides(n: int) -> bool:
+        bound = chi2_quantile(1.0 - demand.confidence if is_below else demand.confidence, n)
+        below = chi2_cdf(bound / ratio**2, n)
+        return (below if is_below else 1.0 - below) >= ASSURANCE
 
-def _decides(n: int, ratio: float, confidence: float) -> bool:
-    if ratio < 1.0:
-        return chi2_cdf(chi2_quantile(1.0 - confidence, n) / ratio**2, n) >= ASSURANCE
-    return 1.0 - chi2_cdf(chi2_quantile(confidence, n) / ratio**2, n) >= ASSURANCE
+    enough = smallest_sufficient(decides, 4, most=MOST_POSES)
+    number = None if enough is None else max(math.ceil(cost * enough), fewest)
+    return number if number is not None and number <= MOST_POSES else None
 
 
 def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np.int64]:
@@ -137,29 +176,24 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
         return np.arange(n)
     sample = np.random.default_rng([seed, 3]).permutation(n)[:_REPRESENTED]
     spaces = []
-    mean_distance = np.zeros(n)
+    mean_distance, to_chosen = np.zeros(n), np.zeros(n)
     for space in (position, q):
         values = space / np.maximum(np.std(space, axis=1, keepdims=True), 1e-9)
-        distance = np.mean([_distances(values, values[:, at]) for at in sample], axis=0)
+        distance = np.mean([np.linalg.norm(values - values[:, [at]], axis=0) for at in sample], axis=0)
         scale = float(distance.mean()) or 1.0
         spaces.append(values / scale)
         mean_distance += distance / scale
-    to_chosen, chosen = np.zeros(n), np.zeros(count, dtype=np.int64)
-    for i in range(count):
-        score = mean_distance - to_chosen / (i + 1)
-        score[chosen[:i]] = np.inf
-        chosen[i] = np.argmin(score)
-        to_chosen += sum(_distances(values, values[:, chosen[i]]) for values in spaces)
-    return chosen
 
+    def energy(chosen: NDArray[np.int64]) -> Array:
+        """Return the cost ``(n,)`` of each pose beside those chosen, the distances to which add up."""
+        for values in spaces if chosen.size else ():
+            np.add(to_chosen, np.linalg.norm(values - values[:, chosen[-1:]], axis=0), out=to_chosen)
+        return mean_distance - to_chosen / (chosen.size + 1)
 
-def _distances(values: Array, point: Array) -> Array:
-    result: Array = np.linalg.norm(values - point[:, None], axis=0)
-    return result
+    return greedy(energy, n, count)
 
 
 Purpose = Literal["calibrate", "trace", "acceptance", "health"]
-PURPOSES: tuple[Purpose, ...] = ("calibrate", "trace", "acceptance", "health")
 DEFAULT_FIT: dict[Purpose, str] = {
     "calibrate": "base_frame,tool_frame,joint_offset,link_geometry",
     "trace": "base_frame,tool_frame,joint_offset,link_geometry",
@@ -287,7 +321,7 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        poses = self._to_measure(self.q, np.array([self.ids[number] for number in numbers]), self.payload_kg)
+        poses = self._to_measure(self.q, np.array(self.ids)[numbers], self.payload_kg)
         return dataclasses.replace(poses, cycle=np.array(cycle))
 
     def validation_poses(self) -> Measurements:
@@ -317,3 +351,308 @@ class CampaignPlan:
             speed=speed,
             ordered=True,
         )
+
+
+# Knowledge before a campaign: the noise, and the information of earlier poses or of a fitted model.
+
+_TIME_STEP = 20.0
+"""s from visit to visit, for the detection limit of a drift; the unit of time cancels."""
+
+
+def expected_noise(
+    model: Model, task: Measurements, settings: CampaignSettings, record: ModelFit | None
+) -> ExpectedNoise:
+    """Return the noise to expect: as given, else that of the model's fit, else typical.
+
+    Args:
+        model: The robot.
+        task: Poses over which the scatter at the target is meant.
+        settings: Given noise.
+        record: Record of the robot's fit; None if it has none.
+
+    Raises:
+        UsageError: Instrument and model have no error at all.
+    """
+    known = None if record is None or record.noise[0] <= 0.0 else record.noise[0]
+    position, source = settings.noise, "given noise"
+    if position is None:
+        position, source = (TYPICAL_NOISE, "typical noise") if known is None else (known, "noise of the model's fit")
+    sources = [source]
+    size = settings.repeatability
+    if size is None and record is not None:
+        # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
+        joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
+        sources += ["repeatability of the model's fit"] if record.repeatability else []
+    else:
+        joints = joint_repeatability(model, task, TYPICAL_REPEATABILITY if size is None else size)
+        sources.append(f"{'typical' if size is None else 'given'} repeatability")
+    unexplained = settings.unexplained
+    if record is not None and not unexplained:
+        variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
+        unexplained = math.sqrt(max(variance - (0.0 if record.noise_is_separate else record.noise[0] ** 2), 0.0))
+        sources += ["unexplained error of the model's fit"] if unexplained else []
+    if position == 0.0 and unexplained == 0.0:
+        raise UsageError("`noise` is zero; give the standard deviation of the instrument along each axis")
+    return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
+
+
+def known_information(
+    model: Model,
+    planned: PlannedCoefficients,
+    noise: ExpectedNoise,
+    already: Measurements | None,
+    record: ModelFit | None,
+) -> Array:
+    """Return ``(P, P)`` information of the poses measured ``already``, or else of the model's fit.
+
+    ``already`` has the commanded part alone.
+    """
+    if already is not None:
+        return information_of(whitened_rows(model, already, noise)[:, :, planned.columns])
+    result = np.zeros((planned.columns.size,) * 2)
+    known = {} if record is None else {name: i for i, name in enumerate(record.coefficients)}
+    ours = [i for i, name in enumerate(planned.names) if name in known]
+    if record is not None and ours:
+        theirs = [known[planned.names[i]] for i in ours]
+        # The part of a covariance is that of its coefficients, the others unknown.
+        result[np.ix_(ours, ours)] = scaled_inverse(record.covariance[np.ix_(theirs, theirs)])
+    return result
+
+
+def planned_visits(
+    plan: CampaignPlan, conditions: Conditions, already: Measurements | None = None
+) -> tuple[Measurements, Measurements]:
+    """Return the planned visits with every target and the time of each, alone and after the poses measured already.
+
+    ``already`` has the commanded part alone.
+    """
+    visits = plan.visits()
+    start: Array = _TIME_STEP * np.arange(visits.n, dtype=np.float64)
+    temperature = conditions.constant_temperature(visits.n)
+    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start, temperature=temperature)
+    data = with_targets(plan.robot, timed)
+    if already is None:
+        return data, data
+    before = dataclasses.replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
+    columns: dict[str, Array] = {}
+    for name in ("position", "q", "target", "time", "temperature", "payload", "direction", "speed", "branches"):
+        earlier, later = getattr(before, name), getattr(data, name)
+        if later is not None:
+            if earlier is None:
+                earlier = np.repeat(np.zeros(1) if name == "payload" else later[..., :1], before.n, axis=-1)
+            columns[name] = np.concatenate((earlier, later), axis=-1)
+    return data, dataclasses.replace(data, **columns)  # type: ignore[arg-type]
+
+
+def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
+    """Return the commanded part of measured poses; direction and speed of an approach that was not logged are zero.
+
+    Raises:
+        UsageError: They have no joint columns.
+    """
+    if data.q is None:
+        raise UsageError("the poses measured already have no joint columns")
+    motion = (data.direction, data.speed)
+    if data.direction is None or data.speed is None:
+        motion = (np.zeros_like(data.q),) * 2
+    return dataclasses.replace(
+        data,
+        position=np.zeros_like(data.position),
+        rotation=None,
+        direction=motion[0],
+        speed=motion[1],
+        temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
+    )
+
+
+_TASK_STREAM = 6
+"""Random numbers of the task's approaches, apart from those of the candidates."""
+
+
+def plan_campaign(
+    robot: Robot,
+    settings: CampaignSettings,
+    *,
+    candidates: Measurements | None = None,
+    task: Measurements | None = None,
+    already: Measurements | None = None,
+) -> CampaignPlan:
+    """Return the plan of a measurement of ``robot``.
+
+    Args:
+        robot: The robot, with the effects that are known; the record of its fit, if it has one, tells the noise, and
+            without ``already`` what is known of the coefficients.
+        settings: Purpose, number, constraints and noise.
+        candidates: Poses to choose from; sampled within the joint limits if None.
+        task: Poses where the accuracy matters, in place of a region.
+        already: Poses measured already.
+
+    Raises:
+        UsageError: A demand cannot be met, or an effect cannot be fitted to this robot.
+        InputError: A prismatic joint has no limits.
+    """
+    purpose, seed, constraints = settings.purpose, settings.seed, settings.constraints
+    model = Model.of(robot, free_effects(robot, settings.fit or DEFAULT_FIT[purpose]))
+    conditions = conditions_of(model, settings.payloads, seed, purpose in ("calibrate", "health"))
+    if candidates is None:
+        feasible = sampled_candidates(model, constraints, settings.n_candidates, seed)
+    else:
+        feasible = given_candidates(model, constraints, candidates)
+    pool = conditions.with_payloads(feasible)
+    poses = conditions.at(pool.q, pool.payload)
+    measured = None if already is None else commanded_part(already, conditions)
+    task_poses = _task(model, conditions, settings, task)
+    record = model_fit(robot)
+    noise = expected_noise(model, task_poses, settings, record)
+    repeatability = repeatability_at_target(model, task_poses, noise.joints)
+    # Poses measured already, or else those of the model's fit.
+    of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
+    n_known = of_model if measured is None else measured.n
+    demands = tuple(needed(demand, settings.expected) for demand in settings.demands)
+    count = _count(settings, demands, n_known, pool)
+
+    rows = candidate_rows(model, poses, noise)
+    planned = coefficients(model, rows)
+    rows = rows[:, :, planned.columns]
+    expectation = Expectation(
+        rows,
+        region_rows(model, task_poses)[:, :, planned.columns],
+        planned,
+        known_information(model, planned, noise, measured, record),
+        float(np.sqrt(3.0) * np.hypot(repeatability, noise.unexplained)),
+    )
+    accuracy = worth = power = power_of_random = None
+    if purpose == "acceptance":
+        chosen = _spread(settings, pool, count)
+    elif purpose == "trace":
+        problem = power_problem(model, poses, noise, measured)
+        chosen = choose_for_power(problem, count, seed)
+        power, power_of_random = expected_power(problem, chosen), random_power(problem, count, seed)
+    else:
+        criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
+        if purpose == "health":
+            is_offset = np.array([name.startswith("joint_offset") for name in planned.names], dtype=np.float64)
+            criterion, region = "A", np.diag(is_offset)[None]
+        elif criterion == "A":
+            region = np.diag(1.0 / scale)[None]
+        # Each coefficient is in units of its prior's standard deviation.
+        information = expectation.already * scale[:, None] * scale + np.eye(scale.size)
+        design = DesignProblem(rows * scale, information, FitCriterion(criterion, region * scale))
+        # The beginnings of a greedy design are those of fewer poses.
+        order = design.best(count if purpose == "health" else 2 * count + BATCH)
+        chosen = choose(design, order[:count], seed)
+    if purpose == "calibrate":
+        accuracy = expected_accuracy(expectation, design, order, chosen, seed)
+        # As many measurements of new poses, of half as many poses twice, and of two readings of each.
+        repeated, readings = (
+            candidate_rows(model, poses.subset(chosen), noise.reduced(*times))[:, :, planned.columns]
+            for times in ((2, 1), (1, 2))
+        )
+        new_poses = rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)]
+        worth = worth_of(expectation, (new_poses, repeated, readings))
+
+    # Names of given candidates, else numbers that go on from those measured already.
+    first = 1 if already is None else int(already.groups().max(initial=-1)) + 2
+    digits = len(str(first + count))
+    ids = [f"P{first + i:0{digits}d}" for i in range(count)] if pool.ids is None else pool.ids[chosen].tolist()
+    default = 0 if already is not None else count if purpose == "health" else count // 10
+    validation, validation_payload = _validation(model, conditions, settings)
+    plan = CampaignPlan(
+        robot,
+        dataclasses.replace(settings, poses=count),
+        pool,
+        chosen,
+        route(
+            pool.q[:, chosen],
+            None if pool.payload is None else pool.payload[chosen],
+            default if settings.repeats is None else settings.repeats,
+            settings.check_every if already is None else 0,
+            seed,
+        ),
+        tuple(ids),
+        validation,
+        validation_payload,
+        noise,
+        repeatability,
+        accuracy=accuracy,
+        worth=worth,
+        needed=demands,
+        power=power,
+        random_power=power_of_random,
+    )
+    # Repeats and checks are measurements too, and the order gives the approaches.
+    new, data = planned_visits(plan, conditions, measured)
+    covariance = expectation.covariance(whitened_rows(model, new, noise)[:, :, planned.columns])
+    fits = purpose != "acceptance"
+    return dataclasses.replace(
+        plan,
+        coefficients=expected_coefficients(planned, covariance),
+        correlations=expected_correlations(planned, covariance),
+        sufficiency=sufficiency_of(expectation, chosen, n_known, settings.target, already is None) if n_known else None,
+        detectability=detectability(model, data, noise) if fits else None,
+        warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
+    )
+
+
+def _task(
+    model: Model, conditions: Conditions, settings: CampaignSettings, stated: Measurements | None
+) -> Measurements:
+    """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
+    if stated is None:
+        q, payload = task_joints(model, settings.constraints, settings.region, settings.seed), None
+    elif stated.q is None:
+        raise UsageError("the poses of the task have no joint columns")
+    else:
+        q, payload = stated.q, stated.payload
+    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
+
+
+def _count(
+    settings: CampaignSettings, demands: tuple[NeededPoses, ...], n_known: int, candidates: CandidatePoses
+) -> int:
+    """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
+    count = settings.poses or (BATCH if n_known else None)
+    undecided = next((entry for entry in demands if entry.poses is None), None)
+    if count is None and undecided is not None:
+        raise UsageError(
+            f"no number of poses up to {MOST_POSES} decides {undecided.demand.label} if the true value is "
+            f"{undecided.ratio:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+        )
+    count = count or max((entry.poses or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
+    if count > candidates.n:
+        reasons = candidates.excluded
+        most = f"; most of the others are excluded by: {reasons[0].reason}" if reasons else ""
+        number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
+        raise UsageError(f"{count} poses are planned, but {number}{most}")
+    return count
+
+
+def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) -> NDArray[np.int64]:
+    """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
+    n = candidates.n_poses
+    position, q = candidates.position[:, :n], candidates.q[:, :n]
+    allowed = np.arange(n)
+    if settings.region is not None:
+        allowed = np.flatnonzero(settings.region.contains(position))
+    if allowed.size < count:
+        raise UsageError(
+            f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+            "give a larger region or more `candidates`"
+        )
+    chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)]
+    # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
+    return chosen + n * (np.arange(count) % candidates.n_payloads)
+
+
+def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> tuple[Array | None, Array | None]:
+    """Return joint variables and payloads of the validation poses, in the order of their visits."""
+    count = settings.validation
+    if not count:
+        return None, None
+    constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
+    pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
+    if pool.n < count:
+        raise UsageError(f"only {pool.n} of {count} validation poses are feasible")
+    q, payload = pool.q[:, :count], conditions.in_turn(count)
+    visits = route(q, payload, 0, 0, settings.seed).visits
+    return q[:, visits], None if payload is None else payload[visits]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ from robacc.quantities import parse_quantity
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
+from robacc.simulation.simulate import even_joints
 
 # Constraints of a measurement campaign: which poses the robot may take and the instrument can see.
 #
@@ -147,14 +147,6 @@ def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, 
     return x, y, z
 
 
-def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
-    """Return so many lengths, m."""
-    parts = text.split(separator) if isinstance(text, str) else list(text)
-    if len(parts) != count:
-        raise UsageError(f"`{name}`: expected {expected}, found {text!r}")
-    return [length(part, name) for part in parts]
-
-
 def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float]:
     """Parse nearest and farthest distance ``0.5:15``, m.
 
@@ -165,6 +157,14 @@ def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float
     if not 0 <= near < far:
         raise UsageError(f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}")
     return near, far
+
+
+def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
+    """Return so many lengths, m."""
+    parts = text.split(separator) if isinstance(text, str) else text
+    if len(parts) != count:
+        raise UsageError(f"`{name}`: expected {expected}, found {text!r}")
+    return [length(part, name) for part in parts]
 
 
 def length(text: str | float, name: str) -> float:
@@ -201,19 +201,24 @@ class Exclusion:
 class Filtered:
     """Outcome of the filters for N poses."""
 
-    feasible: NDArray[np.bool_]
-    """``(N,)``"""
     position: Array
     """``(3, N)`` target in the base frame, m; the mean of several targets."""
     excluded: dict[str, NDArray[np.bool_]]
     """``(N,)`` excluded poses, by reason."""
 
+    @property
+    def feasible(self) -> NDArray[np.bool_]:
+        """``(N,)`` poses that no reason excludes."""
+        result: NDArray[np.bool_] = ~np.any(list(self.excluded.values()), axis=0)
+        return result
+
     def exclusions(self) -> tuple[Exclusion, ...]:
-        """Return the count of each reason, the largest first."""
+        """Return the reasons that exclude a pose with their counts, the largest first."""
         number = np.sum(list(self.excluded.values()), axis=0)
         counts = [
             Exclusion(reason, int(np.count_nonzero(mask)), int(np.count_nonzero(mask & (number == 1))))
             for reason, mask in self.excluded.items()
+            if mask.any()
         ]
         return tuple(sorted(counts, key=lambda entry: -entry.count))
 
@@ -222,8 +227,7 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
     """Return which joint variables ``(J, N)`` are feasible, and why the others are not."""
     arm, links = model.arm, constraints.collisions
     excluded = {MARGIN: ~within_margin(arm, q, constraints.margin)}
-    targets = _targets(model, q)
-    position = np.mean([target.translation for target in targets], axis=0)
+    targets = _targets(arm, q)
     if constraints.inside is not None:
         inside = [constraints.inside.contains(target.translation) for target in targets]
         excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
@@ -231,6 +235,7 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
     if constraints.min_height is not None:
         floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
         sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
+    points = np.zeros((3, 0, q.shape[1]))
     if constraints.outside or sides:
         points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
     for box in constraints.outside:
@@ -248,7 +253,7 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
         excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
     if constraints.sight is not None:
         excluded |= _out_of_sight(targets, constraints.sight)
-    return Filtered(~np.any(list(excluded.values()), axis=0), position, excluded)
+    return Filtered(np.mean([target.translation for target in targets], axis=0), excluded)
 
 
 def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
@@ -263,30 +268,18 @@ def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
     return result
 
 
-def _targets(model: Model, q: Array) -> list[Poses]:
-    """Return the pose of each target in the base frame."""
-    arm = model.arm
-    result = []
-    for name in tuple(arm.robot.targets) or (None,):
-        n = q.shape[1]
-        data = Measurements(position=np.zeros((3, n)), q=q, target=None if name is None else np.full(n, name))
-        nominal = Model(arm).bind(data).poses(np.zeros(0))
-        result.append(in_base_frame(arm, nominal))
-    return result
+def _targets(arm: Arm, q: Array) -> list[Poses]:
+    """Return the nominal pose of each target in the base frame at joint variables ``(J, N)``."""
+    to_base, n = arm.robot.base.pose.inverse(), q.shape[1]
+    data = Measurements(position=np.zeros((3, n)), q=q)
+    rows = [dataclasses.replace(data, target=np.full(n, name)) for name in arm.robot.targets]
+    return [to_base @ Model(arm).bind(poses).poses(np.zeros(0)) for poses in rows or [data]]
 
 
 def targets_in_base(robot: Robot, q: Array) -> Array:
     """Return ``(3, N)`` nominal positions of the target in the base frame, m; the mean of several targets."""
-    result: Array = np.mean([target.translation for target in _targets(Model(Arm.of(robot)), q)], axis=0)
+    result: Array = np.mean([target.translation for target in _targets(Arm.of(robot), q)], axis=0)
     return result
-
-
-def in_base_frame(arm: Arm, poses: Poses) -> Poses:
-    """Return poses in the measuring frame as poses in the robot's base frame."""
-    base = Poses.from_xyz_rpy(np.array(arm.robot.base.xyz), np.array(arm.robot.base.rpy))
-    turn = base.rotation.reshape(3, 3)
-    shifted = poses.translation - base.translation.reshape(3, 1)
-    return Poses(np.einsum("ji,jkn->ikn", turn, poses.rotation), turn.T @ shifted)
 
 
 def moving_points(arm: Arm, q: Array) -> Array:
@@ -296,19 +289,17 @@ def moving_points(arm: Arm, q: Array) -> Array:
     n = q.shape[1]
     frames = arm.chain.sweep(arm.chain.scalars(q), n, (), counts).frames
     points = np.stack([frame.translation for frame in frames], axis=1) if frames else np.zeros((3, 0, n))
-    moves = np.ptp(points, axis=2).max(axis=0) > _MOVES if points.shape[2] > 1 else np.ones(points.shape[1], bool)
-    points = points[:, moves]
-    base = Poses.from_xyz_rpy(np.array(arm.robot.base.xyz), np.array(arm.robot.base.rpy))
-    shifted = points - base.translation.reshape(3, 1, 1)
-    result: Array = np.einsum("ji,jkn->ikn", base.rotation.reshape(3, 3), shifted)
-    return result
+    if points.shape[2] > 1:
+        points = points[:, np.ptp(points, axis=2).max(axis=0) > _MOVES]
+    to_base = arm.robot.base.pose.inverse()
+    return rotate(to_base.rotation, points) + to_base.translation[:, None, None]
 
 
 def joint_condition(arm: Arm, q: Array) -> Array:
     """Return ``(N,)`` condition number of the joints' Jacobian, lengths in units of the target's mean distance."""
     jacobian = arm.chain.jacobian(q, arm.chain.joint_axis)
-    reach = float(np.mean(np.linalg.norm(in_base_frame(arm, arm.chain.forward(q)).translation, axis=0)))
-    jacobian[:3] /= max(reach, 1e-9)
+    place = (arm.robot.base.pose.inverse() @ arm.chain.forward(q)).translation
+    jacobian[:3] /= max(float(np.mean(np.linalg.norm(place, axis=0))), 1e-9)
     values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
     with np.errstate(divide="ignore"):
         result: Array = values[:, 0] / values[:, -1]
@@ -339,7 +330,6 @@ _DECIMALS = 6
 """Decimals of commanded joint variables, as in a simulation."""
 _MOST_DRAWS = 40
 """Most samples drawn, as a multiple of the candidates sought."""
-_NO_CANDIDATE = "no pose is feasible"
 _TASK_SKIP = 7_919
 """Place in the sequence where poses that are not candidates begin, so that none of them is a candidate too."""
 
@@ -382,37 +372,49 @@ def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int
     Raises:
         InputError: A prismatic joint has no limits.
     """
-    ranges = joint_ranges(Arm.of(robot), np.pi, "to choose poses within", "give it limits")
-    low, high = (limit[:, None] for limit in ranges)
-    shift = np.random.default_rng([seed, len(robot.variables)]).uniform(size=(len(low), 1))
-    unit = (low_discrepancy(len(low), skip + count)[:, skip:] + shift) % 1.0
+    rng = np.random.default_rng([seed, len(robot.variables)])
+    q = even_joints(robot, count, rng, "to choose poses within", "give it limits", margin=margin, skip=skip)
+    low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi))
     keep = margin * (high - low)
-    result: Array = np.round(low + keep + (high - low - 2 * keep) * unit, _DECIMALS)
-    return np.clip(result, low + keep, high - keep)
+    return np.clip(np.round(q, _DECIMALS), low + keep, high - keep)
 
 
-def _sampled(
-    model: Model, constraints: Constraints, count: int, step: int, most: int, skip: int, seed: int, none: str
-) -> tuple[Array, Filtered]:
-    """Return samples, ``step`` at a time, until ``count`` are feasible or ``most`` are drawn, and their filters.
+def _feasible(
+    model: Model,
+    constraints: Constraints,
+    draws: Iterable[Array],
+    count: int,
+    none: str = "no pose is feasible",
+    ids: NDArray[np.str_] | None = None,
+) -> CandidatePoses:
+    """Return the first ``count`` feasible poses of ``draws``, blocks ``(J, n)``, or as many as there are.
 
     Raises:
-        UsageError: No sample is feasible; the message begins with ``none`` and names the reason that excludes most.
+        UsageError: No pose is feasible; the message begins with ``none`` and names the reason that excludes most.
     """
     parts: list[tuple[Array, Filtered]] = []
     n_feasible = 0
-    while n_feasible < count and len(parts) * step < most:
-        q = sampled_joints(model.arm.robot, constraints.margin, step, skip + len(parts) * step, seed)
-        parts.append((q, filtered(model, q, constraints)))
+    for block in draws:
+        parts.append((block, filtered(model, block, constraints)))
         n_feasible += int(np.count_nonzero(parts[-1][1].feasible))
+        if n_feasible >= count:
+            break
     outcomes = [outcome for _, outcome in parts]
     whole = Filtered(
-        np.concatenate([outcome.feasible for outcome in outcomes]),
         np.concatenate([outcome.position for outcome in outcomes], axis=1),
         {name: np.concatenate([outcome.excluded[name] for outcome in outcomes]) for name in outcomes[0].excluded},
     )
-    _refuse_none(whole, none)
-    return np.concatenate([q for q, _ in parts], axis=1), whole
+    q, exclusions = np.concatenate([block for block, _ in parts], axis=1), whole.exclusions()
+    if not n_feasible:
+        largest, *others = exclusions
+        text = f"{none}: of {q.shape[1]} poses, {largest.count} are excluded by: {largest.reason}"
+        text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
+        raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
+    at = np.flatnonzero(whole.feasible)[:count]
+    source = f"{q.shape[1]} samples within the joint limits"
+    return CandidatePoses(
+        q[:, at], whole.position[:, at], None if ids is None else ids[at], q.shape[1], exclusions, source
+    )
 
 
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:
@@ -421,8 +423,9 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     Raises:
         UsageError: No sample is feasible; the message names the reason that excludes most.
     """
-    q, outcome = _sampled(model, constraints, count, count, _MOST_DRAWS * count, 0, seed, _NO_CANDIDATE)
-    return _collected(q, outcome, None, f"{q.shape[1]} samples within the joint limits", count)
+    robot, margin = model.arm.robot, constraints.margin
+    draws = (sampled_joints(robot, margin, count, count * i, seed) for i in range(_MOST_DRAWS))
+    return _feasible(model, constraints, draws, count)
 
 
 def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:
@@ -434,34 +437,9 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
     if data.q is None:
         raise UsageError("the candidates have no joint columns")
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
-    q = data.q[:, first]
-    ids = None if data.pose is None else np.array([str(name) for name in data.pose[first]])
-    outcome = filtered(model, q, constraints)
-    _refuse_none(outcome, _NO_CANDIDATE)
-    return _collected(q, outcome, ids, f"{first.size} given poses", first.size)
-
-
-def _collected(q: Array, outcome: Filtered, ids: NDArray[np.str_] | None, source: str, count: int) -> CandidatePoses:
-    """Return the first ``count`` feasible poses of ``q``."""
-    at = np.flatnonzero(outcome.feasible)[:count]
-    return CandidatePoses(
-        q[:, at],
-        outcome.position[:, at],
-        None if ids is None else ids[at],
-        q.shape[1],
-        tuple(entry for entry in outcome.exclusions() if entry.count),
-        source,
-    )
-
-
-def _refuse_none(outcome: Filtered, message: str) -> None:
-    """Raise UsageError if no pose is feasible, with the reason that excludes most."""
-    if outcome.feasible.any():
-        return
-    largest, *others = (entry for entry in outcome.exclusions() if entry.count)
-    text = f"{message}: of {outcome.feasible.size} poses, {largest.count} are excluded by: {largest.reason}"
-    text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
-    raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
+    ids = None if data.pose is None else data.pose[first].astype(str)
+    candidates = _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids)
+    return dataclasses.replace(candidates, source=f"{first.size} given poses")
 
 
 def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None, seed: int) -> Array:
@@ -472,11 +450,10 @@ def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None
     Raises:
         UsageError: None of the samples lies in the region.
     """
-    without_sight = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
-    most = 10 * _MOST_DRAWS * TASK_POSES
-    none = "no pose of the task is feasible"
-    q, outcome = _sampled(model, without_sight, TASK_POSES, 5 * TASK_POSES, most, _TASK_SKIP, seed + 1, none)
-    return q[:, outcome.feasible][:, :TASK_POSES]
+    free = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
+    robot, step = model.arm.robot, 5 * TASK_POSES
+    draws = (sampled_joints(robot, free.margin, step, _TASK_SKIP + step * i, seed + 1) for i in range(2 * _MOST_DRAWS))
+    return _feasible(model, free, draws, TASK_POSES, "no pose of the task is feasible").q
 
 
 # Circumstances of planned poses before their order is known: payload, approach, temperature.
@@ -522,10 +499,9 @@ class Conditions:
 
     def with_payloads(self, candidates: CandidatePoses) -> CandidatePoses:
         """Return every candidate with every payload: all candidates with the first payload, then with the next."""
-        count = len(self.payloads)
+        count, ids = len(self.payloads), candidates.ids
         if count == 0:
             return candidates
-        ids = candidates.ids
         if ids is not None and count > 1:
             ids = np.array([f"{name}@{payload:g}kg" for payload in self.payloads for name in ids])
         return dataclasses.replace(

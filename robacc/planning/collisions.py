@@ -46,11 +46,11 @@ _EQUAL = 1e-4
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
     """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
-    variables = robot.branch_variables
     if not _loading(robot):
         return None, ()
-    positions = np.array([branch.position for branch in variables])
-    return np.tile(positions[:, None], (1, n)), tuple(branch.joint.name for branch in variables)
+    variables = robot.branch_variables
+    positions = np.array([[branch.position] * n for branch in variables])
+    return positions, tuple(branch.joint.name for branch in variables)
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:

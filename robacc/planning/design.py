@@ -11,6 +11,7 @@ A. N. Donev, R. D. Tobias, "Optimum Experimental Designs, with SAS", 2007 (crite
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -20,12 +21,13 @@ from numpy.typing import NDArray
 from robacc.geometry import Array
 
 Criterion = Literal["I", "G", "D", "A"]
-CRITERIA: tuple[Criterion, ...] = ("I", "G", "D", "A")
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
 _RANDOM_STARTS = 2
 """Random designs that exchange starts from, beside the greedy one, as it ends in a local optimum."""
+_RANDOM_DRAWS = 10
+"""Random designs that a planned one is compared with."""
 _LEAST_GAIN = 1e-3
 """Share of the cost that a pass of exchange must gain for another pass."""
 _PEAKING = 8.0
@@ -65,6 +67,10 @@ class DesignProblem:
         costs = self.criterion.costs(self.information_with(chosen), self.rows)
         costs[chosen] = np.inf
         return costs
+
+    def best(self, count: int) -> NDArray[np.int64]:
+        """Return the greedy choice of ``count`` candidates; its beginnings are those of fewer."""
+        return greedy(self.costs_beside, self.rows.shape[0], count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,11 +124,16 @@ def information_of(rows: Array) -> Array:
     return result
 
 
-def greedy(problem: DesignProblem, count: int) -> NDArray[np.int64]:
-    """Return ``count`` different candidates, each the best beside those before it; all where there are fewer."""
+def greedy(costs: Callable[[NDArray[np.int64]], Array], n: int, count: int) -> NDArray[np.int64]:
+    """Return ``count`` different numbers below ``n``, each of least cost beside those before it; all if ``n`` is less.
+
+    ``costs`` gives the cost ``(n,)`` of each number beside those chosen. It is called once for each choice.
+    """
     chosen = np.zeros(0, dtype=np.int64)
-    while chosen.size < min(count, problem.rows.shape[0]):
-        chosen = np.append(chosen, np.argmin(problem.costs_beside(chosen)))
+    while chosen.size < min(count, n):
+        cost = costs(chosen)
+        cost[chosen] = np.inf
+        chosen = np.append(chosen, np.argmin(cost))
     return chosen
 
 
@@ -147,8 +158,16 @@ def exchanged(problem: DesignProblem, chosen: NDArray[np.int64], others: int = E
     return pool[design]
 
 
+def random_designs(n: int, size: int, stream: int, seed: int, times: int = _RANDOM_DRAWS) -> list[NDArray[np.int64]]:
+    """Return random sets of ``size`` different numbers below ``n``, or of all; ``stream`` keeps draws apart."""
+    generator = np.random.default_rng([seed, stream])
+    return [generator.choice(n, min(size, n), replace=False) for _ in range(times)]
+
+
 def choose(problem: DesignProblem, start: NDArray[np.int64], seed: int, others: int = EXCHANGED) -> NDArray[np.int64]:
     """Return the best design that exchange reaches from ``start`` and from random designs of as many poses."""
-    generator = np.random.default_rng([seed, 5])
-    random = [generator.choice(problem.rows.shape[0], start.size, replace=False) for _ in range(_RANDOM_STARTS)]
-    return min((exchanged(problem, design, others) for design in (start, *random)), key=problem.cost)
+    random = random_designs(problem.rows.shape[0], start.size, 5, seed, _RANDOM_STARTS)
+    designs = [exchanged(problem, design, others) for design in (start, *random)]
+    costs = np.array([problem.cost(design) for design in designs])
+    # The first of equal designs: rounding makes a different one the best on different machines.
+    return designs[int(np.argmax(costs <= costs.min() + 1e-9 * abs(costs.min())))]

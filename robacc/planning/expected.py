@@ -1,23 +1,174 @@
-"""Expected result of a campaign before anything is measured: standard errors, accuracy over the number of poses."""
+"""Expected result of a campaign before anything is measured: its linear model, standard errors, and accuracy.
+
+The linear model has the whitened columns of the coefficients at planned poses, their priors, and the task's region.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.base import Effect, Term
+from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import every_column
+from robacc.fitting.fit_result import Dropped, identify_terms
+from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import CORRELATED, Correlation
-from robacc.fitting.priors import BADLY_MADE
+from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
+from robacc.fitting.visits import visit_numbers
+from robacc.fitting.whitening import whitening
 from robacc.geometry import Array
-from robacc.planning.design import DesignProblem, exchanged, information_of, region_variance
-from robacc.planning.linear_model import PlannedCoefficients
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.planning.design import DesignProblem, exchanged, information_of, random_designs, region_variance
+from robacc.robots.description import Robot
+
+_FRAME_PRIOR = 1.0
+"""m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
+_IDENTIFIED_ON = 1500
+"""Poses that decide which coefficients any poses identify."""
+_USUAL_SIZES = 10.0
+"""Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedNoise:
+    """Errors that no model predicts, as standard deviations."""
+
+    position: float
+    """Instrument, along each axis, m."""
+    orientation: float | None
+    """Instrument, about each axis, rad; None where orientation is not measured."""
+    joints: Array
+    """``(J,)`` repeatability of each joint, rad or m."""
+    unexplained: float
+    """Error of the model that stays the same at one pose and differs from pose to pose, along each axis, m."""
+    source: str
+
+    def reduced(self, visits: int, readings: int) -> ExpectedNoise:
+        """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
+        share = 1.0 / np.sqrt(visits * readings)
+        return dataclasses.replace(
+            self,
+            position=self.position * share,
+            orientation=None if self.orientation is None else self.orientation * share,
+            joints=self.joints / np.sqrt(visits),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedCoefficients:
+    """Coefficients that the campaign determines, with their priors."""
+
+    terms: tuple[Term, ...]
+    """Every coefficient of the free effects."""
+    columns: NDArray[np.int64]
+    """``(P,)`` numbers of the coefficients that are identifiable on some poses."""
+    dropped: tuple[Dropped, ...]
+    """Coefficients that no poses identify."""
+    prior_std: Array
+    """``(P,)`` prior standard deviations for the choice of poses: tolerance, else wide."""
+    broad_std: Array
+    """``(P,)`` standard deviation of the fit's broad prior of constants; inf for other coefficients."""
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the identifiable coefficients."""
+        return [self.terms[i].name for i in self.columns]
+
+
+def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
+    """Return the effects of a list such as ``base_frame,joint_offset[j2]``.
+
+    Raises:
+        UsageError: One of them does not exist or cannot be fitted to the robot.
+    """
+    arm = Model.of(robot).arm
+    return build(parse_requests(fit), arm, every_column(arm))
+
+
+def with_targets(robot: Robot, poses: Measurements) -> Measurements:
+    """Return unmeasured poses with every target at each pose, poses in order, targets innermost."""
+    targets = tuple(robot.targets)
+    if not targets:
+        return poses
+    repeated = poses.subset(np.repeat(np.arange(poses.n), len(targets)))
+    return dataclasses.replace(repeated, target=np.tile(np.array(targets), poses.n))
+
+
+def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
+    """Return ``(6, P, N)`` columns of the model's free coefficients, then of ``more`` terms, for the rows of data."""
+    bound = model.bind(data)
+    extended = dataclasses.replace(bound, terms=(*bound.terms, *more))
+    return extended.linearise(np.zeros(len(extended.terms)))[1]
+
+
+def whitened_rows(model: Model, data: Measurements, noise: ExpectedNoise, more: Iterable[Term] = ()) -> Array:
+    """Return ``(N, M, P)`` columns of the free coefficients, then of ``more`` terms, for the rows of ``data``.
+
+    They are in units of the noise: instrument, repeatability and unexplained error.
+    """
+    size = 3 if noise.orientation is None else 6
+    weight = np.full((size, data.n), 1.0 / np.hypot(noise.position, noise.unexplained))
+    if noise.orientation is not None:
+        weight[3:] = 1.0 / noise.orientation
+    white = whitening(weight, joint_columns(model, data)[:size], noise.joints, visit_numbers(data))
+    return white.apply(np.moveaxis(_jacobian(model, data, more)[:size], 1, 0)).T
+
+
+def candidate_rows(model: Model, poses: Measurements, noise: ExpectedNoise, more: Iterable[Term] = ()) -> Array:
+    """Return ``(N, M, P)`` the same of N unmeasured poses; M counts the components of all targets."""
+    rows = whitened_rows(model, with_targets(model.arm.robot, poses), noise, more)
+    return np.ascontiguousarray(rows).reshape(poses.n, -1, rows.shape[2])
+
+
+def region_rows(model: Model, task: Measurements) -> Array:
+    """Return ``(3, T, P)`` displacement of each target by each coefficient at the task's poses, m."""
+    jacobian = _jacobian(model, with_targets(model.arm.robot, task))
+    return np.ascontiguousarray(np.moveaxis(jacobian[:3], 1, 2))
+
+
+def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
+    """Return the coefficients that the candidates' ``rows`` ``(N, M, P)`` identify, and their priors."""
+    bound = [effect.terms(model.arm, every_column(model.arm)) for effect in model.free]
+    terms = tuple(term for own in bound for term in own)
+    owners = [number for number, own in enumerate(bound) for _ in own]
+    flat = rows[:: max(1, rows.shape[0] // _IDENTIFIED_ON)].reshape(-1, rows.shape[2])
+    identified = identify_terms(np.asarray(np.linalg.qr(flat, mode="r")), terms, flat.shape[0])
+    columns = identified.columns
+    tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
+    broad = broad_stds(model.free, terms, owners)
+    usual = [
+        _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else _FRAME_PRIOR
+        for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
+    ]
+    prior = np.array([tolerance.get(term.name, std) for term, std in zip(terms, usual, strict=True)])
+    return PlannedCoefficients(terms, columns, identified.dropped, prior[columns], broad[columns])
+
+
+def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> float:
+    """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over the task."""
+    columns = joint_columns(model, with_targets(model.arm.robot, task))[:3]
+    variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
+    return float(np.sqrt(np.mean(variance) / 3.0))
+
+
+def joint_repeatability(model: Model, task: Measurements, size: float) -> Array:
+    """Return ``(J,)`` equal scatter of all rotary joints that gives the target ``size`` m rms along each axis."""
+    is_rotary = np.array([model.arm.is_revolute(name) for name in model.arm.names])
+    if not is_rotary.any():
+        return np.full(is_rotary.size, size)
+    angle = size / repeatability_at_target(model, task, is_rotary.astype(np.float64))
+    return np.asarray(np.where(is_rotary, angle, size / np.sqrt(3.0)))
+
 
 ENOUGH_GAIN = 0.1
 """Ten more poses are not worth their time if they reduce the predicted error by less than this share."""
 BATCH = 10
-_RANDOM_DRAWS = 10
 _CURVE_POINTS = 8
 """Numbers of poses, besides the planned number, that the curve has at most."""
 CURVE_EXCHANGED = 200
@@ -94,16 +245,15 @@ class Sufficiency:
 
 def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
     """Return the predicted standard error of every coefficient, in the order of the effects."""
-    place = {int(column): i for i, column in enumerate(planned.columns)}
     why = {entry.name: entry.why for entry in planned.dropped}
-    too_few = None if covariance is not None else "the planned poses are too few for this model"
-    result = []
-    for number, term in enumerate(planned.terms):
-        if (i := place.get(number)) is None:
-            result.append(ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)))
-        else:
-            std = None if covariance is None else float(np.sqrt(covariance[i, i]))
-            result.append(ExpectedCoefficient(term.name, term.unit, std, float(planned.prior_std[i]), too_few))
+    result = [ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)) for term in planned.terms]
+    for i, column in enumerate(planned.columns.tolist()):
+        result[column] = dataclasses.replace(
+            result[column],
+            std=None if covariance is None else float(np.sqrt(covariance[i, i])),
+            prior_std=float(planned.prior_std[i]),
+            why="the planned poses are too few for this model" if covariance is None else None,
+        )
     return tuple(result)
 
 
@@ -111,13 +261,11 @@ def expected_correlations(planned: PlannedCoefficients, covariance: Array | None
     """Return pairs of coefficients whose estimates will be strongly correlated, strongest first."""
     if covariance is None:
         return ()
-    std = np.sqrt(np.diag(covariance))
+    std, names = np.sqrt(np.diag(covariance)), planned.names
     matrix = covariance / std[:, None] / std
-    names = planned.names
-    first, second = np.nonzero(np.triu(np.abs(matrix) > CORRELATED, 1))
     pairs = [
         Correlation(names[i], names[j], float(matrix[i, j]))
-        for i, j in zip(first.tolist(), second.tolist(), strict=True)
+        for i, j in np.argwhere(np.triu(np.abs(matrix) > CORRELATED, 1)).tolist()
     ]
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
 
@@ -164,11 +312,9 @@ class Expectation:
 
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
-        generator, count = np.random.default_rng([seed, n]), self.rows.shape[0]
-        draws = [generator.choice(count, min(n, count), replace=False) for _ in range(_RANDOM_DRAWS)]
-        points = [self.point(self.rows[at], n) for at in draws]
+        points = [self.point(self.rows[at], n) for at in random_designs(self.rows.shape[0], n, n, seed)]
         values = [point.rms for point in points if point is not None]
-        return float(np.mean(values)) if len(values) == _RANDOM_DRAWS else None
+        return float(np.mean(values)) if len(values) == len(points) else None
 
 
 def expected_accuracy(

@@ -17,8 +17,8 @@ from robacc.fitting.fit_result import identify_terms
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.design import DesignProblem, choose, greedy, information_of
-from robacc.planning.linear_model import ExpectedNoise, candidate_rows, coefficients, whitened_rows, with_targets
+from robacc.planning.design import DesignProblem, choose, information_of, random_designs
+from robacc.planning.expected import ExpectedNoise, candidate_rows, coefficients, whitened_rows, with_targets
 from robacc.tracing.candidates import Candidate, named_candidates
 from robacc.tracing.detection import decisive_test, visible
 
@@ -53,15 +53,11 @@ class ExpectedLimit:
     """Displacement of the target by an effect of the limit's size, m rms over the poses."""
 
     @property
-    def where(self) -> str:
-        """``backlash[j2]``, without settings."""
-        return self.effect + (f"[{','.join(self.joints)}]" if self.joints else "")
-
-    @property
     def label(self) -> str:
         """``backlash[j2]``, with settings."""
         settings = ", ".join(f"{key} {_text(value)}" for key, value in self.settings.items())
-        return self.where + (f" ({settings})" if settings else "")
+        joints = f"[{','.join(self.joints)}]" if self.joints else ""
+        return f"{self.effect}{joints}{f' ({settings})' if settings else ''}"
 
 
 def _text(value: object) -> str:
@@ -197,7 +193,6 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], ExpectedLimit]], gram: Arra
 _CANDIDATES = 800
 """Candidates that the search looks at, drawn at random; more gain little."""
 _EXCHANGED = 100
-_RANDOM_DRAWS = 10
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
@@ -281,8 +276,7 @@ def expected_power(problem: PowerProblem, chosen: NDArray[np.int64]) -> Expected
 
 def random_power(problem: PowerProblem, count: int, seed: int) -> ExpectedPower:
     """Return the mean of :func:`expected_power` over random sets of ``count`` candidates."""
-    generator = np.random.default_rng([seed, count])
-    draws = (generator.choice(problem.rows.shape[0], count, replace=False) for _ in range(_RANDOM_DRAWS))
+    draws = random_designs(problem.rows.shape[0], count, count, seed)
     powers = [(power.detected, power.separated) for power in (expected_power(problem, draw) for draw in draws)]
     return ExpectedPower(*np.mean(powers, axis=0).tolist())
 
@@ -291,7 +285,7 @@ def choose_for_power(problem: PowerProblem, count: int, seed: int) -> NDArray[np
     """Return ``count`` different candidates, chosen among some drawn at random."""
     pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
     part = dataclasses.replace(problem, rows=problem.rows[pool])
-    return pool[choose(part, greedy(part, count), seed, _EXCHANGED)]
+    return pool[choose(part, part.best(count), seed, _EXCHANGED)]
 
 
 def power_problem(

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.geometry import Array
 from robacc.measurements import motion_between_rows
+from robacc.planning.design import greedy
 
 Role = Literal["pose", "repeat", "check"]
 
@@ -47,37 +48,7 @@ class Route:
     """Share of a drift linear in time that a linear function of the joints explains: 1 if fully confused."""
 
 
-def route(q: Array, repeats: int, check: int | None, every: int, seed: int) -> Route:
-    """Return the order of visits to poses ``(J, n)``.
-
-    Args:
-        q: Joint variables, rad or m.
-        repeats: Number of poses that are visited a second time.
-        check: Pose for the drift check; None for no check.
-        every: Visits from one check to the next.
-        seed: Seed of the local search.
-    """
-    scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    visited_once = np.array([i for i in range(q.shape[1]) if i != check], dtype=np.int64)
-    if check is not None and visited_once.size == 0:
-        visited_once = np.array([check], dtype=np.int64)
-    repeated = visited_once[_spread(scaled[:, visited_once], repeats)]
-    tried = []
-    for passes in range(1, min(_MOST_PASSES, max(visited_once.size // 5, 1)) + 1):
-        order = _balanced(scaled, _in_passes(scaled, visited_once, repeated, passes), check, every, seed)
-        visits = _with_checks(order, check, every)
-        sequence = scaled[:, visits]
-        tried.append((_cost(sequence) + 0.5 * order.size * max(_drift_share(sequence) - 0.3, 0.0), passes, visits))
-    _, passes, visits = min(tried, key=lambda entry: entry[0])
-    visited: set[int] = set()
-    roles: list[Role] = []
-    for node in visits.tolist():
-        roles.append("check" if node == check else "repeat" if node in visited else "pose")
-        visited.add(node)
-    return _described(q, visits, tuple(roles), passes, seed)
-
-
-def route_by_payload(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
+def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
     """Return the order of visits to poses ``(J, n)`` in which each payload ``(n,)`` is mounted once.
 
     Args:
@@ -88,42 +59,65 @@ def route_by_payload(q: Array, payload: Array | None, repeats: int, every: int, 
         seed: Seed of the local search.
     """
     levels, group = np.unique(np.zeros(q.shape[1]) if payload is None else payload, return_inverse=True)
-    visits: list[NDArray[np.int64]] = []
-    roles: list[Role] = []
-    passes = 0
+    parts: list[NDArray[np.int64]] = []
+    checks: list[int] = []
+    most_passes = 0
     for number in range(levels.size):
         at = np.flatnonzero(group == number)
         share = repeats // levels.size + (number < repeats % levels.size)
-        check = middle_pose(q[:, at]) if every and at.size > 2 else None
-        part = route(q[:, at], share, check, max(every, 1), seed)
-        visits.append(at[part.visits])
-        roles += part.roles
-        passes = max(passes, part.passes)
-    return _described(q, np.concatenate(visits), tuple(roles), passes, seed)
-
-
-def middle_pose(q: Array) -> int:
-    """Return the pose ``(J, n)`` nearest to the middle of all, each joint scaled by its range."""
-    middle = np.median(q, axis=1, keepdims=True)
-    span = np.maximum(np.ptp(q, axis=1, keepdims=True), 1e-9)
-    return int(np.argmin(np.sum(np.square((q - middle) / span), axis=0)))
-
-
-def _described(q: Array, visits: NDArray[np.int64], roles: tuple[Role, ...], passes: int, seed: int) -> Route:
-    """Return the route with its figures."""
+        scaled = q[:, at] / np.maximum(np.ptp(q[:, at], axis=1), 1e-9)[:, None]
+        check = int(np.argmin(_from_middle(scaled))) if every and at.size > 2 else None
+        visits, passes = _ordered(scaled, share, check, max(every, 1), seed)
+        checks += [] if check is None else [int(at[check])]
+        parts.append(at[visits])
+        most_passes = max(most_passes, passes)
+    visits = np.concatenate(parts)
+    first = np.isin(np.arange(visits.size), np.unique(visits, return_index=True)[1])
+    roles: list[Role] = [
+        "check" if node in checks else "pose" if is_first else "repeat"
+        for node, is_first in zip(visits.tolist(), first, strict=True)
+    ]
     scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
     direction, speed = motion_between_rows(q[:, visits])
-    generator = np.random.default_rng([seed, 1])
     return Route(
         visits,
-        roles,
-        passes,
+        tuple(roles),
+        most_passes,
         _length(scaled[:, visits]),
-        _length(scaled[:, generator.permutation(visits)]),
+        _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
         direction_shares(direction),
         np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
         _drift_share(scaled[:, visits]),
     )
+
+
+def _from_middle(scaled: Array) -> Array:
+    """Return the squared distance ``(n,)`` of poses from the middle of all."""
+    result: Array = np.sum(np.square(scaled - np.median(scaled, axis=1, keepdims=True)), axis=0)
+    return result
+
+
+def _ordered(scaled: Array, repeats: int, check: int | None, every: int, seed: int) -> tuple[NDArray[np.int64], int]:
+    """Return the visits of poses ``(J, n)`` in units of their ranges, and the number of passes that is best."""
+    nodes = np.array([i for i in range(scaled.shape[1]) if i != check], dtype=np.int64)
+    among, gap = scaled[:, nodes], np.full(nodes.size, np.inf)
+
+    def nearness(chosen: NDArray[np.int64]) -> Array:
+        """Return minus the distance to the nearest of those chosen; the first is the middle pose."""
+        if chosen.size == 0:
+            return _from_middle(among)
+        np.minimum(gap, np.sum(np.square(among - among[:, chosen[-1:]]), axis=0), out=gap)
+        return -gap
+
+    repeated = nodes[greedy(nearness, nodes.size, repeats)]
+    tried = []
+    for passes in range(1, min(_MOST_PASSES, max(nodes.size // 5, 1)) + 1):
+        order = _balanced(scaled, _in_passes(scaled, nodes, repeated, passes), check, every, seed)
+        visits = _with_checks(order, check, every)
+        sequence = scaled[:, visits]
+        tried.append((_cost(sequence) + 0.5 * order.size * max(_drift_share(sequence) - 0.3, 0.0), passes, visits))
+    _, passes, visits = min(tried, key=lambda entry: entry[0])
+    return visits, passes
 
 
 def direction_shares(direction: Array) -> Array:
@@ -149,33 +143,13 @@ def _cost(scaled: Array) -> float:
     return float(length + _BALANCE * length / max(scaled.shape[1], 1) * _missing_approaches(scaled))
 
 
-def _spread(scaled: Array, count: int) -> NDArray[np.int64]:
-    """Return ``count`` poses far from each other, the first nearest to the middle."""
-    n = scaled.shape[1]
-    count = min(count, n)
-    if count == 0:
-        return np.zeros(0, dtype=np.int64)
-    chosen = [int(np.argmin(np.sum(np.square(scaled - np.median(scaled, axis=1, keepdims=True)), axis=0)))]
-    gap = np.full(n, np.inf)
-    while len(chosen) < count:
-        gap = np.minimum(gap, np.sum(np.square(scaled - scaled[:, chosen[-1:]]), axis=0))
-        chosen.append(int(np.argmax(np.where(np.isin(np.arange(n), chosen), -1.0, gap))))
-    return np.array(chosen, dtype=np.int64)
-
-
 def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return a short open route: the nearest neighbour next, then reversals of pieces (2-opt)."""
     if nodes.size < 3:
         return nodes
     points = scaled[:, nodes]
     distance = np.max(np.abs(points[:, :, None] - points[:, None, :]), axis=0)
-    order, free = [0], np.ones(nodes.size, dtype=bool)
-    free[0] = False
-    while len(order) < nodes.size:
-        step = np.where(free, distance[order[-1]], np.inf)
-        order.append(int(np.argmin(step)))
-        free[order[-1]] = False
-    tour = np.array(order)
+    tour = greedy(lambda chosen: distance[chosen[-1] if chosen.size else 0].copy(), nodes.size, nodes.size)
     # The route is open at its end: a node of no distance comes after it.
     distance = np.pad(distance, (0, 1))
     improved = True
@@ -198,24 +172,18 @@ def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
 def _in_passes(scaled: Array, nodes: NDArray[np.int64], repeated: NDArray[np.int64], passes: int) -> NDArray[np.int64]:
     """Return the visits: each pass takes every ``passes``-th pose of the route; repeats go into another pass."""
     tour = _tour(scaled, nodes)
-    parts = [tour[start::passes].tolist() for start in range(passes)]
-    place = {int(node): k % passes for k, node in enumerate(tour)}
-    for node in repeated.tolist():
-        parts[(place[node] + 1) % passes].append(node)
+    place = {node: (k + 1) % passes for k, node in enumerate(tour.tolist())}
     pieces: list[NDArray[np.int64]] = []
-    for number, part in enumerate(parts):
-        unique = np.array(list(dict.fromkeys(part)), dtype=np.int64)
-        piece = _tour(scaled, unique)
+    for number in range(passes):
+        again = np.array([node for node in repeated.tolist() if place[node] == number], dtype=np.int64)
+        parts = (tour[number::passes], again)
         # With one pass, the second visits come after all first ones.
-        extra = np.array([node for node in set(part) if part.count(node) > 1], dtype=np.int64)
-        piece = np.concatenate((piece, _tour(scaled, np.sort(extra)))) if extra.size else piece
-        start, end = scaled[:, piece[0]], scaled[:, piece[-1]]
+        parts = (parts[0], np.sort(again)) if passes == 1 else (np.concatenate(parts), again[:0])
+        piece = np.concatenate([_tour(scaled, part) for part in parts])
         if pieces:
-            last = scaled[:, pieces[-1][-1]]
-            is_reversed = np.max(np.abs(end - last)) < np.max(np.abs(start - last))
-        else:
-            is_reversed = number % 2 == 1
-        pieces.append(piece[::-1] if is_reversed else piece)
+            start, end, last = (scaled[:, node] for node in (piece[0], piece[-1], pieces[-1][-1]))
+            piece = piece[::-1] if np.max(np.abs(end - last)) < np.max(np.abs(start - last)) else piece
+        pieces.append(piece)
     return np.concatenate(pieces)
 
 

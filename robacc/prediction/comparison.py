@@ -1,29 +1,264 @@
-"""Comparison of the prediction with measured poses of one robot: tests and estimated variance components."""
+"""Comparison of the prediction with measured poses of one robot: tests and estimated variance components.
+
+The measured poses are reduced to sufficient statistics. They decide the tests of the predicted covariance, and the
+variance components.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Literal
 
 import numpy as np
 
+from robacc.chain import BASE, TOOL, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
-from robacc.modelling.model import predict
+from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.components import SufficientStatistics, VarianceComponents, reduce_residuals, variance_components
 from robacc.prediction.tolerances import ToleranceParameter
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
+# Measurement noise of the poses: given, from the file's columns, or estimated from the poses themselves.
+
+NoiseSource = Literal["file", "given", "estimated"]
+Noise = tuple[float | None, float | None]
+"""Standard deviation of the position (m) and the orientation (rad) along each axis; None where it is not given."""
+
+RANK_TOLERANCE = 1e-9
+"""Singular values below this fraction of the largest are rounding."""
+_MAX_REML_ROUNDS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class MeasurementNoise:
+    """Standard deviation of the measurement noise along each axis."""
+
+    position: float
+    """m, root mean square over poses and axes."""
+    orientation: float | None
+    """rad; None if no orientation was measured."""
+    source_position: NoiseSource
+    source_orientation: NoiseSource | None
+
+
+def _stated_noise(data: Measurements, given_noise: Noise) -> tuple[list[Array], list[float | None], list[NoiseSource]]:
+    """Return weights ``(3, N)``, standard deviation beside them, and source of the noise of each measured part.
+
+    Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
+    """
+    weights: list[Array] = []
+    sigma: list[float | None] = []
+    sources: list[NoiseSource] = []
+    problems = []
+    columns = (("sigma_x, sigma_y, sigma_z", data.sigma_position), ("sigma_r", data.sigma_rotation))
+    for (name, column), given in zip(columns, given_noise, strict=True):
+        used = None if given is not None else column
+        if used is not None and not np.all(used > 0):
+            fix = "remove the column, or give `noise`"
+            problems.append(Problem("the measuring uncertainty is 0, expected above 0", data.source, None, name, fix))
+        weights.append(np.broadcast_to(1.0 if used is None or problems else 1.0 / used, (3, data.n)))
+        sigma.append(given if used is None else 1.0)
+        sources.append("given" if given is not None else "estimated" if used is None else "file")
+    if problems:
+        raise InputError(problems)
+    parts = 1 if data.rotation is None else 2
+    return weights[:parts], sigma[:parts], sources[:parts]
+
+
+def _restricted_likelihood(
+    data: Measurements, triangles: Sequence[Array], given_sigma: Sequence[float | None]
+) -> list[float]:
+    """Return standard deviations of position and orientation by REML, all columns treated as fixed effects.
+
+    Fixed point of |r_k|² = σ_k² (n - tr(G^-1 G_k)), G_k the rows' part of the normal matrix G: H. D. Patterson,
+    R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
+    A deviation in ``given_sigma`` stays.
+    """
+    n = 3 * data.n
+    rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
+    sigma = [start if given is None else given for given, start in zip(given_sigma, rms, strict=True)]
+    for _ in range(_MAX_REML_ROUNDS):
+        stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
+        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
+        column_norms[column_norms == 0.0] = 1.0
+        u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
+        independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
+        inverse = vt[independent].T / singular_values[independent]
+        solution = inverse @ (u[:, independent].T @ stacked[:, -1])
+        change = 0.0
+        for k in (k for k, given in enumerate(given_sigma) if given is None):
+            rows = triangles[k][:, :-1] / column_norms
+            dof = n - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
+            if dof < 1.0:
+                fix = "measure more poses, or give the noise with `noise` or sigma columns"
+                raise InputError(Problem("too few poses to estimate the measurement noise", data.source, fix=fix))
+            new_sigma = float(np.linalg.norm(triangles[k][:, -1] - rows @ solution)) / math.sqrt(dof)
+            if new_sigma < 1e-12 * rms[k] or new_sigma == 0.0:
+                message = "the parameters explain every pose exactly, so the noise cannot be estimated"
+                fix = "give the noise with `noise` or sigma columns"
+                raise InputError(Problem(message, data.source, fix=fix))
+            change = max(change, abs(new_sigma / sigma[k] - 1.0))
+            sigma[k] = new_sigma
+        if change < 1e-10:
+            break
+    return sigma
+
+
+# Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
+#
+# All poses of one robot share the same parameter errors Δ. The residual of all poses together is
+#
+#     e = J Δ + ε,   Δ ~ N(0, V),   ε ~ N(0, Σ),   so   cov e = J V J^T + Σ,
+#
+# not a separate covariance for each pose. With W = Σ^(-1/2), A = W J V^(1/2) and the singular values A = U S Z^T,
+#
+#     y = U^T W e  has independent components  y_i ~ N(0, 1 + S_i²),
+#     and W e is N(0, 1) in all other directions,
+#
+# exactly, with matrices no larger than the number of parameters. If base or tool were fitted to the same poses, the
+# span of their columns is first projected out of A and e (the degrees of freedom that the fit used).
+
+NEGLIGIBLE = 1e-4
+"""Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
+noise are ignored: 1 + S² differs from 1 by 1e-8."""
+_FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
+
+
+@dataclass(frozen=True, slots=True)
+class SufficientStatistics:
+    """Whitened residual of all poses in the directions that the parameters' errors move."""
+
+    names: tuple[str, ...]
+    """Names of the P parameters."""
+    effect: Array
+    """``(R, P)`` U^T A: whitened effect of one standard deviation of each parameter; R directions."""
+    strength: Array
+    """``(R,)`` S, descending."""
+    y: Array
+    """``(R,)`` whitened residual in the R directions."""
+    noise_squares: float
+    """Sum of squares in all other directions, which contain noise only."""
+    noise_dof: int
+    n_poses: int
+    n_values: int
+    """Measured numbers: 3 or 6 a pose."""
+    n_aligned: int
+    """Combinations of base and tool coordinates that were fitted to the same poses."""
+    noise: MeasurementNoise
+
+
+def reduce_residuals(
+    robot: Robot,
+    data: Measurements,
+    parameters: Sequence[ToleranceParameter],
+    *,
+    noise: Noise = (None, None),
+    aligned: Sequence[str] = (),
+) -> SufficientStatistics:
+    """Reduce the residuals of measured poses to :class:`SufficientStatistics`.
+
+    Args:
+        robot: Robot with base and tool as registered; its effects are part of the command.
+        data: Measured poses with joint variables.
+        parameters: Parameters with predicted errors.
+        noise: Standard deviation of position (m) and of orientation (rad) along each axis; None: from the file's
+            columns, else estimated by restricted maximum likelihood from the part that no parameter explains.
+        aligned: ``base_frame``, ``tool_frame`` or both, if fitted to these poses.
+
+    Raises:
+        InputError: There are too few poses to estimate the noise, or the noise is zero.
+    """
+    weights, stated, sources = _stated_noise(data, noise)
+    triangles = _triangles(robot, data, parameters, weights, aligned)
+    n_values, n_fixed = 3 * data.n * len(triangles), triangles[0].shape[1] - len(parameters) - 1
+    sigma = _restricted_likelihood(data, triangles, stated)
+    stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
+    # What base and tool explain is taken out.
+    fixed = stacked[:, :n_fixed]
+    norms = np.sqrt(np.sum(np.square(fixed), axis=0))
+    basis, sizes, _ = np.linalg.svd(fixed / np.where(norms > 0, norms, 1.0), full_matrices=True)
+    n_aligned = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
+    projected = basis[:, n_aligned:].T @ stacked[:, n_fixed:]
+    scaled, residual = projected[:, :-1], projected[:, -1]
+    directions, strength, _ = np.linalg.svd(scaled, full_matrices=False)
+    significant = strength > NEGLIGIBLE
+    directions, strength = directions[:, significant], strength[significant]
+    y = directions.T @ residual
+    oriented = data.rotation is not None
+    in_file = [
+        mean if source == "file" and mean is not None else std
+        for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
+    ]
+    noise_squares = max(float(residual @ residual - y @ y), 0.0)
+    return SufficientStatistics(
+        tuple(parameter.name for parameter in parameters),
+        directions.T @ scaled,
+        strength,
+        y,
+        noise_squares,
+        n_values - n_aligned - int(significant.sum()),
+        data.n,
+        n_values,
+        n_aligned,
+        MeasurementNoise(in_file[0], in_file[1] if oriented else None, sources[0], sources[1] if oriented else None),
+    )
+
+
+def _triangles(
+    robot: Robot,
+    data: Measurements,
+    parameters: Sequence[ToleranceParameter],
+    weights: Sequence[Array],
+    aligned: Sequence[str],
+) -> list[Array]:
+    """Return the R factors of [fitted columns, A, residual] of position and of orientation, with weights."""
+    predicted = Model.of(robot).bind(data).poses(np.zeros(0))
+    arm = Arm.of(robot)
+    # Effects move the columns of the Jacobian in second order only.
+    scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
+    fixed = _registered_motions(arm, data, aligned)
+    motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
+    n_columns = len(motions) + 1
+    triangles = [np.zeros((0, n_columns)) for _ in weights]
+    for block in arm.chain.blocks(data.n):
+        columns = np.empty((6, n_columns, block.stop - block.start))
+        local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
+        columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
+        for k, (_, rows) in enumerate(fixed):
+            columns[:, k] *= 1.0 if rows is None else rows[block]
+        columns[:, len(fixed) : -1] *= np.array([parameter.sd for parameter in parameters])[:, None]
+        at = Poses(predicted.rotation[..., block], predicted.translation[..., block])
+        columns[: 3 * len(weights), -1] = residuals(data.subset(block), at)
+        for part, weight in enumerate(weights):
+            weighted = columns[3 * part : 3 * part + 3] * weight[:, None, block]
+            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
+            triangles[part] = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return triangles
+
+
+def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
+    """Return the motions that were fitted, each with the rows that it moves (None: all)."""
+    frames: list[tuple[int, Array | None]] = [(BASE, None)] if "base_frame" in aligned else []
+    if "tool_frame" in aligned:
+        targets = tuple(arm.robot.targets) if data.target is not None else ()
+        moved: list[Array | None] = [(np.asarray(data.target) == target).astype(float) for target in targets]
+        frames += [(TOOL, rows) for rows in moved or [None]]
+    return [(arm.chain.index(owner, label), rows) for owner, rows in frames for label in _FRAME_MOTIONS]
+
+
 # Tests of the measured errors against the prediction, with all poses of one robot treated jointly.
 #
-# Both tests use :class:`robacc.prediction.components.SufficientStatistics`: y_i ~ N(0, 1 + S_i²)
+# Both tests use :class:`SufficientStatistics`: y_i ~ N(0, 1 + S_i²)
 # independent, all other directions N(0, 1).
 #
 # - Chi-square: the normalised squared error e^T (J V J^T + Σ)^-1 e is Σ y_i²/(1 + S_i²) + |other directions|², with as
@@ -104,7 +339,7 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
     parameters = ChiSquare.of(normalised_squares, n_directions)
-    noise_is_known = not statistics.noise_is_estimated
+    noise_is_known = "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation)
     total = (
         ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
         if noise_is_known
@@ -198,12 +433,237 @@ def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: Scale
     return "; ".join(sentences)
 
 
+# Variance components by maximum likelihood.
+#
+# Each kind of parameter (theta, d, a, alpha; for a URDF the offsets, and the lengths and angles of origins) has its
+# predicted variances times one factor φ_c, so the sufficient statistic y
+# above has the distribution
+#
+#     y ~ N(0, C),  C = I + K_0 + Σ_c φ_c K_c,  K_c = E_c E_c^T,
+#
+# with E_c the whitened effects of one predicted standard deviation of each parameter of the kind, and K_0 those of base
+# and tool, whose tolerances are not estimated. The log-likelihood is -(log|C| + y^T C^-1 y)/2; score and expected
+# information in log φ by S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 6.2 and 6.3.
+#
+# A kind has as many degrees of freedom as it has identifiable parameters, six for six joints: a variance from six
+# numbers is known to a factor of about three, regardless of the number of poses. Intervals are by profile likelihood
+# with Bartlett's correction for that many degrees of freedom: for a variance from n Gaussian numbers the likelihood
+# ratio at the truth has mean n (log(n/2) - ψ(n/2)) rather than 1 (M. S. Bartlett, Proc. Royal Society A 160 (1937)
+# 268-282).
+
+GIVEN = frozenset({"base", "tool"})
+"""Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
+_LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
+"""Range of log φ; a factor at its lower end counts as zero."""
+_MAX_STEPS = 200
+_STEP_LIMIT = 2.0
+_LIKELIHOOD_TOLERANCE = 1e-7
+_MIN_DOF = 1.0
+"""Smallest number of degrees of freedom, with the other components free, of an estimated component."""
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceComponent:
+    """One variance component."""
+
+    name: str
+    n_parameters: int
+    unit: str
+    predicted: float
+    """RMS of its parameters' predicted standard deviations, m or rad."""
+    factor: float
+    """Estimated over predicted standard deviation, √φ."""
+    estimate: float
+    """``factor`` times ``predicted``."""
+    lower: float
+    upper: float | None
+    """Limit of ``factor``; None if the poses give no upper limit."""
+    dof: float
+    """Effective degrees of freedom, the other components free: 2 (expected information of log φ at the prediction)."""
+    likelihood_ratio: float
+    """Likelihood ratio of the prediction for this component, the others free."""
+    why: str | None
+    """Reason why the component is not identifiable; its numbers are then unreliable."""
+
+
+@dataclass(frozen=True, slots=True)
+class VarianceComponents:
+    """All variance components, with notes on those that are not identifiable."""
+
+    components: tuple[VarianceComponent, ...]
+    confidence: float
+    notes: tuple[str, ...]
+
+
+def variance_components(
+    statistics: SufficientStatistics, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
+) -> VarianceComponents | None:
+    """Estimate one factor for each kind of parameter; return None if no parameter affects the poses.
+
+    Args:
+        statistics: Sufficient statistics of the poses for ``parameters``.
+        parameters: Parameters with predicted errors, in the order of the statistics.
+        confidence: Confidence of the intervals.
+    """
+    is_given = np.array([parameter.component in GIVEN for parameter in parameters], dtype=bool)
+    estimated = [parameter.component for parameter in parameters if parameter.component not in GIVEN]
+    names = tuple(dict.fromkeys(estimated))
+    if statistics.y.size == 0 or not names:
+        return None
+    member = np.array([[float(component == name) for component in estimated] for name in names])
+    given_effects = statistics.effect[:, is_given]
+    fixed = np.eye(statistics.y.size) + given_effects @ given_effects.T
+    problem = _LikelihoodProblem(statistics.y, statistics.effect[:, ~is_given], member, fixed)
+    at_prediction = np.zeros(len(names))
+    log_factors, maximum = problem.maximise(at_prediction)
+    information = problem.evaluate(at_prediction)[2]
+    notes, components = [], []
+    for index, name in enumerate(names):
+        members = [parameter for parameter in parameters if parameter.component == name]
+        cross = np.delete(information[:, index], index)
+        others = np.linalg.pinv(np.delete(np.delete(information, index, axis=0), index, axis=1), rcond=1e-12)
+        dof = 2.0 * max(0.0, float(information[index, index] - cross @ others @ cross))
+        reason = _unidentified_reason(names, information, index, dof)
+        predicted = math.sqrt(float(np.mean([parameter.sd**2 for parameter in members])))
+        factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
+        threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
+        lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
+        ratio = max(0.0, 2.0 * (maximum - problem.maximise(log_factors, (index, 0.0))[1]))
+        components.append(
+            VarianceComponent(
+                name,
+                len(members),
+                members[0].unit,
+                predicted,
+                factor,
+                factor * predicted,
+                lower,
+                upper,
+                dof,
+                ratio,
+                reason,
+            )
+        )
+        if reason is not None:
+            notes.append(reason)
+    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
+    if not_estimated:
+        notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
+    return VarianceComponents(tuple(components), confidence, tuple(notes))
+
+
+def bartlett_mean(dof: float) -> float:
+    """Return n (log(n/2) - ψ(n/2)), the mean likelihood ratio at the truth of a variance from n = ``dof`` numbers."""
+    half = 0.5 * dof
+    return 2.0 * half * (math.log(half) - _digamma(half))
+
+
+def _digamma(x: float) -> float:
+    """Return ψ(x) for x > 0, by recurrence and the asymptotic series (DLMF 5.5.2, 5.11.2)."""
+    result = 0.0
+    while x < 12.0:
+        result -= 1.0 / x
+        x += 1.0
+    square = 1.0 / (x * x)
+    return result + math.log(x) - 0.5 / x - square * (1 / 12 - square * (1 / 120 - square * (1 / 252 - square / 240)))
+
+
+@dataclass(frozen=True, slots=True)
+class _LikelihoodProblem:
+    """Likelihood of log φ."""
+
+    y: Array
+    effect: Array
+    """``(R, P)`` effects of the parameters of estimated components."""
+    member: Array
+    """``(C, P)`` 1 if the parameter belongs to the component."""
+    fixed: Array
+    """``(R, R)`` I + K_0"""
+
+    def evaluate(self, eta: Array) -> tuple[float, Array, Array]:
+        """Return log-likelihood, score and expected information in log φ."""
+        phi = np.exp(eta)
+        weighted = self.effect * (phi @ self.member)
+        covariance = self.fixed + weighted @ self.effect.T
+        triangle = np.linalg.cholesky(covariance)
+        solved = np.linalg.solve(triangle, np.column_stack((self.effect, self.y)))
+        products = solved[:, :-1].T @ solved
+        gram, gradient_term = products[:, :-1], products[:, -1]
+        log_likelihood = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
+        score = 0.5 * phi * (self.member @ (np.square(gradient_term) - np.diag(gram)))
+        information = 0.5 * np.outer(phi, phi) * (self.member @ np.square(gram) @ self.member.T)
+        return log_likelihood, score, information
+
+    def maximise(self, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
+        """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood.
+
+        Fisher scoring with the step shortened until the likelihood rises.
+        """
+        eta = start.copy()
+        free = np.ones(eta.size, dtype=bool)
+        if held is not None:
+            eta[held[0]], free[held[0]] = held[1], False
+        log_likelihood, score, information = self.evaluate(eta)
+        for _ in range(_MAX_STEPS):
+            active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
+            if not np.any(active):
+                break
+            step = np.zeros_like(eta)
+            block = information[np.ix_(active, active)]
+            ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
+            step[active] = np.linalg.solve(block + ridge, score[active])
+            step = np.clip(step, -_STEP_LIMIT, _STEP_LIMIT)
+            for _ in range(30):
+                trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
+                candidate = self.evaluate(trial_eta)
+                if candidate[0] > log_likelihood:
+                    break
+                step *= 0.5
+            else:
+                break
+            converged = candidate[0] - log_likelihood < _LIKELIHOOD_TOLERANCE
+            eta, (log_likelihood, score, information) = trial_eta, candidate
+            if converged:
+                break
+        return eta, log_likelihood
+
+    def profile_interval(self, index: int, eta: Array, maximum: float, threshold: float) -> tuple[float, float | None]:
+        """Return the factors √φ at which twice the profile log-likelihood is ``threshold`` below its maximum."""
+        limits: list[float | None] = []
+        for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
+            inside, start, step, outside = float(eta[index]), eta, 0.5, None
+            while sign * (bound - inside) > 0.0 and (outside is None or abs(outside - inside) > 1e-3):
+                trial = 0.5 * (inside + outside) if outside is not None else inside + sign * step
+                trial = max(min(trial, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
+                best_eta, log_likelihood = self.maximise(start, (index, trial))
+                if 2.0 * (maximum - log_likelihood) > threshold:
+                    outside = trial
+                else:
+                    inside, start, step = trial, best_eta, 2.0 * step
+            limits.append(None if outside is None else math.exp(0.25 * (inside + outside)))
+        return limits[0] or 0.0, limits[1]
+
+
+def _unidentified_reason(names: Sequence[str], information: Array, index: int, dof: float) -> str | None:
+    """Return the reason why the component is not identifiable, or None."""
+    if dof >= _MIN_DOF:
+        return None
+    component_dof = 2.0 * float(information[index, index])
+    if component_dof < _MIN_DOF:
+        return f"{names[index]} is weakly identifiable on these poses: {component_dof:.2g} degrees of freedom"
+    scales = np.sqrt(np.diag(information))
+    correlations = np.abs(information[index]) / np.where(scales > 0, scales * scales[index], 1.0)
+    correlations[index] = 0.0
+    partners = [names[i] for i in np.argsort(-correlations) if correlations[i] > 0.5] or [
+        names[int(np.argmax(correlations))]
+    ]
+    return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"
+
+
 _MIN_REGISTERED_POSES = 3
 """With fewer poses, base and tool absorb everything that was measured."""
 _HINT_FACTOR = 20.0
 """Errors larger than the prediction by this factor come from frames or units, not from tolerances."""
-
-Noise = tuple[float | None, float | None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +703,7 @@ def compare_with_measured(
         data: Measured poses with joint variables.
         parameters: Parameters with predicted errors.
         align: ``base_frame``, ``tool_frame`` or both are fitted to the poses first.
-        noise: See :func:`robacc.prediction.components.reduce_residuals`.
+        noise: See :func:`reduce_residuals`.
         confidence: Confidence of the components' intervals.
         seed: Seed of the likelihood ratio's null distribution.
 

@@ -14,14 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import SCALE_OF_INSTRUMENT
+from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.beyond_range import faded
 from robacc.effects.drivers import MARGIN, Periods, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.covariances import motion_columns
 from robacc.robots.arm import Arm
 from robacc.statistics.distributions import normal_quantile
 
@@ -51,10 +50,18 @@ def beyond_columns(model: Model, data: Measurements, sample: Measurements | None
     for known in model.known:
         if stds := _motion_stds(model.arm, known, data, sample):
             waves = np.ones((1, data.n)) if sample is None else _difference_waves(model.arm, known, data)
-            jacobian = motion_columns(model, data, tuple(stds))
+            jacobian = _motion_columns(model, data, tuple(stds))
             columns += [jacobian[:, i, None] * (std * waves) for i, std in enumerate(stds.values())]
         columns.append(_faded_column(known, model, data, sample or data))
     return np.concatenate(columns, axis=1)
+
+
+def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
+    """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
+    bound = dataclasses.replace(model, free=()).bind(data)
+    terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
+    moved = dataclasses.replace(bound, terms=terms, owners=tuple(range(len(terms))))
+    return moved.linearise(np.zeros(len(terms)))[1]
 
 
 def _difference_waves(arm: Arm, known: Known, data: Measurements) -> Array:
@@ -154,5 +161,5 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     for whole, rest in zip(complete, left, strict=True):
         before, after = whole.parts[0], rest.parts[0]
         lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
-    result: Array = np.einsum("imn,mn->in", motion_columns(model, data, motions), lost)
+    result: Array = np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost)
     return result[:, None]

@@ -11,13 +11,13 @@ from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, Poses, log_between, rotate_back
+from robacc.geometry import Array, log_between, rotate_back
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import ModelUncertainty, model_uncertainty
 from robacc.robots.description import Robot
+from robacc.statistics.lengths import length_quantiles, principal_variances
 
 _PROBABILITY = 0.95
 _DOUBT = 2.6
@@ -120,11 +120,15 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     return float(1.0 / max(share - effective, _LEAST_SURPLUS))
 
 
-def nominal_robot(robot: Robot, record: ModelFit) -> Robot:
-    """Return the robot that a model was fitted from, in the model's frames and without effects."""
+def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
+    """Return the robot that a model was fitted from, in the model's frames and without effects.
+
+    Without a record, its joints keep the fitted numbers, but for the constants.
+    """
     robot = absorb_constants(robot)
+    before = {} if record is None else record.nominal
     joints = tuple(
-        dataclasses.replace(joint, parameters={**joint.parameters, **record.nominal.get(joint.name, {})})
+        dataclasses.replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})})
         for joint in robot.joints
     )
     return dataclasses.replace(robot, joints=joints, effects=())
@@ -132,16 +136,12 @@ def nominal_robot(robot: Robot, record: ModelFit) -> Robot:
 
 def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
     """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
-    changed = {}
+    changed: dict[str, dict[str, float]] = {}
     for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True):
-        names = {*fitted.parameters, *before.parameters}
-        numbers = {
-            name: float(before.parameters.get(name, 0.0))
-            for name in sorted(names)
-            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
-        }
-        if numbers:
-            changed[before.name] = numbers
+        for name in sorted({*fitted.parameters, *before.parameters}):
+            number = before.parameters.get(name, 0.0)
+            if number != fitted.parameters.get(name, 0.0):
+                changed.setdefault(before.name, {})[name] = float(number)
     return changed
 
 
@@ -153,13 +153,9 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     )
     full = Model.of(robot)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    real: Poses = arm_only.bind(data).poses(np.zeros(0))
-    wanted = predict(rigid, data)
-    angle = log_between(real.rotation, wanted.rotation)
-    return (
-        float(np.max(np.linalg.norm(real.translation - wanted.translation, axis=0))),
-        float(np.max(np.linalg.norm(angle, axis=0))),
-    )
+    real, wanted = arm_only.bind(data).poses(np.zeros(0)), predict(rigid, data)
+    moved, turned = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
+    return float(np.linalg.norm(moved, axis=0).max()), float(np.linalg.norm(turned, axis=0).max())
 
 
 def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:
@@ -191,24 +187,21 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    rows = residual.shape[0]
-    turned = np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
-    n = turned.shape[1]
-    total = _scatter(turned)
+    rows, n = residual.shape
+    remaining = _scatter(
+        np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
+    )
     local = uncertainty.in_target_frame()
-    explained = np.zeros((rows, rows))
-    parts = (local.position, local.orientation)
-    for i, (part, variance, shares) in enumerate(zip(parts[: rows // 3], noise, uncertainty.shares.T, strict=False)):
+    parts = (local.position, local.orientation)[: rows // 3]
+    for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
         block = slice(3 * i, 3 * i + 3)
         # The first share is that of the coefficients, the second that of the scatter of the joints.
         known = shares[0] + shares[1]
         scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
-        explained[block, block] = variance * np.eye(3)
-        explained[block, block] += scale * np.mean(part, axis=2)
-    remaining = total - explained
-    for block in (slice(i, i + 3) for i in range(0, rows, 3)):
-        expected = float(np.trace(explained[block, block]))
-        if float(np.trace(remaining[block, block])) <= 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(expected, 0.0):
+        explained = variance * np.eye(3) + scale * np.mean(part, axis=2)
+        remaining[block, block] -= explained
+        chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
+        if float(np.trace(remaining[block, block])) <= chance:
             remaining[block, :] = remaining[:, block] = 0.0
     return _positive(remaining)
 

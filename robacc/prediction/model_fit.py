@@ -111,7 +111,12 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         raise ValueError(f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}")
     orientation = noise["orientation"]
     return ModelFit(
-        effects=tuple(_effect(item) for item in entry["effects"]),
+        effects=tuple(
+            effect_class(str(item["effect"])).from_settings(
+                tuple(item.get("joints", ())), {key: item[key] for key in item if key not in ("effect", "joints")}
+            )
+            for item in entry["effects"]
+        ),
         coefficients=names,
         covariance=covariance,
         nominal={joint: {k: float(v) for k, v in numbers.items()} for joint, numbers in entry["nominal"].items()},
@@ -125,11 +130,6 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
         n_poses=int(entry["n_poses"]),
         suspicions=tuple(str(text) for text in entry.get("suspected_mistakes", ())),
     )
-
-
-def _effect(entry: Mapping[str, Any]) -> Effect:
-    settings = {key: value for key, value in entry.items() if key not in ("effect", "joints")}
-    return effect_class(str(entry["effect"])).from_settings(tuple(entry.get("joints", ())), settings)
 
 
 def _text(row: Array) -> str:

@@ -25,28 +25,28 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
-from robacc.effects.joint_offset import JointOffset
 from robacc.errors import InputError, Problem
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import residuals
-from robacc.prediction.covariances import in_tool_frame, outer_sums
 from robacc.prediction.extrapolation import beyond_columns
-from robacc.prediction.lengths import length_quantiles, principal_variances
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,
     Prediction,
     Share,
-    predicted_errors,
-    predicted_grade,
+    in_tool_frame,
+    outer_sums,
+    predicted,
 )
 from robacc.robots.description import Robot
+from robacc.statistics.lengths import length_quantiles, principal_variances
 
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 
@@ -114,8 +114,7 @@ def error_columns(
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
     scatter = np.zeros((6, 0, data.n))
     if stds.any():
-        joints = Model(model.arm, model.known, (JointOffset(model.arm.names),)).bind(data)
-        scatter = joints.linearise(np.zeros(stds.size))[1] * stds[:, None]
+        scatter = joint_columns(model, data) * stds[:, None]
     root = _root(fit.unexplained)
     unexplained = np.zeros((6, len(root), data.n))
     for i in range(0, len(root), 3):
@@ -200,7 +199,7 @@ def registered_uncertainty(
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
         scatter += np.einsum("ipn,ijn,jqn->pq", weighed, independent[:rows, :rows], weighed, optimize=True)
         crossed = crossed + np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
-    inverse = _pseudo_inverse(normal)
+    inverse = scaled_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
     position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
@@ -234,7 +233,7 @@ def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
     return [0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma) for sigma in stated]
 
 
-def _pseudo_inverse(normal: Array) -> Array:
+def scaled_inverse(normal: Array) -> Array:
     """Return the inverse of a normal matrix without its undetermined directions."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
@@ -264,8 +263,6 @@ def calibrated_accuracy(
     """
     data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
-    position = predicted_errors("m", uncertainty.position, configurations, scale.statistic)
-    orientation = predicted_errors("rad", uncertainty.orientation, configurations, scale.statistic)
     totals = np.sum(uncertainty.shares, axis=0)
     shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
     budget = [
@@ -273,18 +270,16 @@ def calibrated_accuracy(
         for name, share in zip(SOURCES, shares, strict=True)
     ]
     budget.sort(key=lambda share: -share.position)
-    notes = [*configurations.notes, *_notes(robot, fit, data)]
-    return Prediction(
+    return predicted(
+        configurations,
+        (uncertainty.position, uncertainty.orientation),
+        scale,
         parameters=(),
-        configurations=configurations,
-        position=position,
-        orientation=orientation,
         budget=tuple(budget),
         by_joint=(),
         by_kind=(),
-        grade=predicted_grade(position, orientation, scale),
         meaning=MEANING,
-        notes=tuple(notes),
+        notes=(*configurations.notes, *_notes(robot, fit, data)),
         is_calibrated=True,
     )
 

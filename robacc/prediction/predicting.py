@@ -1,4 +1,4 @@
-"""Predicted accuracy of an arm from the tolerances of its parameters, and tolerances that reach a grade.
+"""Predicted accuracy of an arm from the tolerances of its parameters, its map, and tolerances that reach a grade.
 
 The prediction is for robots whose parameter errors are random within the tolerances. At each pose the error is Gaussian
 with mean zero and covariance V_d or V_δ; over poses it is their mixture in equal parts.
@@ -10,24 +10,23 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.chain import Scalar
+from robacc.chain import Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Array
+from robacc.geometry import Array, compose, transpose
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.prediction.tolerances import NORMAL, ToleranceParameter
+from robacc.quantities import number_text
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
+from robacc.simulation.simulate import even_joints
+from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -80,10 +79,6 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
 def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | None = None) -> Configurations:
     """Return ``n`` configurations spread evenly over the joints' ranges; a revolute joint without limits turns fully.
 
-    A low-discrepancy sequence (Richtmyer's) shifted by a random vector, modulo the unit cube: R. Cranley and
-    T. N. L. Patterson, "Randomization of number theoretic methods for multiple integration", SIAM J. Numer. Anal. 13
-    (1976) 904-914.
-
     Args:
         robot: The arm.
         n: Number of configurations.
@@ -97,30 +92,86 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     if n < 1:
         raise UsageError(f"`samples` is at least 1, not {n}")
     fix = "give it limits, or give the configurations with `poses`"
-    low, high = joint_ranges(Arm.of(robot), np.pi, "to spread configurations over", fix)
+    q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     endless = [joint.name for joint in robot.variables if joint.limits is None]
     notes = [f"joint{'s' * (len(endless) != 1)} {', '.join(endless)} without limits: sampled over a full turn"]
     robot, target_notes = _with_target(robot, target)
-    shift = np.random.default_rng(seed).random(len(low))
-    points = (low_discrepancy(len(low), n) + shift[:, None]) % 1.0
-    q = low[:, None] + (high - low)[:, None] * points
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     return Configurations(q, scalars, None, source, (*(notes if endless else ()), *target_notes))
 
 
 def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
-    if not robot.targets:
-        if target is not None:
-            raise UsageError(f"no target {target!r}; the robot file has no targets")
+    name = next(iter(robot.targets), None) if target is None else target
+    if name is None:
         return robot, ()
-    name = target if target is not None else next(iter(robot.targets))
     if name not in robot.targets:
-        raise UsageError(f"no target {name!r}; the robot file has {', '.join(robot.targets)}")
-    single_target = dataclasses.replace(robot, tool=robot.targets[name], targets={})
+        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+        raise UsageError(f"no target {name!r}; the robot file {known}")
     ambiguous = len(robot.targets) > 1 and target is None
     note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
-    return single_target, note if ambiguous else ()
+    return dataclasses.replace(robot, tool=robot.targets[name], targets={}), note if ambiguous else ()
+
+
+# Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
+#
+# With J the columns of equation (6) and s_p the parameters' standard deviations, V = Σ_p s_p² J_p J_pᵀ, and the trace
+# of V divides among the parameters as Σ_n s_p² |J_pn|². The trace does not depend on the frame, so the sums are
+# computed in the measuring frame of the sweep, and only the 3 x 3 results are rotated into the tool's frame.
+#
+# The Jacobian of a block is the largest working array; only the 3 x 3 results and the shares outlive the block.
+
+
+@dataclass(frozen=True, slots=True)
+class PoseCovariances:
+    """Covariances of the tool's error at N poses, in the tool's frame, and the contribution of each parameter."""
+
+    position: Array
+    """``(3, 3, N)`` V_d, m²."""
+    orientation: Array
+    """``(3, 3, N)`` V_δ, rad²."""
+    power: Array
+    """``(2, P)`` contribution of each parameter to the sum of all traces of V_d (m²) and of V_δ (rad²)."""
+
+
+def pose_covariances(
+    chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[ToleranceParameter]
+) -> PoseCovariances:
+    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary)."""
+    # Rotations first: only they have an angular part, which is then a single slice.
+    is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
+    order = np.argsort(is_length, kind="stable")
+    n_rotations = is_length.count(False)
+    motions = [parameters[i].motion for i in order]
+    sd = np.array([parameters[i].sd for i in order])[:, None]
+    position, orientation = np.empty((3, 3, n)), np.empty((3, 3, n))
+    power = np.zeros((2, len(order)))
+    for block in chain.blocks(n):
+        local = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
+        sweep = chain.sweep(local, block.stop - block.start, motions)
+        scaled = sweep.jacobian
+        scaled *= sd
+        parts = (scaled[:3], scaled[3:, :n_rotations])
+        for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
+            covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
+            power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
+    return PoseCovariances(position, orientation, power)
+
+
+def outer_sums(columns: Array) -> Array:
+    """Return Σ_k c_k c_kᵀ ``(R, R, n)`` of columns ``(R, K, n)``."""
+    size = columns.shape[0]
+    result = np.empty((size, size, columns.shape[2]))
+    for i in range(size):
+        for j in range(i, size):
+            np.einsum("kn,kn->n", columns[i], columns[j], out=result[i, j])
+            result[j, i] = result[i, j]
+    return result
+
+
+def in_tool_frame(covariance: Array, rotation: Array) -> Array:
+    """Return covariances ``(3, 3, n)`` of the measuring frame in the tool's, whose axes are ``rotation``."""
+    return compose(transpose(rotation), compose(covariance, rotation))
 
 
 RADIUS_PROBABILITY = 0.95
@@ -249,8 +300,6 @@ def predict_accuracy(
     """
     chain = Arm.of(robot).chain
     covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
-    position = predicted_errors("m", covariances.position, configurations, scale.statistic)
-    orientation = predicted_errors("rad", covariances.orientation, configurations, scale.statistic)
     totals = covariances.power.sum(axis=1, keepdims=True)
     shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     by_parameter = [
@@ -262,19 +311,35 @@ def predict_accuracy(
         notes.append("the robot file's effects are not part of a prediction from tolerances")
     if meaning != NORMAL:
         notes.append("radii and percentiles assume that the sum of all errors is Gaussian; covariances do not")
-    return Prediction(
-        tuple(parameters),
+    by_joint = [share.joint or share.name.split(".")[0] for share in by_parameter]
+    return predicted(
         configurations,
-        position,
-        orientation,
+        (covariances.position, covariances.orientation),
+        scale,
+        parameters=tuple(parameters),
         budget=tuple(sorted(by_parameter, key=_largest_first)),
-        by_joint=_summed_shares(
-            by_parameter, [share.joint or share.name.split(".")[0] for share in by_parameter], "joint"
-        ),
+        by_joint=_summed_shares(by_parameter, by_joint, "joint"),
         by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters], "kind"),
-        grade=predicted_grade(position, orientation, scale),
         meaning=meaning,
         notes=tuple(notes),
+    )
+
+
+def predicted(
+    configurations: Configurations, covariances: tuple[Array, Array], scale: Scale, **facts: Any
+) -> Prediction:
+    """Return the prediction of covariances ``(3, 3, N)`` of position and orientation in the tool's frame.
+
+    ``facts`` are the other fields of the prediction.
+    """
+    position = predicted_errors("m", covariances[0], configurations, scale.statistic)
+    orientation = predicted_errors("rad", covariances[1], configurations, scale.statistic)
+    return Prediction(
+        configurations=configurations,
+        position=position,
+        orientation=orientation,
+        grade=predicted_grade(position, orientation, scale),
+        **facts,
     )
 
 
@@ -322,17 +387,20 @@ def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configu
 def _summed_shares(
     shares: Sequence[Share], keys: Sequence[str], grouping: Literal["joint", "kind"]
 ) -> tuple[Share, ...]:
-    sums: dict[str, list[float]] = {}
+    members: dict[str, list[Share]] = {}
     for share, key in zip(shares, keys, strict=True):
-        total = sums.setdefault(key, [0.0, 0.0])
-        total[0] += share.position
-        total[1] += share.orientation
-    joints: Mapping[str, str | None] = {key: share.joint for share, key in zip(shares, keys, strict=True)}
+        members.setdefault(key, []).append(share)
     summed = [
         Share(
-            key, joints[key] if grouping == "joint" else None, key if grouping == "kind" else None, None, None, *total
+            key,
+            own[-1].joint if grouping == "joint" else None,
+            key if grouping == "kind" else None,
+            None,
+            None,
+            sum(share.position for share in own),
+            sum(share.orientation for share in own),
         )
-        for key, total in sums.items()
+        for key, own in members.items()
     ]
     return tuple(sorted(summed, key=_largest_first))
 
@@ -345,10 +413,7 @@ def _largest_first(share: Share) -> tuple[float, float]:
 def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
     """Return the grade of the predicted errors, and the share of poses that meet each step."""
     sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {
-        name: int(np.argmax(steps_met(scale, {name: np.array([errors.value(scale.statistic)])})))
-        for name, errors in sizes.items()
-    }
+    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
     rank = max(ranks.values())
     met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
     return PredictedGrade(
@@ -463,14 +528,8 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
-    statistic = prediction.grade.scale.statistic
-    position, orientation = limits
-    return np.array(
-        [
-            prediction.position.value(statistic) / position,
-            0.0 if orientation is None else prediction.orientation.value(statistic) / orientation,
-        ]
-    )
+    errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
+    return np.array([part.value(statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
 
 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:
@@ -488,3 +547,64 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
         if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
             break
     return factors
+
+
+# Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.
+
+_ACROSS = 10
+"""Approximate number of voxels along the longest side of the workspace, where no edge is given."""
+
+
+@dataclass(frozen=True, slots=True)
+class WarrantyMap:
+    """Predicted errors of the V voxels that have a configuration."""
+
+    edge: float
+    """Edge of a voxel, m."""
+    centre: Array
+    """``(3, V)`` centres of the voxels, measuring frame, m."""
+    count: NDArray[np.int64]
+    """``(V,)`` configurations in each voxel."""
+    rms: tuple[Array, Array]
+    """``(V,)`` RMS of position (m) and of orientation (rad)."""
+    bound: tuple[Array, Array]
+    """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
+    grades: tuple[str, ...]
+    """``(V,)`` grade that every configuration of the voxel meets."""
+
+    def csv(self) -> str:
+        """Return a CSV with a row for each voxel; lengths in m, angles in rad."""
+        rows = ["x_m,y_m,z_m,configurations,rms_m,bound95_m,rms_rad,bound95_rad,grade"]
+        columns = (self.rms[0], self.bound[0], self.rms[1], self.bound[1])
+        for i, centre in enumerate(self.centre.T.tolist()):
+            numbers = [number_text(float(value)) for value in (*centre, *(column[i] for column in columns))]
+            rows.append(",".join((*numbers[:3], str(int(self.count[i])), *numbers[3:], self.grades[i])))
+        return "\n".join(rows) + "\n"
+
+
+def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> WarrantyMap:
+    """Return the map of predicted errors.
+
+    Args:
+        prediction: Predicted errors of N configurations.
+        position: ``(3, N)`` position of the target, measuring frame, m.
+        edge: Edge of a voxel, m; None for a round length that gives ten to 25 voxels along its longest side.
+    """
+    if edge is None:
+        # 1, 2 or 5 times a power of ten.
+        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
+        power = 10.0 ** math.floor(math.log10(wanted))
+        edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
+    index = np.floor(position / edge).astype(np.int64)
+    voxels, number = np.unique(index, axis=1, return_inverse=True)
+    number = number.ravel()
+    count = np.bincount(number)
+    parts = (prediction.position, prediction.orientation)
+    rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
+    bound = [np.zeros(count.size), np.zeros(count.size)]
+    for largest, errors in zip(bound, parts, strict=True):
+        np.maximum.at(largest, number, errors.pose_radius95)
+    scale = prediction.grade.scale
+    ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
+    grades = tuple(map(scale.name_of, ranks.tolist()))
+    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)

@@ -86,16 +86,32 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
     Raises:
         InputError: No parameter has a tolerance.
     """
-    resolved = tolerances or Tolerances("normal", 1.0)
-    arm = Arm.of(robot)
-    base = {**robot.base_tolerance, **resolved.base}
-    tool = {**robot.tool_tolerance, **resolved.tool}
-    parameters = _parameters(arm, BASE, None, FRAME_PARAMETERS, base)
+    stated, arm = tolerances or Tolerances("normal", 1.0), Arm.of(robot)
+    kinds = (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
+    owners: list[tuple[int, str | None, Sequence[str], Mapping[str, float]]] = [
+        (BASE, None, FRAME_PARAMETERS, {**robot.base_tolerance, **stated.base})
+    ]
     for owner, joint in enumerate(robot.joints):
-        common = resolved.moving_joints if joint.type != "fixed" else {}
-        sds = {**joint.tolerance, **common, **resolved.joints.get(joint.name, {})}
-        parameters += _parameters(arm, owner, joint.name, (*DH_PARAMETERS, *ORIGIN_PARAMETERS), sds)
-    parameters += _parameters(arm, TOOL, None, FRAME_PARAMETERS, tool)
+        common = stated.moving_joints if joint.type != "fixed" else {}
+        owners.append((owner, joint.name, kinds, {**joint.tolerance, **common, **stated.joints.get(joint.name, {})}))
+    owners.append((TOOL, None, FRAME_PARAMETERS, {**robot.tool_tolerance, **stated.tool}))
+    parameters = []
+    for owner, name, own_kinds, sds in owners:
+        frame = "base" if owner == BASE else "tool"
+        for kind in (kind for kind in own_kinds if sds.get(kind, 0.0) > 0.0):
+            # An angle of a frame turns it about its own axis, at any pitch.
+            motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+            parameters.append(
+                ToleranceParameter(
+                    f"{name or frame}.{kind}",
+                    name,
+                    kind,
+                    frame if name is None else _COMPONENTS[kind],
+                    motion,
+                    arm.chain.motions[motion].unit,
+                    sds[kind],
+                )
+            )
     if not parameters:
         fix = (
             "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and "
@@ -110,23 +126,6 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
 
 
 _DH_EXAMPLE = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}"
-
-
-def _parameters(
-    arm: Arm, owner: int, joint: str | None, kinds: Sequence[str], sds: Mapping[str, float]
-) -> list[ToleranceParameter]:
-    """Return the parameters of a joint, or of base or tool, that have a standard deviation."""
-    frame = "base" if owner == BASE else "tool"
-    result = []
-    for kind in kinds:
-        if sds.get(kind, 0.0) > 0.0:
-            # An angle of a frame turns it about its own axis, at any pitch.
-            motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
-            unit = arm.chain.motions[motion].unit
-            component = frame if joint is None else _COMPONENTS[kind]
-            name = f"{joint or frame}.{kind}"
-            result.append(ToleranceParameter(name, joint, kind, component, motion, unit, sds[kind]))
-    return result
 
 
 # Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
@@ -156,17 +155,13 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     """
     source = Source(file)
     top = source.section(compose(text, file), "", _KEYS)
-    if top is None:
-        source.finish()
-        raise AssertionError("finish() raises where section() returned None")
-    units = read_units(top)
-    distribution = _read_distribution(top)
-    coverage = _read_coverage(top, distribution)
-    if units is None:
+    units = None if top is None else read_units(top)
+    meaning: tuple[Distribution, float] = ("normal", DEFAULT_COVERAGE) if top is None else _read_distribution(top)
+    if top is None or units is None:
         # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
-    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": meaning[1]}[meaning[0]]
     joint_kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
 
     def read(node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]) -> dict[str, float]:
@@ -192,11 +187,10 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     node = top.get("joints")
     if isinstance(node, yaml.MappingNode):
         for name, key_node, value in source.entries(node, "joints"):
-            if name not in joints_by_name:
+            if (joint := joints_by_name.get(name)) is None:
                 fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
                 source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
                 continue
-            joint = joints_by_name[name]
             kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
             is_slide = robot.convention == "urdf" and joint.type == "prismatic"
             lengths = LENGTH_PARAMETERS | ({"offset"} if is_slide else set())
@@ -210,22 +204,20 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     if not any((moving, by_joint, base, tool)) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
-    return Tolerances(distribution, coverage, moving, by_joint, base, tool)
+    return Tolerances(*meaning, moving, by_joint, base, tool)
 
 
-def _read_distribution(top: YamlSection) -> Distribution:
+def _read_distribution(top: YamlSection) -> tuple[Distribution, float]:
+    """Return the distribution of the tolerances, and the number of standard deviations of a limit."""
     node = top.get("distribution")
-    value = top.source.choice(node, "distribution", _DISTRIBUTIONS) if node else None
-    return cast(Distribution, value or "normal")
-
-
-def _read_coverage(top: YamlSection, distribution: Distribution) -> float:
-    node = top.get("coverage")
-    if node is None:
-        return DEFAULT_COVERAGE
+    distribution = cast(
+        Distribution, (top.source.choice(node, "distribution", _DISTRIBUTIONS) if node else "") or "normal"
+    )
+    if (node := top.get("coverage")) is None:
+        return distribution, DEFAULT_COVERAGE
     value = top.source.number(node, "coverage")
     if distribution != "limits":
         top.source.report(node, "coverage", "applies only to limits", "write distribution: limits")
     elif value is not None and not 0 < value <= _MAX_COVERAGE:
         top.source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
-    return value if value and value > 0 else DEFAULT_COVERAGE
+    return distribution, value if value and value > 0 else DEFAULT_COVERAGE

@@ -134,10 +134,37 @@ def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | 
     """Return the wanted poses of a plan, visit by visit; None where it has none, or several targets at a pose."""
     if planned is None or planned.commanded_position is None or planned.n * plan.cycles != n:
         return None
-    count = planned.n
     rotation = planned.commanded_rotation
-    turned = np.repeat(np.eye(3)[:, :, None], count, axis=2) if rotation is None else rotation
+    turned = Poses.identity(planned.n).rotation if rotation is None else rotation
     return Poses(np.tile(turned, plan.cycles), np.tile(planned.commanded_position, plan.cycles))
+
+
+def even_joints(
+    robot: Robot, count: int, rng: np.random.Generator, purpose: str, fix: str, *, margin: float = 0.0, skip: int = 0
+) -> Array:
+    """Return joint variables ``(J, count)`` spread evenly within the limits; one turn for a revolute joint without.
+
+    A low-discrepancy sequence after its first ``skip`` entries, shifted by a random vector modulo the unit cube, so
+    that each seed has other poses that are still even: R. Cranley and T. N. L. Patterson, "Randomization of number
+    theoretic methods for multiple integration", SIAM J. Numer. Anal. 13 (1976) 904-914.
+
+    Args:
+        robot: The arm.
+        count: Number of poses.
+        rng: Generator of the shift.
+        purpose: What the limits are for, and ``fix`` how to do without, for the message.
+        fix: See ``purpose``.
+        margin: Share of each range to keep from its ends.
+        skip: Entries of the sequence that are left out.
+
+    Raises:
+        InputError: A prismatic joint has no limits.
+    """
+    low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi, purpose, fix))
+    keep = margin * (high - low)
+    unit = (low_discrepancy(len(low), skip + count)[:, skip:] + rng.uniform(size=(len(low), 1))) % 1.0
+    result: Array = low + keep + (high - low - 2 * keep) * unit
+    return result
 
 
 def joint_samples(robot: Robot, plan: Plan) -> Array:
@@ -146,19 +173,17 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
     Raises:
         InputError: Prismatic joints have no limits.
     """
-    ranges = joint_ranges(Arm.of(robot), np.pi, "to sample within", "give it limits")
-    low, high = (limit[:, None] for limit in ranges)
-    rng = _stream(plan, "poses")
+    demand, rng = ("to sample within", "give it limits"), _stream(plan, "poses")
+    low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi, *demand))
     if plan.sampling == "random":
-        unit = rng.uniform(size=(len(low), plan.poses))
+        q = low + (high - low) * rng.uniform(size=(len(low), plan.poses))
     else:
-        # A random shift (Cranley and Patterson 1976) gives each seed other poses that are still even.
-        unit = (low_discrepancy(len(low), plan.poses) + rng.uniform(size=(len(low), 1))) % 1.0
+        q = even_joints(robot, plan.poses, rng, *demand)
         if plan.time_step is not None:
             # The sequence runs evenly through each joint's range, so in its order a drift over time would look like a
             # periodic error of a joint.
-            unit = unit[:, _stream(plan, "order").permutation(plan.poses)]
-    result: Array = np.clip(np.round(low + (high - low) * unit, _DECIMALS), low, high)
+            q = q[:, _stream(plan, "order").permutation(plan.poses)]
+    result: Array = np.clip(np.round(q, _DECIMALS), low, high)
     return result
 
 

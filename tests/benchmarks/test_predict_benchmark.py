@@ -12,8 +12,7 @@ import pytest
 
 from robacc.accuracy.grade import default_scale
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.covariances import pose_covariances
-from robacc.prediction.predicting import predict_accuracy, sampled_configurations
+from robacc.prediction.predicting import pose_covariances, predict_accuracy, sampled_configurations
 from robacc.prediction.tolerances import uncertain_parameters
 from robacc.robots.arm import Arm
 

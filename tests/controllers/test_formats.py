@@ -14,8 +14,13 @@ import yaml
 from scipy.spatial.transform import Rotation
 
 from robacc.controllers.dh_table import dh_table, joint_frames
-from robacc.controllers.formats import ControllerFormat, ExportedModel, export_model, parse_controller_file
-from robacc.controllers.restricted import remaining_error
+from robacc.controllers.formats import (
+    ControllerFormat,
+    ExportedModel,
+    export_model,
+    parse_controller_file,
+    remaining_error,
+)
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements

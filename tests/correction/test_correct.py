@@ -8,6 +8,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ from slow_parameters import some_fast
 
 import robacc
 from robacc.correction.correction import length_bound
+from robacc.correction.solving import Evaluate, JointSolution, solve
 from robacc.effects.base import REGISTRY
 from robacc.effects.constants import absorbed
 from robacc.effects.specification import entry_of
@@ -360,22 +362,22 @@ def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
 
 def test_work_grows_in_proportion_to_the_targets() -> None:
     """Evaluations of the model, not seconds: every target takes a few, however many there are."""
-    from robacc.correction import solving
-
     nominal, model = robacc.read_robot(ROBOT), robacc.read_robot(TRUTH)
     counts: dict[int, int] = {}
-    original = solving._State.accept
 
     def counted(n: int):  # type: ignore[no-untyped-def]
-        def accept(self: solving._State, trial: Array, index: NDArray[np.int64]) -> None:
-            counts[n] = counts.get(n, 0) + index.size
-            original(self, trial, index)
+        def solved(evaluate: Evaluate, *rest: Any) -> JointSolution:
+            def count(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+                counts[n] = counts.get(n, 0) + index.size
+                return evaluate(q, index)
 
-        return accept
+            return solve(count, *rest)
+
+        return solved
 
     for n in (100, 800):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(solving._State, "accept", counted(n))
+            patch.setattr("robacc.correction.correction.solve", counted(n))
             robacc.correct(joint_targets(middle_joints(nominal, n, seed=n)), model=model, nominal=nominal)
     per_target = [counts[n] / n for n in counts]
     assert max(per_target) < 15

@@ -10,7 +10,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from robacc.iso_9283 import estimates
-from robacc.iso_9283.estimates import DELTA, IntervalEstimate, distance, mean_gaussian_length, position_repeatability
+from robacc.iso_9283.estimates import DELTA, IntervalEstimate, distance, position_repeatability
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 
@@ -65,20 +65,6 @@ def test_distance_that_is_all_scatter_may_be_zero() -> None:
     assert estimate.upper > 0.1
     none = distance(np.zeros(3), np.eye(3) * 0.01, 29).interval_at(0.95)
     assert (none.lower, none.upper) == (0.0, estimate.upper)
-
-
-@pytest.mark.parametrize("variances", [(1.0, 1.0, 1.0), (1.0, 0.25, 0.0), (1.0, 0.0, 0.0)])
-def test_mean_length_of_a_gaussian(variances: tuple[float, float, float]) -> None:
-    """Against sqrt(8/pi) for three alike, sqrt(2/pi) for one, and an elliptic integral for two."""
-    from scipy.special import ellipe
-
-    closed = {
-        (1.0, 1.0, 1.0): math.sqrt(8 / math.pi),
-        (1.0, 0.0, 0.0): math.sqrt(2 / math.pi),
-        (1.0, 0.25, 0.0): math.sqrt(2 / math.pi) * ellipe(1 - 0.25),
-    }
-    estimate = mean_gaussian_length(np.array(variances) * 1e-8)
-    assert estimate == pytest.approx(closed[variances] * 1e-4, rel=1e-6)
 
 
 def test_repeatability_does_not_depend_on_unit_or_axes_and_repeats_with_its_seed() -> None:

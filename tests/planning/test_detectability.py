@@ -11,8 +11,7 @@ from scipy import stats
 from test_expected import NOISE, SCATTER, jacobian, whitener
 
 import robacc
-from robacc.planning.campaign import CampaignPlan, CampaignSettings
-from robacc.planning.planner import plan_campaign
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMPAIGNS = 200

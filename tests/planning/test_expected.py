@@ -9,9 +9,8 @@ import pytest
 from arms import arm
 
 from robacc.measurements import Measurements
-from robacc.planning.campaign import CampaignPlan, CampaignSettings
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
 from robacc.planning.candidates import Constraints, Sight
-from robacc.planning.planner import plan_campaign
 from robacc.robots.description import Robot
 
 CAMPAIGNS = 200

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import get_args
+
 import numpy as np
 import pytest
 from arms import arm
@@ -9,11 +11,10 @@ from test_acceptance import energy_distance
 
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose, plan_campaign
 from robacc.planning.candidates import conditions_of
-from robacc.planning.design import CRITERIA, Criterion
-from robacc.planning.linear_model import candidate_rows, coefficients, free_effects, region_rows
-from robacc.planning.planner import plan_campaign
+from robacc.planning.design import Criterion
+from robacc.planning.expected import candidate_rows, coefficients, free_effects, region_rows
 from robacc.planning.power import expected_power, power_problem
 
 ARMS = ("irb1600", "puma560", "scara")
@@ -33,7 +34,7 @@ def draws(count: int) -> list[np.ndarray]:
     return [rng.choice(count, POSES, replace=False) for _ in range(DRAWS)]
 
 
-@pytest.mark.parametrize("criterion", CRITERIA)
+@pytest.mark.parametrize("criterion", get_args(Criterion))
 @pytest.mark.parametrize("name", ARMS)
 def test_calibration(name: str, criterion: Criterion) -> None:
     plan = planned(name, "calibrate", criterion)

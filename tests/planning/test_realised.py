@@ -15,9 +15,8 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, too_few_warning
-from robacc.planning.linear_model import free_effects
-from robacc.planning.planner import plan_campaign
+from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign, too_few_warning
+from robacc.planning.expected import free_effects
 
 ROOT = Path(__file__).resolve().parents[2]
 SCATTER = 3e-5

@@ -15,11 +15,11 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.covariances import outer_sums
 from robacc.prediction.extrapolation import beyond_columns
 from robacc.prediction.fit_record import _scatter
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.prediction.predicting import outer_sums
 from robacc.robots.description import Robot
 
 COS, SIN = 2e-4, -1e-4

@@ -17,11 +17,11 @@ from robacc.chain import BLOCK
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.covariances import pose_covariances
 from robacc.prediction.predicting import (
     Prediction,
     allocate,
     configurations_of,
+    pose_covariances,
     predict_accuracy,
     sampled_configurations,
 )

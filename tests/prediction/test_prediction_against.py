@@ -18,12 +18,14 @@ from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.modelling.robot_file import read_robot
-from robacc.prediction.comparison import compare_with_measured, consistency, scale_test
-from robacc.prediction.components import (
+from robacc.prediction.comparison import (
     MeasurementNoise,
     SufficientStatistics,
     bartlett_mean,
+    compare_with_measured,
+    consistency,
     reduce_residuals,
+    scale_test,
     variance_components,
 )
 from robacc.prediction.predicting import sampled_configurations

@@ -1,0 +1,163 @@
+"""Length of zero-mean Gaussian vectors: probability, quantile and mean over N covariances.
+
+For variances v_i along the principal axes, Q = |Z|^2 has the Laplace transform M(s) = prod (1 + 2 v_i s)^(-1/2), whose
+singularities lie on the negative real axis, so
+
+    P(Q <= q) = 1/(2 pi i) int e^ζ/ζ prod (1 + 2 v_i ζ/q)^(-1/2) dζ
+
+converges geometrically on the parabola ζ = μ (iu + 1)^2, with the same few nodes for all variances. Source of the path:
+J. A. C. Weideman, L. N. Trefethen, "Parabolic and hyperbolic contours for computing the Bromwich integral", Mathematics
+of Computation 76 (2007) 1341-1356. :mod:`robacc.statistics.quadratic_form` computes a single vector to full precision;
+here the error is about 1e-10, and 100,000 poses take a fraction of a second.
+
+The mean is E|Z| = pi^(-1/2) int s^(-1/2) (-M'(s)) ds, from E sqrt(Q) = (4 pi)^(-1/2) int (1 - M(s)) s^(-3/2) ds by
+parts, on the path s = exp(pi/2 sinh t), on which it falls double exponentially at both ends: H. Takahasi, M. Mori,
+"Double exponential formulas for numerical integration", Publ. RIMS 9 (1974) 721-741.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from robacc.chain import BLOCK
+from robacc.geometry import Array
+from robacc.statistics.distributions import normal_quantile
+
+Contour = tuple[tuple[complex, complex], ...]
+"""Nodes of a path in the upper half plane, each with its factor."""
+
+
+def _path(count: int) -> Contour:
+    """Return a path of so many nodes; the error falls as exp(-2 pi n/3)."""
+    step = 3.0 / count
+    u = (np.arange(count) + 0.5) * step
+    scale = math.pi * count / 12.0
+    zeta = scale * np.square(1j * u + 1.0)
+    factor = step / math.pi * np.exp(zeta) * 2.0 * scale * (1j - u)
+    return tuple(zip(zeta.tolist(), factor.tolist(), strict=True))
+
+
+_CONTOUR = _path(12)
+_MAX_NEWTON_STEPS = 30
+_LAST_STEP = 1e-5
+"""Step of the logarithm after which the error, the step's square, is below that of the integral."""
+_RELATIVE_TOLERANCE = 1e-10
+_SAMPLE = 8
+"""One pose of so many gives the start of a mixture's quantile."""
+_STEP = 0.1
+_ENDS = (-4.8, 4.0)
+"""Step and ends of the path of the mean: its relative error is 2e-11."""
+
+
+def principal_variances(covariance: Array) -> Array:
+    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
+    values = np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T
+    result: Array = np.maximum(values, 0.0)
+    return result
+
+
+def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
+    """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
+    low, middle, high = 2.0 * variances / squares
+    # The product of the factors 1 + 2 v_i ζ/q is a polynomial of ζ. The first factors have the angle of the product of
+    # two up to a full turn, and of three up to one and a half. Complex numbers are in parts, which is faster.
+    two, pair = middle + high, middle * high
+    first, second, third = two + low, pair + low * two, low * pair
+    probability, density = np.zeros(squares.size), np.zeros(squares.size)
+    for zeta, factor in _CONTOUR:
+        square, cube = zeta * zeta, zeta * zeta * zeta
+        x = 1.0 + zeta.real * first + square.real * second + cube.real * third
+        y = zeta.imag * first + square.imag * second + cube.imag * third
+        size = np.sqrt(x * x + y * y)
+        larger = np.sqrt(0.5 * (size + np.abs(x)))
+        smaller = 0.5 * np.abs(y) / larger
+        # The root in the upper half plane; in the lower one after a full turn of the product.
+        sign = np.where((y > 0.0) & (two + 2.0 * zeta.real * pair < 0.0), -1.0, 1.0) / size
+        x, y = np.copysign(np.where(x >= 0.0, larger, smaller), y) * sign, np.where(x >= 0.0, smaller, larger) * sign
+        density += factor.imag * x - factor.real * y
+        ratio = factor / zeta
+        probability += ratio.imag * x - ratio.real * y
+    return probability, density
+
+
+def length_quantiles(probability: float, variances: Array) -> Array:
+    """Return radii ``(N,)`` of ``probability`` for variances ``(3, N)``; zero if all variances are zero.
+
+    Args:
+        probability: At least 0.5, below 1.
+        variances: Variances along the principal axes.
+    """
+    result = np.zeros(variances.shape[1])
+    for start in range(0, result.size, BLOCK):
+        block = np.sort(variances[:, start : start + BLOCK], axis=0)
+        power = block.sum(axis=0)
+        scatter = power > 0.0
+        shares, power = block[:, scatter] / power[scatter], power[scatter]
+        square, shape = _initial_square(probability, shares), 0.5 / np.sum(np.square(shares), axis=0)
+        for _ in range(_MAX_NEWTON_STEPS):
+            cdf, density = _cdf_and_density(square, shares)
+            # Newton steps in log q, with the curvature of a gamma distribution of the same variance; beyond the median
+            # the distribution function is concave, so they cannot diverge.
+            step = np.clip((probability - cdf) / density, -1.0, 1.0)
+            square = square * np.exp(step / np.maximum(1.0 + 0.5 * step * shape * (1.0 - square), 0.5))
+            if np.max(np.abs(step), initial=0.0) < _LAST_STEP:
+                break
+        result[start : start + BLOCK][scatter] = np.sqrt(square * power)
+    return result
+
+
+def _initial_square(probability: float, shares: Array) -> Array:
+    """Return Wilson and Hilferty's cube with Satterthwaite's degrees of freedom, for variances that add up to one."""
+    relative_variance = 2.0 / 9.0 * np.sum(np.square(shares), axis=0)
+    guess: Array = (
+        np.maximum(1.0 - relative_variance + normal_quantile(probability) * np.sqrt(relative_variance), 0.1) ** 3
+    )
+    return guess
+
+
+def mixture_quantile(probability: float, variances: Array) -> float:
+    """Return the radius of ``probability`` of the mixture of all N vectors in equal parts, variances ``(3, N)``."""
+    power = variances.sum(axis=0)
+    mean_power = float(np.mean(power))
+    if mean_power == 0.0:
+        return 0.0
+    shares = variances[:, power > 0.0] / mean_power
+    moving = shares.shape[1] / power.size
+    square = float(np.mean(_initial_square(probability, shares / shares.sum(axis=0))))
+    for part in (shares[:, ::_SAMPLE], shares):
+        low, high = 0.0, math.inf
+        for _ in range(100):
+            blocks = [part[:, start : start + BLOCK] for start in range(0, part.shape[1], BLOCK)]
+            sums = [np.sum(_cdf_and_density(np.full(b.shape[1], square), b), axis=1) for b in blocks]
+            cdf, density = moving / part.shape[1] * np.sum(sums, axis=0)
+            error = probability - (1.0 - moving) - float(cdf)
+            low, high = (square, high) if error > 0.0 else (low, square)
+            following = square * math.exp(min(max(error / density, -1.0), 1.0)) if density > 0.0 else math.inf
+            tolerance = _LAST_STEP
+            if not low < following < high:
+                following = 2.0 * square if math.isinf(high) else 0.5 * (low + high)
+                tolerance = _RELATIVE_TOLERANCE
+            last, square = square, following
+            if abs(square - last) <= tolerance * last:
+                break
+    return math.sqrt(square * mean_power)
+
+
+def mean_lengths(variances: Array) -> Array:
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``."""
+    t = np.arange(*_ENDS, _STEP)
+    nodes = np.exp(0.5 * math.pi * np.sinh(t))
+    weights = 0.25 * math.sqrt(math.pi) * _STEP * np.cosh(t) * np.sqrt(nodes)
+    result = np.zeros(variances.shape[1])
+    for start in range(0, result.size, BLOCK):
+        power = variances[:, start : start + BLOCK].sum(axis=0)
+        a, b, c = 2.0 * variances[:, start : start + BLOCK] / np.where(power > 0.0, power, 1.0)
+        total = np.zeros(power.size)
+        for s, weight in zip(nodes.tolist(), weights.tolist(), strict=True):
+            x, y, z = 1.0 + s * a, 1.0 + s * b, 1.0 + s * c
+            product = x * y * z
+            total += weight * ((a * y + b * x) * z + c * x * y) / (product * np.sqrt(product))
+        result[start : start + BLOCK] = total * np.sqrt(power)
+    return result

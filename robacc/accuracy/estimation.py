@@ -247,7 +247,7 @@ def estimate(
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
         warnings=(
             *data.warnings,
-            *data.contradicted_ids(repetitions),
+            *data.contradicted_ids(),
             *_warnings(data, errors, alignment),
             *([_REGISTERED.format(1e3 * raw)] if needed else []),
         ),

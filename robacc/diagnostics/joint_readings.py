@@ -15,6 +15,7 @@ from robacc.effects.read_back import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
+from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
@@ -85,6 +86,8 @@ _FEWEST_VALUES = 12
 """Different values of a joint from which whole steps are no accident."""
 _EVIDENT = 5.0
 """Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
+_MOST_ROWS = 20_000
+"""Poses that decide: random ones show the rounding as well as all."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -127,8 +130,7 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
 
 def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
     """Return the rounding of the joint variables; None if there is none, or if the residual does not show it."""
-    rows = np.flatnonzero(fit.inliers)
-    return _evident_rounding(fit.model, data.subset(rows), fit.residual[:3, rows])
+    return _evident_rounding(fit.model, data.subset(fit.inliers), fit.residual[:3, fit.inliers])
 
 
 def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple[str, ...]:
@@ -146,6 +148,9 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
+    if data.n > _MOST_ROWS:
+        rows = random_rows(data, _MOST_ROWS)
+        data, residual = data.subset(rows), residual[:, rows]
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
     steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
     std = np.array([step for step, _ in steps]) / math.sqrt(12.0)

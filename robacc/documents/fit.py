@@ -45,6 +45,7 @@ from robacc.fitting.masses import BETTER
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array
+from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
@@ -866,7 +867,7 @@ def _figures(metrics: ErrorMetrics, errors: Array, groups: NDArray[np.int64], un
     return {
         **FIGURES[unit].write(metrics),
         "n_poses": int(groups.size),
-        "n_commanded_poses": int(np.unique(groups).size),
+        "n_commanded_poses": different(groups),
         "intervals": {f"{name}_{unit}": interval for name, interval in intervals.items()},
     }
 

@@ -92,18 +92,19 @@ class Whitening:
                 _put(scaled, rows, factor @ _stacked(scaled, rows))
         return scaled
 
-    def subset(self, rows: NDArray[np.int64]) -> Whitening:
+    def subset(self, rows: NDArray[np.int64] | slice) -> Whitening:
         """Return the map of the given rows; each visit must be included or excluded as a whole."""
-        place = np.full(self.weight.shape[1], -1, dtype=np.int64)
-        place[rows] = np.arange(rows.size)
-        blocks = []
+        weight, blocks = self.weight[:, rows], []
+        if self.blocks:
+            place = np.full(self.weight.shape[1], -1, dtype=np.int64)
+            place[rows] = np.arange(weight.shape[1])
         for block in self.blocks:
             inside = place[block.rows]
             included = (inside >= 0).all(axis=1)
             if included.any():
                 blocks.append(BlockFactor(inside[included], block.factor[included]))
         marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
-        return Whitening(self.weight[:, rows], tuple(blocks), marginal)
+        return Whitening(weight, tuple(blocks), marginal)
 
 
 def whitening(

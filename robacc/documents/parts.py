@@ -423,7 +423,7 @@ _POSES = {
     "line": Key(
         array(ordinal),
         "Line of the file, from 1; the row's number if there is no file.",
-        lambda data: [data.line(i) for i in range(data.n)],
+        lambda data: np.arange(1, data.n + 1) if data.rows is None else data.rows,
     ),
     "pose": Key(array(text) | None, "Id of the commanded pose.", lambda data: texts(data.pose)),
     "cycle": Key(array(text) | None, "Repetition of the commanded pose.", lambda data: texts(data.cycle)),

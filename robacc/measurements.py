@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -89,7 +89,7 @@ class Measurements:
     ordered: bool = False
     """Rows are in the order of measurement."""
     warnings: tuple[str, ...] = ()
-    _known: dict[bool, Grouping | None] = field(init=False, repr=False, compare=False, default_factory=dict)
+    _known: dict[bool, Grouping | None] = dataclasses.field(init=False, repr=False, compare=False, default_factory=dict)
     """Grouping of the rows (true), and the result of the quick test (false), once known: a million rows take time."""
 
     def __post_init__(self) -> None:

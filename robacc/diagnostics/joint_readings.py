@@ -150,7 +150,7 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
         return None
     if data.n > _MOST_ROWS:
         rows = random_rows(data, _MOST_ROWS)
-        data, residual = data.subset(rows), residual[:, rows]
+        return _evident_rounding(model, data.subset(rows), residual[:, rows])
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
     steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
     std = np.array([step for step, _ in steps]) / math.sqrt(12.0)

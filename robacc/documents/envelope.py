@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.documents.keys import Later
 from robacc.io.dialect import for_spreadsheet
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, significant
@@ -33,6 +34,8 @@ def significant_document(value: Any) -> Any:
         return value
     if isinstance(value, np.ndarray):
         return significant_array(value) if value.dtype.kind == "f" else value
+    if isinstance(value, Later):
+        return value.map(significant_document)
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
     if isinstance(value, Sequence):

@@ -15,6 +15,7 @@ from robacc.documents.keys import (
     Document,
     Key,
     Kind,
+    Later,
     array,
     choice,
     count,
@@ -907,7 +908,7 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
         )
     }
 
-    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Document:
+    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Later:
         return pose_document(rows, rows.position - of_rows.nominal[:3], of_rows, inliers)
 
     return {

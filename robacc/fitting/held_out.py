@@ -30,8 +30,10 @@ LEAST_GROUPS = 6
 """Places that held-out errors need at least."""
 _ALONE = 1.0 - 1e-6
 """Leverage of a place, of any combination of its components, above which the others do not determine it."""
+_LARGE = 0.1
+"""Leverage of a place up to which the normal matrix of the fit's last step, exact to 1e-6, is enough."""
 _MOST_NUMBERS = 2**21
-"""Numbers of a Jacobian that are held at a time."""
+"""Numbers of a Jacobian that are held at a time; of more, blocks of an eighth stay in the cache."""
 
 Undetermined = Callable[[NDArray[np.int64]], None]
 """Called with the rows of a group without which the others do not determine a coefficient."""
@@ -90,6 +92,11 @@ def _without(fit: Fit, absent: Collection[int]) -> Array:
     return fit.without(set(absent)) if absent else fit.theta
 
 
+def _positions(fit: Fit) -> Poses:
+    """Return the positions that a fit predicts of its own poses, without orientations."""
+    return Poses(np.empty((3, 3, 0)), fit.data.position - fit.residual[:3])
+
+
 def _poses(fit: Fit, data: Measurements, theta: Array) -> Poses | None:
     """Return the poses that a fit predicts with other coefficients; None if the arm has no equilibrium with them."""
     try:
@@ -105,6 +112,7 @@ def held_out_poses(
     lacking: Sequence[Collection[int]] = ((),),
     undetermined: Undetermined = lambda rows: None,
     components: int = 6,
+    exact: bool = False,
 ) -> list[Poses | None]:
     """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
 
@@ -116,17 +124,22 @@ def held_out_poses(
         groups: ``(N,)`` number of each row's group.
         lacking: Numbers of the absent effects of each model, among the free ones.
         undetermined: Called with the rows of a group that alone determines a coefficient.
-        components: 6 for poses, 3 for positions alone: orientations are then those of the fit to all rows.
+        components: 6 for poses, 3 for positions alone.
+        exact: Form the normal matrix again at the solution; of many rows it is that of the fit's last step, which is
+            enough unless a group determines a coefficient nearly alone.
 
     Returns:
         The poses by each model; None where the arm without its absent effects has no equilibrium.
     """
     columns = fit.identifiability.columns
     size = columns.size
-    blocks = list(whole_groups(groups, max(_MOST_NUMBERS // (fit.residual.shape[0] * max(size, 1)), 1)))
+    most = _MOST_NUMBERS // (fit.residual.shape[0] * max(size, 1))
+    blocks = list(whole_groups(groups, max(data.n if data.n <= most else most // 8, 1)))
     kept = [np.array([fit.owners[i] not in absent for i in columns], dtype=bool) for absent in lacking]
     thetas = [_without(fit, absent) for absent in lacking]
-    poses = [fit.poses if theta is fit.theta else _poses(fit, data, theta) for theta in thetas]
+    poses = [
+        (fit.poses if components == 6 else _positions(fit)) if t is fit.theta else _poses(fit, data, t) for t in thetas
+    ]
     if not size:
         return poses
 
@@ -136,8 +149,9 @@ def held_out_poses(
         observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
         return jacobian, fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
 
-    normal, latest = np.diag(fit.precision), None
-    for rows in blocks:
+    exact = exact or len(blocks) == 1
+    normal, latest = np.diag(fit.precision) + (0.0 if exact else fit.gram), None
+    for rows in blocks if exact else ():
         latest = linearised(rows)
         flat = latest[1].reshape(size, -1)
         normal = normal + flat @ flat.T
@@ -150,6 +164,9 @@ def held_out_poses(
     for rows in blocks:
         jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
         ahead, scaled = root @ jacobian, (root @ whitened.reshape(size, -1)).reshape(whitened.shape)
+        share = np.bincount(groups[rows] - groups[rows].min(), np.einsum("kmn,kmn->n", scaled, scaled))
+        if not exact and share.max() > _LARGE:
+            return held_out_poses(fit, data, groups, lacking, undetermined, components, exact=True)
         scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
         for model in filter(None, models):
             for inside in model.move(fit, rows, ahead, scaled, groups[rows]):

@@ -288,8 +288,10 @@ class PoseEquations:
         if ahead and len(self._slices) == 1:
             return PredictedPoses(theta, residuals(self.data, self._linearised(theta, 0)[0]))
         whole = self._with_motions(theta)
-        parts = zip(self._parts, self._bound, strict=True)
-        return PredictedPoses(theta, _concatenated([residuals(part, bound.poses(whole)) for part, bound in parts]))
+        residual = np.empty((self.rows, self.data.n))
+        for rows, part, bound in zip(self._slices, self._parts, self._bound, strict=True):
+            residual[:, rows] = residuals(part, bound.poses(whole))
+        return PredictedPoses(theta, residual)
 
     def linearise(self, theta: Array, white: Whitening) -> tuple[PredictedPoses, NormalEquations]:
         """Predict, and sum the normal equations of the sought coefficients.
@@ -303,17 +305,16 @@ class PoseEquations:
         """Predict, and sum the normal equations over the blocks; return the whitened rows of the last block too."""
         # Gram matrices of positions and of orientations, with the residual as the last column.
         grams = np.zeros((self.rows // 3, self.columns.size + 1, self.columns.size + 1))
-        residual_blocks, parts = [], []
+        residual, parts = np.empty((self.rows, self.data.n)), list[WhitenedRows]()
         for index, white_block in enumerate(self._block_maps(white)):
-            residual, parts = self._whitened(theta, white_block, index)
-            residual_blocks.append(residual)
+            residual[:, self._slices[index]], parts = self._whitened(theta, white_block, index)
             for rows in parts:
                 for kind, total in enumerate(grams):
                     total += rows.gram(slice(3 * kind, 3 * kind + 3))
         gram, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
         cost = float(gram[-1, -1])
         normal = NormalEquations(theta[self.columns], gram[:-1, :-1], of_position, gram[:-1, -1], cost)
-        return PredictedPoses(theta, _concatenated(residual_blocks)), normal, parts
+        return PredictedPoses(theta, residual), normal, parts
 
     def factorise(self, theta: Array, white: Whitening, free: NDArray[np.int64]) -> tuple[Array, NormalEquations]:
         """Return a factor ``(R, F)`` of whitened columns, and the normal equations of all sought coefficients.
@@ -409,7 +410,3 @@ def _factored(terms: Sequence[Term]) -> tuple[tuple[int, NDArray[np.int64]], ...
         if term.group is not None and is_regressor and part.motion != SCALE_OF_INSTRUMENT:
             numbers.setdefault(part.motion, []).append(i)
     return tuple((motion, np.array(members)) for motion, members in numbers.items() if len(members) >= _FEWEST_FACTORS)
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

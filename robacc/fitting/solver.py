@@ -51,8 +51,8 @@ class FitWeights:
 
     def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
         """Return the whitening of the inliers, or of all rows if ``inliers`` is None."""
-        weight = self.row if inliers is None else self.row * inliers
-        if self._latest is None or not np.array_equal(self._latest.weight, weight):
+        weight = self.row if inliers is None or inliers.all() else self.row * inliers
+        if self._latest is None or not (self._latest.weight is weight or np.array_equal(self._latest.weight, weight)):
             self._latest = self._whitening(weight)
         return self._latest
 
@@ -213,7 +213,7 @@ def _line_search(
                 residual_cost = normal.cost
             else:
                 predicted = equations.predict(theta)
-                residual_cost = float(np.sum(np.square(white.apply(predicted.residual))))
+                residual_cost = white.cost(predicted.residual)
         except EquilibriumError:
             continue
         cost = float(residual_cost + prior @ np.square(theta[columns]))
@@ -394,8 +394,7 @@ class _Solver:
         self.converged = minimum.converged
         linear, columns = minimum.normal, self.equations.columns
         theta = self.predicted.theta[columns]
-        squares = float(np.sum(np.square(white.apply(self.predicted.residual))))
-        self.normal = linear.moved_to(theta, squares)
+        self.normal = linear.moved_to(theta, white.cost(self.predicted.residual))
         return linear
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
@@ -442,7 +441,7 @@ class _Solver:
         equations, predicted = self.equations, self.predicted
         columns, prior = equations.columns, self.priors.precision[equations.columns]
         white = self.weights.whitening()
-        chi_square = float(np.square(self.weights.whitening(self.inliers).apply(predicted.residual)).sum())
+        chi_square = self.weights.whitening(self.inliers).cost(predicted.residual)
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
         count = len(equations.terms)

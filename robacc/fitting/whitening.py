@@ -77,6 +77,12 @@ class Whitening:
         scaled *= self.weight
         return self._by_visit(scaled)
 
+    def cost(self, values: Array) -> float:
+        """Return the sum of the squares of ``(M, N)`` whitened."""
+        if self.blocks:
+            return float(np.sum(np.square(self.apply(values))))
+        return float(np.einsum("mn,mn,mn,mn->", values, values, self.weight, self.weight))
+
     def apply_transposed(self, values: Array) -> Array:
         """Return ``(..., M, N)`` multiplied by the transposed map."""
         scaled = self._by_visit(values.copy())
@@ -167,14 +173,19 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together."""
-    order = np.argsort(numbers, kind="stable")
+    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together.
+
+    Numbers come in the order of their first rows, so that a block's rows lie close together.
+    """
+    first = np.empty(int(numbers.max(initial=-1)) + 1, dtype=np.int64)
+    first[numbers[::-1]] = np.arange(numbers.size)[::-1]
+    order = np.argsort(first[numbers], kind="stable")
     last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
     start = 0
-    for end in last.tolist():
-        if end - start >= size or end == order.size:
-            yield order[start:end].astype(np.int64)
-            start = end
+    while start < order.size:
+        end = int(last[np.searchsorted(last, min(start + size, order.size))])
+        yield order[start:end]
+        start = end
 
 
 def _block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:

@@ -1,8 +1,8 @@
 """JSON text of a result: the same text for the same result, without NaN, which JSON does not have.
 
 Keys keep their order. A list of numbers stands on one line, and a list of lists or records has one item a line, so that
-ordinary tools can read and compare a result. Large arrays are encoded in pieces by orjson, in a fifteenth of the time of
-Python's encoder; its import of 20 ms would double the time that small results need for their text.
+ordinary tools can read and compare a result. Large arrays are encoded in pieces by orjson, in a fifteenth of the time
+of Python's encoder; small ones are not, because its import takes longer than their text.
 """
 
 from __future__ import annotations

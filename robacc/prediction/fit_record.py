@@ -7,11 +7,12 @@ import math
 
 import numpy as np
 
+from robacc.chain import BLOCK
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, Poses, log_between, rotate_back
+from robacc.geometry import Array, log_between, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, predict
 from robacc.prediction.lengths import length_quantiles, principal_variances
@@ -153,13 +154,13 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     )
     full = Model.of(robot)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    real: Poses = arm_only.bind(data).poses(np.zeros(0))
-    wanted = predict(rigid, data)
-    angle = log_between(real.rotation, wanted.rotation)
-    return (
-        float(np.max(np.linalg.norm(real.translation - wanted.translation, axis=0))),
-        float(np.max(np.linalg.norm(angle, axis=0))),
-    )
+    largest = np.zeros(2)
+    for start in range(0, data.n, BLOCK):
+        part = data.subset(slice(start, start + BLOCK))
+        real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
+        moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
+        largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
+    return float(largest[0]), float(largest[1])
 
 
 def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:

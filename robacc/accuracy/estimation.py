@@ -254,7 +254,7 @@ def estimate(
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
         warnings=(
             *data.warnings,
-            *data.contradicted_ids(repetitions),
+            *data.contradicted_ids(),
             *_warnings(data, errors, alignment),
             *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.pose_errors import PoseMetrics, pose_metrics
-from robacc.effects.base import effect_class
+from robacc.effects.base import Effect, effect_class
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
@@ -112,14 +112,19 @@ def before_and_after(
     after: Fit,
     held_out: tuple[Array, Array] | None,
     how: HoldOut,
+    is_nominal: bool,
 ) -> BeforeAfter:
     """Return the stages of the nominal ``robot``, of the fit before and of the fit after, on the same rows.
 
     Metrics are of all rows. Where the fit after has outliers, metrics without them stand beside. ``held_out`` are
     residuals before and after by models fitted without the poses that ``how`` holds out; None where there are none.
+    ``is_nominal`` says that the fit before is the nominal model, registered.
     """
     unregistered = residuals(data, predict(robot, data))
-    registered, apart_registered = registered_residuals(robot, data, how)
+    if is_nominal:
+        registered, apart_registered = before.residual, None if held_out is None else held_out[0]
+    else:
+        registered, apart_registered = registered_residuals(robot, data, how)
     fitted = (unregistered, registered, before.residual, after.residual)
     inliers, poses = after.inliers, how.validation
     if held_out is None:
@@ -146,13 +151,17 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> tupl
     Coordinates of the frames that the poses do not determine keep their nominal values. If the poses are too few, the
     model is not registered.
     """
-    arm = Arm.of(robot)
-    frames = [effect_class(name).default(arm, data) for name in ALIGNABLE]
     try:
-        registered = fit(Model.of(robot, frames), data, Options(tolerance=1e-6))
+        registered = fit(Model.of(robot, default_frames(robot, data)), data, Options(tolerance=1e-6))
     except InputError:
         return residuals(data, predict(robot, data)), None
     return registered.residual, how.residuals(registered)[0]
+
+
+def default_frames(robot: Robot, data: Measurements) -> list[Effect]:
+    """Return the frames with which the nominal model is registered."""
+    arm = Arm.of(robot)
+    return [effect_class(name).default(arm, data) for name in ALIGNABLE]
 
 
 def _stage(fitted: Array, inliers: NDArray[np.bool_], apart: Array | None, judged: NDArray[np.bool_] | None) -> Stage:

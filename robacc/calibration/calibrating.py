@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.accuracy.stages import Stage
+from robacc.accuracy.stages import Stage, default_frames
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect, effect_class
@@ -162,7 +162,9 @@ def _calibrate(
     effects = final.model.free
     frames = tuple(effect for effect in effects if effect.traits.is_frame)
     registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    judged = judge(stated, mistakes, registered, structure, deflection, data, how)
+    keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
+    is_nominal = options.robust and keys[0] == keys[1]
+    judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
     warnings = (
         *judged.warnings,
         *_request_warnings(plan.requests, final, judged.nominal, judged.after),

@@ -15,6 +15,7 @@ from robacc.effects.read_back import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
+from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity.torques import weight_torques
 from robacc.measurements import Measurements
@@ -87,6 +88,8 @@ _EVIDENT = 5.0
 """Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
 _AS_SMALL = 1.5
 """Errors over the rounding of the numbers up to which the rounding explains them: twice its variance and a quarter."""
+_MOST_ROWS = 20_000
+"""Poses that decide: random ones show the rounding as well as all."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -129,8 +132,7 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
 
 def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
     """Return the rounding of the joint variables; None if there is none, or if the residual does not show it."""
-    rows = np.flatnonzero(fit.inliers)
-    return _evident_rounding(fit.model, data.subset(rows), fit.residual[:3, rows])
+    return _evident_rounding(fit.model, data.subset(fit.inliers), fit.residual[:3, fit.inliers])
 
 
 def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple[str, ...]:
@@ -158,6 +160,9 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
+    if data.n > _MOST_ROWS:
+        rows = random_rows(data, _MOST_ROWS)
+        return _evident_rounding(model, data.subset(rows), residual[:, rows])
     rounding, covariance = _rounding(model, data)
     return rounding if _is_evident(rounding, covariance, residual) else None
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.documents.keys import Later
 from robacc.io.dialect import for_spreadsheet
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, significant
@@ -19,6 +20,9 @@ from robacc.version import __version__
 
 _LARGEST_EXACT_POWER = 22
 """10^22 is the largest power of ten that a double holds exactly."""
+_POWERS = 10.0 ** np.arange(_LARGEST_EXACT_POWER + 1)
+_ROWS = 4096
+"""Rows that are rounded at a time: their working arrays stay in the cache."""
 
 
 def significant_document(value: Any) -> Any:
@@ -30,6 +34,8 @@ def significant_document(value: Any) -> Any:
         return value
     if isinstance(value, np.ndarray):
         return significant_array(value) if value.dtype.kind == "f" else value
+    if isinstance(value, Later):
+        return value.map(significant_document)
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
     if isinstance(value, Sequence):
@@ -44,14 +50,18 @@ def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
     """
     values = np.asarray(array, dtype=np.float64)
-    size = np.abs(np.where(np.isfinite(values), values, 0.0))
-    with np.errstate(divide="ignore"):
-        places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-    exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-    power = 10.0 ** np.where(exact, places, 0.0)
-    result = np.where(exact, np.rint(values * power) / power, values) + 0.0
-    inexact = ~exact & (size > 0.0)
-    result[inexact] = [significant(value) for value in values[inexact].tolist()]
+    result = np.empty_like(values)
+    for start in range(0, len(values), _ROWS):
+        part = values[start : start + _ROWS]
+        size = np.abs(np.where(np.isfinite(part), part, 0.0))
+        with np.errstate(divide="ignore"):
+            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+        rounded = np.where(exact, np.rint(part * power) / power, part) + 0.0
+        inexact = ~exact & (size > 0.0)
+        rounded[inexact] = [significant(value) for value in part[inexact].tolist()]
+        result[start : start + _ROWS] = rounded
     return result
 
 

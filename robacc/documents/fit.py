@@ -15,6 +15,7 @@ from robacc.documents.keys import (
     Document,
     Key,
     Kind,
+    Later,
     array,
     choice,
     count,
@@ -46,6 +47,7 @@ from robacc.fitting.masses import BETTER
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array
+from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
@@ -868,7 +870,7 @@ def _figures(metrics: ErrorMetrics, errors: Array, groups: NDArray[np.int64], un
     return {
         **FIGURES[unit].write(metrics),
         "n_poses": int(groups.size),
-        "n_commanded_poses": int(np.unique(groups).size),
+        "n_commanded_poses": different(groups),
         "intervals": {f"{name}_{unit}": interval for name, interval in intervals.items()},
     }
 
@@ -908,7 +910,7 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
         )
     }
 
-    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Document:
+    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Later:
         return pose_document(rows, rows.position - of_rows.nominal[:3], of_rows, inliers)
 
     return {

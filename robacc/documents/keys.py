@@ -11,6 +11,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import chain
 from types import NoneType
 from typing import Any
@@ -29,6 +30,30 @@ Document = dict[str, Any]
 _LIMITS = (("least", "minimum"), ("most", "maximum"))
 LEFT_OUT: Any = object()
 """Value of a key that a document lacks."""
+
+
+class Later(Mapping[str, Any]):
+    """Object of a document whose values are computed when they are read: one column of many rows at a time."""
+
+    def __init__(self, values: Mapping[str, Callable[[], Any]]) -> None:
+        """Take the functions that compute the values."""
+        self._values = values
+
+    def __getitem__(self, key: str) -> Any:
+        """Compute the value of a key."""
+        return self._values[key]()
+
+    def __iter__(self) -> Iterator[str]:
+        """Return the keys in their order."""
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        """Return the number of keys."""
+        return len(self._values)
+
+    def map(self, function: Callable[[Any], Any]) -> Later:
+        """Return the same object with ``function`` of each value."""
+        return Later({key: partial(lambda value: function(value()), value) for key, value in self._values.items()})
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +93,7 @@ class Kind:
 
     def document(self, value: Any) -> Any:
         """Return a value as it stands in a document; values without keys stay as they are, arrays included."""
-        if value is None or (self.keys is None and (self.items is None or self.items.keys is None)):
+        if isinstance(value, Later | None) or (self.keys is None and (self.items is None or self.items.keys is None)):
             return value
         if self.items is None:
             return self.write(value)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -10,6 +12,7 @@ from robacc.documents.keys import (
     LEFT_OUT,
     Document,
     Key,
+    Later,
     array,
     choice,
     count,
@@ -424,7 +427,7 @@ _POSES = {
     "line": Key(
         array(ordinal),
         "Line of the file, from 1; the row's number if there is no file.",
-        lambda data: [data.line(i) for i in range(data.n)],
+        lambda data: np.arange(1, data.n + 1) if data.rows is None else data.rows,
     ),
     "pose": Key(array(text) | None, "Id of the commanded pose.", lambda data: texts(data.pose)),
     "cycle": Key(array(text) | None, "Repetition of the commanded pose.", lambda data: texts(data.cycle)),
@@ -487,7 +490,7 @@ FITTED_POSES = part(
 
 def pose_document(
     data: Measurements, commanded: Array, residuals: Residuals | None = None, used: NDArray[np.bool_] | None = None
-) -> Document:
+) -> Later:
     """Return columns with an entry for each row: its line, ids, commanded and measured values, and residuals.
 
     Rows with the same ``group`` are repetitions of one commanded pose.
@@ -498,9 +501,10 @@ def pose_document(
         residuals: Residuals of a fit, if there is a fit.
         used: ``(N,)`` rows without outliers.
     """
-    given: Document = {"commanded_m": rounded(commanded), "used": used}
+    given: dict[str, Callable[[], Any]] = {"commanded_m": lambda: rounded(commanded), "used": lambda: used}
+    columns = {key: given.get(key) or partial(entry.value, key, data) for key, entry in _POSES.items()}
     if residuals is None:
-        return POSES.write(data, **given)
+        return Later(columns)
     by_stage = {
         "nominal_unregistered": residuals.unregistered,
         "nominal": residuals.nominal,
@@ -510,14 +514,14 @@ def pose_document(
         "held_out_before": residuals.held_out_before,
         "held_out_after": residuals.held_out_after,
     }
-    oriented = residuals.nominal.shape[0] > 3
-    given["errors_m"] = {stage: None if errors is None else rounded(errors[:3]) for stage, errors in by_stage.items()}
-    given["errors_rad"] = (
-        {stage: None if errors is None else rounded(errors[3:]) for stage, errors in by_stage.items()}
-        if oriented
-        else None
-    )
-    return FITTED_POSES.write(data, **given)
+    for name, part_of in (("errors_m", slice(0, 3)), ("errors_rad", slice(3, 6))):
+        errors = {
+            stage: partial(rounded, None if residual is None else residual[part_of])
+            for stage, residual in by_stage.items()
+        }
+        stages = Later(errors) if part_of.start < len(residuals.nominal) else None
+        columns[name] = partial(lambda stages: stages, stages)
+    return Later(columns)
 
 
 CURVE_KEYS = {

@@ -38,7 +38,7 @@ from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
 from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, different
 
 _BROAD = 1e3
 """Prior standard deviation of a coefficient without a prior, in its standard errors: in effect none."""
@@ -207,8 +207,8 @@ def _with_places(noise: CovarianceParameters, linear: Linearised) -> CovarianceP
 
 def _source(data: Measurements) -> Source:
     """Return what separates scatter of the joints from the noise."""
-    visits = np.unique(visit_numbers(data)).size
-    if visits > np.unique(data.groups()).size:
+    visits = different(visit_numbers(data))
+    if visits > different(data.groups()):
         return "repeated visits"
     return "several targets" if visits < data.n else "residual"
 

@@ -174,6 +174,8 @@ class Options:
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
     inliers: NDArray[np.bool_] | None = None
     """``(N,)`` mask of the rows to start from; all rows if None."""
+    identified: Identifiability | None = None
+    """Identifiable coefficients, if known from a fit of the same model to the same poses."""
     group_stds: Mapping[str, float] = field(default_factory=dict)
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
     scatter: Array | None = None
@@ -201,8 +203,8 @@ class Fit:
     misfit: tuple[float, float]
     inliers: NDArray[np.bool_]
     """``(N,)`` mask of the rows that are not outliers."""
-    poses: Poses
-    """Predicted poses of all rows."""
+    data: Measurements = field(repr=False)
+    """Poses of the fit."""
     residual: Array
     """``(M, N)`` residuals of all rows."""
     weight: Array
@@ -235,6 +237,11 @@ class Fit:
     def dropped(self) -> tuple[Dropped, ...]:
         """Return the coefficients that are not identifiable."""
         return self.identifiability.dropped
+
+    @property
+    def poses(self) -> Poses:
+        """Return the predicted poses of all rows."""
+        return self.model.bind(self.data).poses(self.theta)
 
     def without(self, effects: Collection[int]) -> Array:
         """Return ``(P,)`` the fit's coefficients without some free effects, to first order."""

@@ -23,15 +23,17 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.visits import places
 from robacc.fitting.whitening import blocks_of, whole_groups
 from robacc.geometry import Array, Poses, compose, exp_so3
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, different
 from robacc.modelling.observation import observed_jacobian, residuals
 
 LEAST_GROUPS = 6
 """Places that held-out errors need at least."""
 _ALONE = 1.0 - 1e-6
 """Leverage of a place, of any combination of its components, above which the others do not determine it."""
+_LARGE = 0.1
+"""Leverage of a place up to which the normal matrix of the fit's last step, exact to 1e-6, is enough."""
 _MOST_NUMBERS = 2**21
-"""Numbers of a Jacobian that are held at a time."""
+"""Numbers of a Jacobian that are held at a time; of more, blocks of an eighth stay in the cache."""
 
 Undetermined = Callable[[NDArray[np.int64]], None]
 """Called with the rows of a group without which the others do not determine a coefficient."""
@@ -61,9 +63,9 @@ class HoldOut:
     @cached_property
     def folds(self) -> int:
         """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
-        if self.validation is not None or np.unique(places(self.data)).size < LEAST_GROUPS:
+        if self.validation is not None or different(places(self.data)) < LEAST_GROUPS:
             return 0
-        return int(np.unique(self.groups).size)
+        return different(self.groups)
 
     def residuals(self, fit: Fit, lacking: Sequence[Collection[int]] = ((),)) -> list[Array | None]:
         """Return ``(M, N)`` residuals of the held-out poses by ``fit``, and by models that lack some of its effects.
@@ -81,13 +83,18 @@ class HoldOut:
             return [None for _ in lacking]
         return [
             None if one is None else residuals(self.data, one)
-            for one in held_out_poses(fit, self.data, self.groups, lacking)
+            for one in held_out_poses(fit, self.data, self.groups, lacking, components=fit.residual.shape[0])
         ]
 
 
 def _without(fit: Fit, absent: Collection[int]) -> Array:
     """Return ``(P,)`` the coefficients of a fit without some effects, the rest fitted again."""
     return fit.without(set(absent)) if absent else fit.theta
+
+
+def _positions(fit: Fit) -> Poses:
+    """Return the positions that a fit predicts of its own poses, without orientations."""
+    return Poses(np.empty((3, 3, 0)), fit.data.position - fit.residual[:3])
 
 
 def _poses(fit: Fit, data: Measurements, theta: Array) -> Poses | None:
@@ -104,6 +111,8 @@ def held_out_poses(
     groups: NDArray[np.int64],
     lacking: Sequence[Collection[int]] = ((),),
     undetermined: Undetermined = lambda rows: None,
+    components: int = 6,
+    exact: bool = False,
 ) -> list[Poses | None]:
     """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
 
@@ -115,31 +124,37 @@ def held_out_poses(
         groups: ``(N,)`` number of each row's group.
         lacking: Numbers of the absent effects of each model, among the free ones.
         undetermined: Called with the rows of a group that alone determines a coefficient.
+        components: 6 for poses, 3 for positions alone.
+        exact: Form the normal matrix again at the solution; of many rows it is that of the fit's last step, which is
+            enough unless a group determines a coefficient nearly alone.
 
     Returns:
         The poses by each model; None where the arm without its absent effects has no equilibrium.
     """
     columns = fit.identifiability.columns
-    size, components = columns.size, fit.residual.shape[0]
-    blocks = list(whole_groups(groups, max(_MOST_NUMBERS // (components * max(size, 1)), 1)))
+    size = columns.size
+    most = _MOST_NUMBERS // (fit.residual.shape[0] * max(size, 1))
+    blocks = list(whole_groups(groups, max(data.n if data.n <= most else most // 8, 1)))
     kept = [np.array([fit.owners[i] not in absent for i in columns], dtype=bool) for absent in lacking]
     thetas = [_without(fit, absent) for absent in lacking]
-    poses = [fit.poses if theta is fit.theta else _poses(fit, data, theta) for theta in thetas]
+    poses = [
+        (fit.poses if components == 6 else _positions(fit)) if t is fit.theta else _poses(fit, data, t) for t in thetas
+    ]
     if not size:
         return poses
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the Jacobian of the poses ``(6, K, n)``, and the whitened one of the inliers ``(n, M, K)``."""
-        _, jacobian = fit.model.bind(data.subset(rows)).linearise(fit.theta, columns)
+        """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M, n)``."""
+        _, jacobian = fit.model.bind(data.subset(rows)).linearise(fit.theta, columns, components)
         observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
-        white = fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
-        return jacobian, np.ascontiguousarray(np.moveaxis(white, 2, 0).swapaxes(1, 2))
+        return jacobian, fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
 
-    normal, latest = np.diag(fit.precision), None
-    for rows in blocks:
+    exact = exact or len(blocks) == 1
+    normal, latest = np.diag(fit.precision) + (0.0 if exact else fit.gram), None
+    for rows in blocks if exact else ():
         latest = linearised(rows)
-        flat = latest[1].reshape(-1, size)
-        normal = normal + flat.T @ flat
+        flat = latest[1].reshape(size, -1)
+        normal = normal + flat @ flat.T
     scale = 1.0 / np.sqrt(np.diag(normal))
     root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * normal * scale)) * scale
     models = [
@@ -148,7 +163,11 @@ def held_out_poses(
     ]
     for rows in blocks:
         jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
-        ahead, scaled = np.moveaxis(jacobian, -1, 0) @ root.T, whitened @ root.T
+        ahead, scaled = root @ jacobian, (root @ whitened.reshape(size, -1)).reshape(whitened.shape)
+        share = np.bincount(groups[rows] - groups[rows].min(), np.einsum("kmn,kmn->n", scaled, scaled))
+        if not exact and share.max() > _LARGE:
+            return held_out_poses(fit, data, groups, lacking, undetermined, components, exact=True)
+        scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
         for model in filter(None, models):
             for inside in model.move(fit, rows, ahead, scaled, groups[rows]):
                 undetermined(rows[inside])
@@ -183,14 +202,14 @@ class _Reduced:
         absent = np.linalg.qr(root[:, ~kept])[0]
         whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, theta[fit.identifiability.columns], 0.0)))
         error = fit.residual if kept.all() else residuals(data, poses)
-        return cls(absent, whole, error, poses.translation.copy(), poses.rotation.copy())
+        return cls(absent, whole, error, poses.translation, poses.rotation)
 
     def move(
         self, fit: Fit, rows: NDArray[np.int64], ahead: Array, scaled: Array, groups: NDArray[np.int64]
     ) -> list[NDArray[np.int64]]:
         """Hold out ``rows``; return the places among them of groups that alone determine a coefficient.
 
-        ``ahead`` ``(n, 6, K)`` is the Jacobian of their poses, ``scaled`` ``(n, M, K)`` the whitened one.
+        ``ahead`` ``(3 or 6, K, n)`` is the Jacobian of their poses, ``scaled`` ``(n, M, K)`` the whitened one.
         """
         if self.absent.size:
             scaled = scaled - (scaled @ self.absent) @ self.absent.T
@@ -199,9 +218,10 @@ class _Reduced:
         for inside in blocks_of(groups):
             change[inside], high = _changes(scaled, white, inside, self.whole)
             alone += [inside[group] for group in high]
-        moved = np.einsum("nik,nk->in", ahead, change)
+        moved = np.einsum("ikn,nk->in", ahead, change)
         self.position[:, rows] += moved[:3]
-        self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
+        if len(moved) == 6:
+            self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
         return alone
 
 

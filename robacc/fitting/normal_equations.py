@@ -133,9 +133,10 @@ class LinearisedRows:
         """Return the rows whitened; of rows that are whitened together every column is built, as regressors mix."""
         if white.mixes_rows and self.places:
             return self._completed().whitened(white)
-        rows = np.concatenate((self.columns, self.residual[:, None], self.motions), axis=1).transpose(1, 0, 2).copy()
+        count, motions = self.built.size, self.motions.swapaxes(0, 1)
+        rows = np.empty((count + 1 + len(motions), *self.residual.shape))
+        rows[:count], rows[count], rows[count + 1 :] = self.columns.swapaxes(0, 1), self.residual, motions
         white.apply_inplace(rows)
-        count = self.built.size
         return WhitenedRows(
             self.built, rows[: count + 1], tuple(map(Profile, self.places, rows[count + 1 :], self.factors))
         )
@@ -165,10 +166,10 @@ class WhitenedRows:
         """Return ``(D + 1, M n)`` built columns and the residual."""
         return self.rows.reshape(self.rows.shape[0], -1)
 
-    def gram(self) -> Array:
-        """Return ``(K + 1, K + 1)`` the Gram matrix of all columns and the residual."""
-        flat = self.flat
-        built: Array = flat @ flat.T
+    def gram(self, components: slice) -> Array:
+        """Return ``(K + 1, K + 1)`` the Gram matrix of all columns and the residual, of some of their M components."""
+        rows = self.rows.swapaxes(0, 1)[components]
+        built: Array = np.sum(rows @ rows.swapaxes(1, 2), axis=0)
         if not self.profiles:
             return built
         size = self.places.size + sum(profile.places.size for profile in self.profiles)
@@ -176,12 +177,13 @@ class WhitenedRows:
         at = np.append(self.places, size)
         result[np.ix_(at, at)] = built
         for i, profile in enumerate(self.profiles):
-            cross = np.einsum("kmn,mn->kn", self.rows, profile.column) @ profile.factors.T
+            column = profile.column[components]
+            cross = np.einsum("mkn,mn->kn", rows, column) @ profile.factors.T
             result[np.ix_(at, profile.places)], result[np.ix_(profile.places, at)] = cross, cross.T
-            scaled = profile.factors * np.sqrt(np.einsum("mn,mn->n", profile.column, profile.column))
+            scaled = profile.factors * np.sqrt(np.einsum("mn,mn->n", column, column))
             result[np.ix_(profile.places, profile.places)] = scaled @ scaled.T
             for other in self.profiles[:i]:
-                scaled = profile.factors * np.einsum("mn,mn->n", profile.column, other.column)
+                scaled = profile.factors * np.einsum("mn,mn->n", column, other.column[components])
                 cross = scaled @ other.factors.T
                 result[np.ix_(profile.places, other.places)], result[np.ix_(other.places, profile.places)] = (
                     cross,
@@ -196,21 +198,12 @@ _FEWEST_FACTORS = 8
 
 @dataclass(frozen=True, slots=True)
 class PredictedPoses:
-    """Poses that coefficients predict, and their residuals."""
+    """Residuals of the poses that coefficients predict."""
 
     theta: Array
     """``(P,)`` coefficients."""
-    poses: tuple[Poses, ...]
-    """Predicted poses of each block."""
     residual: Array
     """``(M, N)`` measured minus predicted."""
-
-    def joined(self) -> Poses:
-        """Return the predicted poses ``(N)``."""
-        if len(self.poses) == 1:
-            return self.poses[0]
-        rotation = np.concatenate([block.rotation for block in self.poses], axis=2)
-        return Poses(rotation, np.concatenate([block.translation for block in self.poses], axis=1))
 
 
 @dataclass(frozen=True)
@@ -221,6 +214,8 @@ class NormalEquations:
     """``(K,)`` the point of linearisation."""
     gram: Array
     """``(K, K)``"""
+    of_position: Array
+    """``(K, K)`` the part of ``gram`` that measured positions are; the rest is of orientations."""
     gradient: Array
     """``(K,)``"""
     cost: float
@@ -246,12 +241,14 @@ class NormalEquations:
 
     def moved_to(self, theta: Array, cost: float) -> NormalEquations:
         """Return the same linearisation at coefficients ``theta`` ``(K,)`` nearby, where the cost is ``cost``."""
-        return NormalEquations(theta, self.gram, self.gradient - self.gram @ (theta - self.theta), cost)
+        gradient = self.gradient - self.gram @ (theta - self.theta)
+        return dataclasses.replace(self, theta=theta, gradient=gradient, cost=cost)
 
     def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Return the equations of some of the coefficients, the others fixed."""
+        own = np.ix_(columns, columns)
         return NormalEquations(
-            self.theta[columns], self.gram[np.ix_(columns, columns)], self.gradient[columns], self.cost
+            self.theta[columns], self.gram[own], self.of_position[own], self.gradient[columns], self.cost
         )
 
     def expected_cost(self, theta: Array) -> float:
@@ -289,8 +286,12 @@ class PoseEquations:
             EquilibriumError: the arm is softer than its weight allows.
         """
         if ahead and len(self._slices) == 1:
-            return self._prediction(theta, [self._linearised(theta, 0)[0]])
-        return self._prediction(theta, [bound.poses(self._with_motions(theta)) for bound in self._bound])
+            return PredictedPoses(theta, residuals(self.data, self._linearised(theta, 0)[0]))
+        whole = self._with_motions(theta)
+        residual = np.empty((self.rows, self.data.n))
+        for rows, part, bound in zip(self._slices, self._parts, self._bound, strict=True):
+            residual[:, rows] = residuals(part, bound.poses(whole))
+        return PredictedPoses(theta, residual)
 
     def linearise(self, theta: Array, white: Whitening) -> tuple[PredictedPoses, NormalEquations]:
         """Predict, and sum the normal equations of the sought coefficients.
@@ -298,42 +299,39 @@ class PoseEquations:
         Raises:
             EquilibriumError: the arm is softer than its weight allows.
         """
-        size = self.columns.size
-        gram = np.zeros((size + 1, size + 1))
-        predicted, residual_blocks = [], []
+        return self._summed(theta, white)[:2]
+
+    def _summed(self, theta: Array, white: Whitening) -> tuple[PredictedPoses, NormalEquations, list[WhitenedRows]]:
+        """Predict, and sum the normal equations over the blocks; return the whitened rows of the last block too."""
+        # Gram matrices of positions and of orientations, with the residual as the last column.
+        grams = np.zeros((self.rows // 3, self.columns.size + 1, self.columns.size + 1))
+        residual, parts = np.empty((self.rows, self.data.n)), list[WhitenedRows]()
         for index, white_block in enumerate(self._block_maps(white)):
-            poses, residual, parts = self._whitened(theta, white_block, index)
-            predicted.append(poses)
-            residual_blocks.append(residual)
+            residual[:, self._slices[index]], parts = self._whitened(theta, white_block, index)
             for rows in parts:
-                gram += rows.gram()
-        return PredictedPoses(theta, tuple(predicted), _concatenated(residual_blocks)), self._normal(theta, gram)
+                for kind, total in enumerate(grams):
+                    total += rows.gram(slice(3 * kind, 3 * kind + 3))
+        gram, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
+        cost = float(gram[-1, -1])
+        normal = NormalEquations(theta[self.columns], gram[:-1, :-1], of_position, gram[:-1, -1], cost)
+        return PredictedPoses(theta, residual), normal, parts
 
     def factorise(self, theta: Array, white: Whitening, free: NDArray[np.int64]) -> tuple[Array, NormalEquations]:
-        """Return the R factor ``(R, F)`` of whitened columns, and the normal equations of all sought coefficients.
+        """Return a factor ``(R, F)`` of whitened columns, and the normal equations of all sought coefficients.
 
-        Orthogonal factorisation keeps twice the digits that the normal matrix has. ``free`` ``(F,)`` are the indices of
+        Orthogonal factorisation keeps twice the digits that the normal matrix has. Of several blocks, the root of the
+        scaled normal matrix resolves independent parts of 1e-7, which is enough. ``free`` ``(F,)`` are the indices of
         the columns among the sought coefficients; none is of a group.
         """
-        size = self.columns.size
-        triangle, gram = np.zeros((0, free.size + 1)), np.zeros((size + 1, size + 1))
-        for index, white_block in enumerate(self._block_maps(white)):
-            for rows in self._whitened(theta, white_block, index)[2]:
-                kept = np.append(np.searchsorted(rows.places, free), rows.places.size)
-                triangle = np.asarray(np.linalg.qr(np.concatenate((triangle, rows.flat[kept].T)), mode="r"))
-                if free.size < size:
-                    gram += rows.gram()
-        if free.size == size:
-            gram = triangle.T @ triangle
-        return triangle[:, :-1], self._normal(theta, gram)
-
-    def _normal(self, theta: Array, gram: Array) -> NormalEquations:
-        """Build them from the Gram matrix of the Jacobian with the residual as its last column."""
-        return NormalEquations(theta[self.columns], gram[:-1, :-1], gram[:-1, -1], float(gram[-1, -1]))
-
-    def _prediction(self, theta: Array, predicted: list[Poses]) -> PredictedPoses:
-        residual_blocks = [residuals(block, poses) for block, poses in zip(self._parts, predicted, strict=True)]
-        return PredictedPoses(theta, tuple(predicted), _concatenated(residual_blocks))
+        _, normal, parts = self._summed(theta, white)
+        if len(self._slices) == 1:
+            columns = [rows.flat[np.searchsorted(rows.places, free)] for rows in parts]
+            return np.asarray(np.linalg.qr(np.concatenate(columns, axis=1).T, mode="r")), normal
+        gram = normal.gram[np.ix_(free, free)]
+        length = np.sqrt(np.diag(gram))
+        scale = np.where(length > 0.0, length, 1.0)
+        values, vectors = np.linalg.eigh(gram / scale[:, None] / scale)
+        return np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * scale, normal
 
     def _with_motions(self, theta: Array) -> Array:
         return np.concatenate((theta, np.zeros(len(self._factored))))
@@ -370,10 +368,10 @@ class PoseEquations:
         """Return the map of each block of poses; visits that a block's end divides count as two."""
         if len(self._slices) == 1:
             return [white]
-        return [white.subset(np.arange(block.start, block.stop)) for block in self._slices]
+        return [white.subset(block) for block in self._slices]
 
-    def _whitened(self, theta: Array, white: Whitening, index: int) -> tuple[Poses, Array, list[WhitenedRows]]:
-        """Return the poses of a block, its residual ``(M, n)`` and the whitened linearisation of its rows."""
+    def _whitened(self, theta: Array, white: Whitening, index: int) -> tuple[Array, list[WhitenedRows]]:
+        """Return the residual ``(M, n)`` of a block and the whitened linearisation of its rows."""
         poses, jacobian = self._linearised(theta, index)
         residual = residuals(self._parts[index], poses)
         profiles = [numbers for _, numbers in self._sought]
@@ -383,8 +381,8 @@ class PoseEquations:
         built = np.searchsorted(self.columns, self._built)
         linearised = LinearisedRows(built, columns, residual, places, motions, factors)
         if not profiles or not white.mixes_rows:
-            return poses, residual, [linearised.whitened(white)]
-        return poses, residual, [linearised.subset(rows).whitened(part) for rows, part in white.parts]
+            return residual, [linearised.whitened(white)]
+        return residual, [linearised.subset(rows).whitened(part) for rows, part in white.parts]
 
     def _factors(self, numbers: NDArray[np.int64], index: int) -> Array:
         """Return ``(Q, n)`` the regressors of coefficients of one motion."""
@@ -412,7 +410,3 @@ def _factored(terms: Sequence[Term]) -> tuple[tuple[int, NDArray[np.int64]], ...
         if term.group is not None and is_regressor and part.motion != SCALE_OF_INSTRUMENT:
             numbers.setdefault(part.motion, []).append(i)
     return tuple((motion, np.array(members)) for motion, members in numbers.items() if len(members) >= _FEWEST_FACTORS)
-
-
-def _concatenated(parts: list[Array]) -> Array:
-    return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)

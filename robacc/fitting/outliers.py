@@ -35,10 +35,11 @@ def estimate(
     ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
     leverages of their residuals (restricted maximum likelihood at given weights).
     """
-    position = _misfit(residual[:3, inliers], _position_variance(data, inliers), used[0])
+    residual = residual if inliers.all() else residual[:, inliers]
+    position = _misfit(residual[:3], _position_variance(data, inliers), used[0])
     if residual.shape[0] == 3:
         return position, 0.0
-    return position, _misfit(residual[3:, inliers], _variance(data.sigma_rotation, inliers), used[1])
+    return position, _misfit(residual[3:], _variance(data.sigma_rotation, inliers), used[1])
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
@@ -58,12 +59,14 @@ def inlier_mask(
     ``tolerance`` multiplies the limit of the length.
     """
     rows, n = residual.shape
-    distance = np.square(residual * weight).mean(axis=0)
+    distance = np.einsum("mn,mn,mn,mn->n", residual, residual, weight, weight) / rows
     scale = float(np.median(distance)) / _MEDIAN[rows]
     if scale <= 0:
         return inliers
     limit = tolerance**2 * outlier_limit(rows, n) * scale
-    mask: NDArray[np.bool_] = (distance <= limit) | (np.abs(residual).max(axis=0) <= _ROUNDING)
+    mask: NDArray[np.bool_] = (distance <= limit) | (
+        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= _ROUNDING
+    )
     return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
 
 
@@ -94,9 +97,9 @@ def _variance(column: Array | None, inliers: NDArray[np.bool_]) -> Array | float
 def _misfit(residual: Array, known: Array | float, used: float) -> float:
     """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
     dof = max(residual.size - used, _LEAST_DOF * residual.size)
-    square = np.square(residual)
     if isinstance(known, float):
-        return float(np.sqrt(square.sum() / dof))
+        return float(np.sqrt(np.einsum("mn,mn->", residual, residual) / dof))
+    square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0
     low, high = 0.0, float(square.sum() / dof)

@@ -101,7 +101,7 @@ def high_leverage(fit: Fit, data: Measurements) -> tuple[tuple[int, float], ...]
         block = slice(start, start + BLOCK)
         _, jacobian = fit.model.bind(data.subset(block)).linearise(fit.theta, identifiable, fit.residual.shape[0])
         columns = jacobian * fit.weight[:, None, block]
-        share[block] = np.einsum("mpn,pq,mqn->n", columns, inverse, columns) / fit.residual.shape[0]
+        share[block] = np.einsum("mpn,mpn->n", inverse @ columns, columns) / fit.residual.shape[0]
     high = np.flatnonzero((share > _HIGH_LEVERAGE) & fit.inliers)
     return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 

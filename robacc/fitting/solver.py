@@ -51,8 +51,8 @@ class FitWeights:
 
     def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
         """Return the whitening of the inliers, or of all rows if ``inliers`` is None."""
-        weight = self.row if inliers is None else self.row * inliers
-        if self._latest is None or not np.array_equal(self._latest.weight, weight):
+        weight = self.row if inliers is None or inliers.all() else self.row * inliers
+        if self._latest is None or not (self._latest.weight is weight or np.array_equal(self._latest.weight, weight)):
             self._latest = self._whitening(weight)
         return self._latest
 
@@ -82,6 +82,8 @@ _QUICK, _ENDLESS = 0.05, 0.97
 larger ones need not converge."""
 _EXACT = 1e-15
 """m or rad: rounding of a predicted position (at some metres) or orientation."""
+_EPSILON = float(np.finfo(float).eps)
+"""Rounding of a term of the cost, as a share; of a sum, it grows as the root of the number of terms."""
 _SHORT = 0.03
 """Length of a step, over the residual's, below which a fit that cannot be improved counts as converged."""
 
@@ -140,6 +142,7 @@ def minimise(
         step, previous_step = _extrapolated(step, previous_step, normal.gram)
         # Near the minimum, rounding decides which of two costs is lower; a full step is then still taken.
         limit = cost + 4.0 * rounding * float(np.sqrt(cost)) + rounding**2 * white.weight.size
+        limit += cost * _EPSILON * float(np.sqrt(white.weight.size))
         move = _line_search(
             equations, predicted, step, limit, white, prior, derivative=not is_last, halvings=_FIRST_HALVINGS
         )
@@ -210,7 +213,7 @@ def _line_search(
                 residual_cost = normal.cost
             else:
                 predicted = equations.predict(theta)
-                residual_cost = float(np.sum(np.square(white.apply(predicted.residual))))
+                residual_cost = white.cost(predicted.residual)
         except EquilibriumError:
             continue
         cost = float(residual_cost + prior @ np.square(theta[columns]))
@@ -329,6 +332,9 @@ class _Solver:
         The decision is made at the nominal robot, not at a start: if axes are parallel, columns that depend on each
         other exactly look independent at fitted values, and fitting both again gives links of any length.
         """
+        if self.options.identified is not None:
+            self.equations.columns = self.options.identified.columns
+            return self.options.identified
         terms = self.equations.terms
         nominal = np.zeros(len(terms))
         free = [i for i, term in enumerate(terms) if term.group is None]
@@ -388,8 +394,7 @@ class _Solver:
         self.converged = minimum.converged
         linear, columns = minimum.normal, self.equations.columns
         theta = self.predicted.theta[columns]
-        squares = float(np.sum(np.square(white.apply(self.predicted.residual))))
-        self.normal = linear.moved_to(theta, squares)
+        self.normal = linear.moved_to(theta, white.cost(self.predicted.residual))
         return linear
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
@@ -413,12 +418,7 @@ class _Solver:
         effective = self.priors.effective(linear, columns)
         if self.equations.rows == 3 or not columns.size:
             return effective, 0.0
-        theta = self.predicted.theta.copy()
-        theta[columns] = linear.theta
-        weight = self.weights.row * self.inliers
-        weight[3:] = 0.0
-        _, of_position = self.equations.linearise(theta, Whitening(weight))
-        position = float(np.sum(linear.posterior(self.priors.precision[columns]) * of_position.gram))
+        position = float(np.sum(linear.posterior(self.priors.precision[columns]) * linear.of_position))
         return position, effective - position
 
     def trim(self) -> bool:
@@ -441,7 +441,7 @@ class _Solver:
         equations, predicted = self.equations, self.predicted
         columns, prior = equations.columns, self.priors.precision[equations.columns]
         white = self.weights.whitening()
-        chi_square = float(np.square(self.weights.whitening(self.inliers).apply(predicted.residual)).sum())
+        chi_square = self.weights.whitening(self.inliers).cost(predicted.residual)
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
         count = len(equations.terms)
@@ -459,7 +459,7 @@ class _Solver:
             noise=outliers.noise_of(self.data, self.misfit, self.options.misfit is not None and not self._has_scatter),
             misfit=self.misfit,
             inliers=self.inliers,
-            poses=predicted.joined(),
+            data=self.data,
             residual=predicted.residual,
             weight=white.row_weight,
             whitening=white,

@@ -92,7 +92,13 @@ def shrink_to_nominal(
     prior_std = np.full(fitted.theta.size, np.inf) if options.priors is None else options.priors.copy()
     for selection in selections:
         prior_std[columns[selection.indices]] = 1.0 / np.sqrt(selection.precision)
-    start = dataclasses.replace(options, priors=prior_std, start=fitted.theta, group_stds=fitted.group_stds)
+    start = dataclasses.replace(
+        options,
+        priors=prior_std,
+        start=fitted.theta,
+        identified=fitted.identifiability,
+        group_stds=fitted.group_stds,
+    )
     refit = dataclasses.replace(fit(fitted.model, data, start), covariance=fitted.covariance)
     return refit, tuple(
         ShrunkKind(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, different
 from robacc.poses.motion import numbered, rank_among_equals, visits_in_order
 from robacc.poses.row_checks import MOST_POSES, close_groups
 
@@ -67,10 +67,10 @@ _LEAST_PLACES = 6
 def places(data: Measurements) -> NDArray[np.int64]:
     """Return ``(N,)`` the number of each row's place; the number of its commanded pose where no poses lie together."""
     groups = data.groups()
-    numbers, first, which = np.unique(groups, return_index=True, return_inverse=True)
     commands = data.commands
-    if commands is None or not 2 <= numbers.size <= MOST_POSES:
+    if commands is None or not 2 <= different(groups) <= MOST_POSES:
         return groups
+    _, first, which = np.unique(groups, return_index=True, return_inverse=True)
     extent = np.ptp(commands, axis=1)
     place = close_groups(commands[:, first] / np.where(extent > 0.0, extent, 1.0)[:, None], _NEAR, _WIDEST * _NEAR)
     count = np.bincount(place)
@@ -83,7 +83,7 @@ def places(data: Measurements) -> NDArray[np.int64]:
 def places_warning(data: Measurements) -> tuple[str, ...]:
     """Return a warning of poses that are held out together because they lie close together."""
     groups, place = data.groups(), places(data)
-    n_groups, n_places = np.unique(groups).size, np.unique(place).size
+    n_groups, n_places = different(groups), different(place)
     if n_groups == n_places:
         return ()
     return (

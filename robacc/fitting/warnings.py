@@ -12,7 +12,7 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, different
 from robacc.modelling.observation import Noise, NoiseSource
 from robacc.statistics.distributions import chi2_sf, f_sf
 
@@ -71,7 +71,7 @@ def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
     if data.sigma_position is not None:
         return "file" if fit.misfit[0] <= _NEGLIGIBLE * fit.noise.position else "file and misfit"
     visits, poses = visit_numbers(data)[fit.inliers], data.groups()[fit.inliers]
-    return "repeats" if np.unique(visits).size > np.unique(poses).size else "residual"
+    return "repeats" if different(visits) > different(poses) else "residual"
 
 
 def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:

@@ -77,6 +77,12 @@ class Whitening:
         scaled *= self.weight
         return self._by_visit(scaled)
 
+    def cost(self, values: Array) -> float:
+        """Return the sum of the squares of ``(M, N)`` whitened."""
+        if self.blocks:
+            return float(np.sum(np.square(self.apply(values))))
+        return float(np.einsum("mn,mn,mn,mn->", values, values, self.weight, self.weight))
+
     def apply_transposed(self, values: Array) -> Array:
         """Return ``(..., M, N)`` multiplied by the transposed map."""
         scaled = self._by_visit(values.copy())
@@ -92,18 +98,19 @@ class Whitening:
                 _put(scaled, rows, factor @ _stacked(scaled, rows))
         return scaled
 
-    def subset(self, rows: NDArray[np.int64]) -> Whitening:
+    def subset(self, rows: NDArray[np.int64] | slice) -> Whitening:
         """Return the map of the given rows; each visit must be included or excluded as a whole."""
-        place = np.full(self.weight.shape[1], -1, dtype=np.int64)
-        place[rows] = np.arange(rows.size)
-        blocks = []
+        weight, blocks = self.weight[:, rows], []
+        if self.blocks:
+            place = np.full(self.weight.shape[1], -1, dtype=np.int64)
+            place[rows] = np.arange(weight.shape[1])
         for block in self.blocks:
             inside = place[block.rows]
             included = (inside >= 0).all(axis=1)
             if included.any():
                 blocks.append(BlockFactor(inside[included], block.factor[included]))
         marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
-        return Whitening(self.weight[:, rows], tuple(blocks), marginal)
+        return Whitening(weight, tuple(blocks), marginal)
 
 
 def whitening(
@@ -166,14 +173,19 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
 
 
 def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together."""
-    order = np.argsort(numbers, kind="stable")
+    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together.
+
+    Numbers come in the order of their first rows, so that a block's rows lie close together.
+    """
+    first = np.empty(int(numbers.max(initial=-1)) + 1, dtype=np.int64)
+    first[numbers[::-1]] = np.arange(numbers.size)[::-1]
+    order = np.argsort(first[numbers], kind="stable")
     last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
     start = 0
-    for end in last.tolist():
-        if end - start >= size or end == order.size:
-            yield order[start:end].astype(np.int64)
-            start = end
+    while start < order.size:
+        end = int(last[np.searchsorted(last, min(start + size, order.size))])
+        yield order[start:end]
+        start = end
 
 
 def _block_columns(columns: Array, rows: NDArray[np.int64]) -> Array:

@@ -67,7 +67,7 @@ def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterato
         yield out.getvalue()
 
 
-def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequence[str]]]:
+def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequence[object]]]:
     m = measurements
     of_joints = next((values for values in (m.q, m.direction, m.speed) if values is not None), np.empty((0, 0)))
     joints = [f"q{i + 1}" for i in range(len(of_joints))]
@@ -85,12 +85,11 @@ def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequ
         ([f"read_{name}" for name in joints], m.read_back),
         (m.branch_names, m.branches),
     )
-    columns: list[tuple[str, Sequence[str]]] = []
+    columns: list[tuple[str, Sequence[object]]] = []
     for names, values in numbers:
         if values is not None:
-            form = (lambda value: str(int(value))) if values is m.direction else repr
-            rows = values.reshape(len(names), m.n).tolist()
-            columns += [(name, list(map(form, row))) for name, row in zip(names, rows, strict=True)]
+            written = values.astype(np.int64) if values is m.direction else values
+            columns += zip(names, written.reshape(len(names), m.n).tolist(), strict=True)
     # Text goes last: an id that begins with # would make a comment of its row.
     for name in TEXTS:
         if (texts := getattr(m, name)) is not None:

@@ -7,12 +7,13 @@ import math
 
 import numpy as np
 
+from robacc.chain import BLOCK
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, log_between, rotate_back
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, predict
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import ModelUncertainty, model_uncertainty
@@ -75,12 +76,12 @@ def fit_record(
         ranges=_ranges(robot, data),
         n_poses=data.n,
     )
-    residual, poses, sign = fit.residual[:, fit.inliers], data.subset(np.flatnonzero(fit.inliers)), 1.0
+    residual, poses, sign = fit.residual[:, fit.inliers], data.subset(fit.inliers), 1.0
     if held_out is not None:
         finite = np.all(np.isfinite(held_out[1]), axis=0)
         if held_out[0] is data:
             finite &= fit.inliers
-        residual, poses, sign = held_out[1][:, finite], held_out[0].subset(np.flatnonzero(finite)), -1.0
+        residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
     inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
     compared = dataclasses.replace(record, covariance=inflation * record.covariance)
@@ -116,7 +117,7 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     if data.target is not None:
         targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
         visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
-    effective = float(coefficients) / (np.unique(visited).size * rows)
+    effective = float(coefficients) / (different(visited) * rows)
     return float(1.0 / max(share - effective, _LEAST_SURPLUS))
 
 
@@ -153,9 +154,13 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     )
     full = Model.of(robot)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    real, wanted = arm_only.bind(data).poses(np.zeros(0)), predict(rigid, data)
-    moved, turned = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
-    return float(np.linalg.norm(moved, axis=0).max()), float(np.linalg.norm(turned, axis=0).max())
+    largest = np.zeros(2)
+    for start in range(0, data.n, BLOCK):
+        part = data.subset(slice(start, start + BLOCK))
+        real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
+        moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
+        largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
+    return float(largest[0]), float(largest[1])
 
 
 def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:

@@ -242,17 +242,20 @@ def judge(
     data: Measurements,
     how: HoldOut,
     found: Sequence[Effect] = (),
+    *,
+    is_nominal: bool = False,
 ) -> Judged:
     """Compare the fit of ``structure`` with the fit ``before`` of the same poses, fitted and held out.
 
     ``robot`` is the robot file's; ``mistakes`` are warnings about the data, ``found`` the effects that nobody declared.
+    ``is_nominal`` says that the fit before is the nominal model, registered.
     """
     fit, gravity = structure.fit, before.model.arm.robot.gravity
     # Findings may stand for what is wrong with the frames, and corrections without a cause have many coefficients.
     without_findings = before if found else fit
     (held_out_before,), (held_out_after,) = how.residuals(before), how.residuals(fit)
     ends = None if held_out_before is None or held_out_after is None else (held_out_before, held_out_after)
-    stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how)
+    stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how, is_nominal)
     nominal = stages.nominal if any(each.traits.is_frame for each in fit.model.free) else stages.nominal_unregistered
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)

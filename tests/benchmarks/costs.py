@@ -1,4 +1,4 @@
-"""What a command costs as a process of its own: processor time, time on the clock and largest memory."""
+"""What work costs, as a process of its own or as a call, beside what is wanted; a miss is printed, no test fails."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,9 +36,9 @@ def users_environment(bytecode: Path) -> dict[str, str]:
 def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> list[Cost]:
     """The least of each that a command took in so many runs by turns; each must succeed."""
     found: list[list[Cost]] = [[] for _ in commands]
+    launcher = (sys.executable, "-S", str(Path(__file__).with_name("child.py")))
     for _ in range(times):
         for command, of_command in zip(commands, found, strict=True):
-            launcher = (sys.executable, "-S", str(Path(__file__).with_name("child.py")))
             output = subprocess.run(
                 (*launcher, *command), env=environment, cwd=ROOT, check=True, capture_output=True, text=True
             ).stdout
@@ -45,6 +46,21 @@ def costs(environment: dict[str, str], times: int, *commands: Sequence[str]) -> 
     return [Cost(*map(min, zip(*of_command, strict=True))) for of_command in found]
 
 
-def report(capsys: pytest.CaptureFixture[str], text: str) -> None:
+def fastest(call: Callable[[], object], times: int = 3) -> float:
+    """Least processor time of a call, s."""
+    taken = []
+    for _ in range(times):
+        begin = time.process_time()
+        call()
+        taken.append(time.process_time() - begin)
+    return min(taken)
+
+
+def report(capsys: pytest.CaptureFixture[str], what: str, *figures: tuple[float, str, float | None]) -> None:
+    """Print figures, each with its unit and the largest that is wanted; None for one without a limit."""
+    texts = [
+        f"{value:.3g} {unit}" + ("" if most is None else f" ({'wanted' if value <= most else 'MISSED'} {most:g})")
+        for value, unit, most in figures
+    ]
     with capsys.disabled():
-        print(f"\n  {text}")
+        print(f"\n  {what}: {', '.join(texts)}")

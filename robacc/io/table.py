@@ -115,6 +115,8 @@ class Table:
         self.skip_gaps = skip_gaps
         self.remarks: list[str] = []
         """How the table differs from the documented form, and how it came to be, for a message."""
+        self.doubts: list[str] = []
+        """Warnings of the table as a whole, once the body was read."""
         self.gaps: set[int] = set()
         """Lines or rows that are left out because a value is missing."""
         if len(names) > MAX_COLUMNS:
@@ -250,7 +252,7 @@ class TextTable(Table):
             for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
         if cut := self._cut(last):
-            self.log.warn(cut, of_file=True)
+            self.doubts.append(cut)
         self.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._reader.encoding == "UTF-8" else self._reader.encoding,

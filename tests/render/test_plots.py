@@ -21,7 +21,7 @@ from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_pa
 from robacc.render.plots.catalogue import chart_of, charts_of
 from robacc.render.plots.errors import SHARES, error_axis, stages_of
 from robacc.render.plots.results import comparison_charts, operating_curve_charts
-from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit, length_unit
+from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit
 from robacc.render.views.elements import Grid
 from robacc.statistics.distributions import chi2_cdf
 
@@ -79,8 +79,8 @@ def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
 
 
 def test_units_follow_the_size() -> None:
-    assert length_unit(1e-5).name == "µm"
-    assert length_unit(1e-5, 1e-3).name == "mm"
+    assert error_unit("m", 1e-5).name == "µm"
+    assert error_unit("m", 1e-5, 1e-3).name == "mm"
     # Charts and tables have one unit for angles, whatever their size.
     assert {error_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
     assert error_unit("m", 1e-3).name == "mm"

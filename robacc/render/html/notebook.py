@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from html import escape
 
-from robacc.render.html.headline import headline_of
 from robacc.render.text.layout import Document
 from robacc.render.views.elements import ReportHeadline
+from robacc.render.views.results import headline_of
 
 
 def notebook_html(document: Document) -> str:
     """Return the headline of a result as HTML."""
     headline = headline_of(document)
-    badges = "".join(f" <small>[{escape(badge.text)}]</small>" for badge in headline.badges)
+    badges = "".join(f" <small>[{escape(text)}]</small>" for text, _ in headline.badges)
     cells = "".join(
         f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(value)}</td>"
         f"<td style='text-align:left'>{escape(note)}</td></tr>"
@@ -29,7 +29,7 @@ def notebook_text(document: Document) -> str:
     headline = headline_of(document)
     rows = [(label, "  ".join(part for part in (value, note) if part)) for label, value, note in _rows(headline)]
     width = max((len(label) for label, _ in rows), default=0)
-    title = " ".join((headline.title, *(f"[{badge.text}]" for badge in headline.badges)))
+    title = " ".join((headline.title, *(f"[{text}]" for text, _ in headline.badges)))
     return "\n".join((title, headline.summary, *(f"{label:<{width}}  {text}" for label, text in rows)))
 
 

@@ -8,25 +8,18 @@ import json
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain
 from types import MappingProxyType
 from typing import Any
 
-from robacc.render.html.headline import headline_of
-from robacc.render.plots.canvas import DARK, LIGHT, Chart, as_part, css_variables, need
+from robacc.render.plots.canvas import DARK, LIGHT, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
 from robacc.render.text.layout import Document
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.compare import comparison_page
-from robacc.render.views.correct import correction_page
-from robacc.render.views.elements import Block, Cell, Command, Grid, Listing, ReportHeadline, Section, Text
-from robacc.render.views.estimate import estimate_page
-from robacc.render.views.fit import calibration_page, trace_page
+from robacc.render.views.elements import Block, Cell, Grid, Listing, ReportHeadline, Section, Text
 from robacc.render.views.gate import gate_section
-from robacc.render.views.iso9283 import iso9283_sections
-from robacc.render.views.plan import plan_page
-from robacc.render.views.predict import prediction_sections
+from robacc.render.views.results import headline_of, sections_of
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
 
@@ -88,7 +81,7 @@ def reproduce(document: Document) -> Section:
             f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
             "same files gives the same bytes."
         ),
-        Command(command_line(document)),
+        Text(command_line(document), kind="command"),
     ]
     if document["inputs"]:
         rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
@@ -116,29 +109,22 @@ def _reading(document: Document) -> Iterator[str]:
     """Yield the options that were stated on the names of the poses' file."""
     stated: dict[str, object] = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
     for name, value in stated.items():
-        if name == "commanded_sha256":
-            continue
-        yield f"--{name.replace('_', '-')}"
-        if value is not True:
-            yield "columns.yaml" if name == "columns" else f"{value}"
+        if name != "commanded_sha256":
+            yield f"--{name.replace('_', '-')}"
+            yield from () if value is True else ("columns.yaml" if name == "columns" else f"{value}",)
 
 
 def _options(document: Document, files: set[str]) -> Iterator[str]:
     for name, value in document["options"].items():
         flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
-        if name in files or value is None or value == [] or value == "":
+        if name in files or value in (None, [], ""):
             continue
-        if name in _SWITCHES:
-            if value is False:
-                yield _SWITCHES[name]
+        if name in _SWITCHES or isinstance(value, bool):
+            yield from [_SWITCHES.get(name, flag)] * (value != (name in _SWITCHES))
         elif name in _REPEATED:
-            for each in value:
-                yield from (flag, str(each))
-        elif value is True:
-            yield flag
-        elif value is not False:
-            yield flag
-            yield ",".join(map(str, value)) if isinstance(value, list) else f"{value}"
+            yield from (word for each in value for word in (flag, str(each)))
+        else:
+            yield from (flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}")
 
 
 # Several results in one table, one column per result.
@@ -148,77 +134,26 @@ _SAME = ("poses", "robot", "holdout")
 
 def side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
     """Return outcome, key figures and facts of each result, with warnings about different inputs."""
-    rows: list[Sequence[Cell]] = [
-        ["command", *(str(document["command"]) for document in documents)],
-        ["outcome", *(", ".join(badge.text for badge in headline.badges) or "–" for headline in headlines)],
+    rows: dict[str, Sequence[Cell]] = {
+        "command": [str(document["command"]) for document in documents],
+        "outcome": [", ".join(text for text, _ in headline.badges) or "–" for headline in headlines],
+    }
+    for figures in (
+        [{tile.label: tile.value for tile in headline.tiles} for headline in headlines],
+        [dict(headline.facts) for headline in headlines],
+    ):
+        rows |= {label: [own.get(label, "–") for own in figures] for label in chain.from_iterable(figures)}
+    rows["made by"] = [f"robacc {document['robacc']}" for document in documents]
+    rows["call"] = [command_line(document) for document in documents]
+    warnings = [
+        f"the results were not made from the same {kind} file"
+        for kind in _SAME
+        if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
     ]
-    labels = dict.fromkeys(tile.label for headline in headlines for tile in headline.tiles)
-    for label in labels:
-        cells: list[Cell] = [label]
-        for headline in headlines:
-            tile = next((tile for tile in headline.tiles if tile.label == label), None)
-            cells.append("–" if tile is None else tile.value)
-        rows.append(cells)
-    for term in dict.fromkeys(term for headline in headlines for term, _ in headline.facts):
-        rows.append([term, *(dict(headline.facts).get(term, "–") for headline in headlines)])
-    rows.append(["made by", *(f"robacc {document['robacc']}" for document in documents)])
-    rows.append(["call", *(command_line(document) for document in documents)])
-    blocks = [Grid(("", *names), rows, is_text=True)]
-    return Section("Side by side", [*blocks, *_differences(documents)])
-
-
-def _differences(documents: Sequence[Document]) -> list[Listing]:
-    """Return warnings about differences in inputs and versions."""
-    warnings = []
-    for kind in _SAME:
-        hashes = {
-            tuple(record["sha256"] for record in document["inputs"] if record["kind"] == kind) for document in documents
-        }
-        if len(hashes) > 1:
-            warnings.append(f"the results were not made from the same {kind} file")
     if len({document["robacc"] for document in documents}) > 1:
         warnings.append("the results were made by different versions of robacc")
-    return [Listing(warnings, "warning")] if warnings else []
-
-
-_SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
-    "trace": trace_page,
-    "calibrate": calibration_page,
-    "estimate": estimate_page,
-    "predict": prediction_sections,
-    "iso9283": iso9283_sections,
-    "compare": comparison_page,
-    "correct": correction_page,
-    "plan": plan_page,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class PageChart:
-    """A chart laid out for the page."""
-
-    id: str
-    chart: Chart
-    svg: str
-    scene: str | None
-    """JSON of its view in three dimensions, safe within a script element."""
-    starts: bool
-    """True if the page opens with the interactive 3-D view of this chart."""
-
-
-@dataclass(frozen=True, slots=True)
-class ResultSection:
-    """One result laid out for the page."""
-
-    id: str
-    headline: ReportHeadline
-    charts: Sequence[PageChart]
-    """The first stands next to the headline."""
-    sections: Sequence[Section]
-    """The command's tables and texts."""
-    leading: Sequence[Section]
-    """Sections that come first: the gate, warnings and notes."""
-    reproduce: Section
+    table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
+    return Section("Side by side", [table, *([Listing(warnings, "warning")] if warnings else [])])
 
 
 def render(
@@ -239,7 +174,7 @@ def render(
 
 
 def page_of(
-    results: Sequence[ResultSection],
+    results: Sequence[Mapping[str, Any]],
     documents: Sequence[Document],
     names: Sequence[str],
     identity: Mapping[str, str] = MappingProxyType({}),
@@ -247,7 +182,7 @@ def page_of(
     """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    interactive = any(chart.scene for result in results for chart in result.charts)
+    interactive = any(chart["scene"] for result in results for chart in result["charts"])
     loader = PackageLoader("robacc.render.html")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -260,11 +195,11 @@ def page_of(
         library, script = get_plotlyjs(), environment.get_template("scenes.js").render()
     is_multiple = len(results) > 1
     return environment.get_template("page.html").render(
-        title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
+        title=f"{len(results)} results side by side" if is_multiple else results[0]["headline"].title,
         results=results,
         names=names,
         identity=identity_rows(documents, names, identity),
-        overview=side_by_side(documents, [result.headline for result in results], names) if is_multiple else None,
+        overview=side_by_side(documents, [result["headline"] for result in results], names) if is_multiple else None,
         library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if interactive else "",
         script=script,
         policy=_policy([library, script] if interactive else []),
@@ -279,39 +214,37 @@ def _with_minus_signs(text: str) -> str:
     return re.sub(r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
-def result_of(document: Document, place: int) -> ResultSection:
-    """Return one result laid out, the ``place``-th of its page.
+def result_of(document: Document, place: int) -> dict[str, Any]:
+    """Return the parts of one result as the templates take them, the ``place``-th of its page.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
     """
     need("matplotlib", "plotly", "jinja2")
-    number = f"r{place}"
-    gate = gate_section(document)
-    make = _SECTIONS.get(document["command"])
+    number, gate = f"r{place}", gate_section(document)
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    notes = list(document.get("notes", ()))
-    blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
-    return ResultSection(
-        number,
-        headline_of(document),
-        [
-            PageChart(
-                f"{number}p{i}",
-                chart,
-                as_part(chart.draw, chart.size, f"{number}p{i}"),
-                None if chart.scene is None else script_json(chart.scene._asdict()),
-                chart.kind in ("poses", "corrections", "planned-poses"),
-            )
+    lists = (Listing(warnings, "warning"), Listing(list(document.get("notes", ()))))
+    notes = Section("Warnings and notes", [block for block in lists if block.items])
+    return {
+        "id": number,
+        "headline": headline_of(document),
+        "charts": [
+            {
+                "id": f"{number}p{i}",
+                "chart": chart,
+                "svg": as_part(chart.draw, chart.size, f"{number}p{i}"),
+                "scene": None if chart.scene is None else script_json(chart.scene._asdict()),
+                "starts": chart.kind in ("poses", "corrections", "planned-poses"),
+            }
             for i, chart in enumerate(charts_of(document), 1)
         ],
-        [] if make is None else [*make(document)],
-        [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
-        reproduce(document),
-    )
+        "sections": sections_of(document),
+        "leading": [*([gate] if gate is not None else []), *([notes] if notes.blocks else [])],
+        "how": reproduce(document),
+    }
 
 
 def script_json(value: Any) -> str:

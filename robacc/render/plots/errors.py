@@ -25,8 +25,9 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text.layout import Document, Unit, error_unit, length_unit
+from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
+from robacc.render.views.fit import SHORT_STAGES
 
 # Charts of the errors and of the ellipsoids of their covariance, in the tool frame and in the measuring frame.
 
@@ -53,7 +54,7 @@ def ellipsoid_charts(document: Document) -> Iterator[Chart]:
 def _ellipsoids_chart(frame: str, part: Mapping[str, Any], errors: Array, mean: Array, key: str) -> Chart:
     covariance = vectors(part[key])
     sd = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[::-1], 0.0))
-    unit = length_unit(float(max(np.abs(errors).max(initial=0.0), SHARES[1][1] * sd[0])))
+    unit = error_unit("m", float(max(np.abs(errors).max(initial=0.0), SHARES[1][1] * sd[0])))
     where, meaning = _FRAMES[frame]
     rows = thinned(_ELLIPSOID_POINTS, *errors.T) if len(errors) else np.zeros(0, dtype=np.int64)
     subject = "Predicted errors" if key.startswith("mean") else "Errors"
@@ -139,10 +140,6 @@ def _ellipsoids_table(part: Mapping[str, Any], key: str, unit: Unit) -> Grid:
 
 # The errors of a result's poses by stage: nominal model, baseline, extended model.
 
-STAGE_LABELS = {
-    command: {"nominal": "nominal, registered", "before": "baseline", "after": after}
-    for command, after in (("trace", "extended model"), ("calibrate", "calibrated"))
-}
 STAGE_MEANINGS = {
     "trace": "baseline: declared effects fitted; extended model: findings added",
     "calibrate": "baseline: base and tool fitted; calibrated: all named effects fitted",
@@ -202,7 +199,7 @@ def _of_fit(document: Document, poses: Mapping[str, Any], unit: str) -> ErrorsBy
     if columns is None:
         return None
     held_out = columns["held_out_after"] is not None
-    lead, labels = "held_out_" * held_out, STAGE_LABELS[document["command"]]
+    lead, labels = "held_out_" * held_out, SHORT_STAGES[document["command"]]
     used = np.array(poses["used"] or np.ones(len(columns["nominal"])), dtype=np.float64)
     roles = list(labels)[: 2 if document.get("findings") == [] else 3]
     stages = tuple(StageErrors(role, labels[role], vectors(columns[f"{lead}{role}"])) for role in roles)

@@ -9,7 +9,7 @@ import numpy as np
 
 from robacc.render.plots.canvas import CUBE, SPACE, Array, Axis, Chart, Panel, Series, numbers, scene, vectors
 from robacc.render.plots.workspace import arm_of
-from robacc.render.text.layout import Document, length_unit
+from robacc.render.text.layout import Document, error_unit
 from robacc.render.views.elements import EffectFamily, Grid, effect_families
 
 # The poses of a plan in space, by their role, with the route of the visits.
@@ -105,7 +105,7 @@ def _group(points: Array, role: str, label: str, marker: str, texts: Sequence[st
 
 def _accuracy_chart(accuracy: Mapping[str, Any]) -> Chart:
     points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
-    unit = length_unit(*(point["total_rms_m"] for point in points))
+    unit = error_unit("m", *(point["total_rms_m"] for point in points))
     ending = "Ten more poses still reduce it by more than 10 %."
     if knee is not None:
         ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."

@@ -20,7 +20,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text.layout import Document, Unit, error_unit, length_unit
+from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
 
 # Charts of the error budget of a prediction.
@@ -255,8 +255,8 @@ def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
         value = numbers(place["position_m"] for place in part["poses"])
         figures[key] = value, *(numbers(each[end] for each in bounds) for end in ("lower", "upper"))
     # Values without an upper limit stand for themselves.
-    unit = length_unit(
-        max(float(np.nanmax(np.append(figure[[0, 2]], 0.0))) for figure in map(np.array, figures.values()))
+    unit = error_unit(
+        "m", max(float(np.nanmax(np.append(figure[[0, 2]], 0.0))) for figure in map(np.array, figures.values()))
     )
     maxima = [
         f"{key} is largest at {part['max_at']}, {unit.text(part['max_m'])}"
@@ -317,7 +317,7 @@ def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
     )
     radius = next(repeatability, None)
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
-    unit = length_unit(reach)
+    unit = error_unit("m", reach)
     rows, limit = thinned(_VISITS, *offsets.T), 1.08 * reach * unit.factor or 1.0
     zero = "the commanded pose" if commanded is not None else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""

@@ -26,7 +26,7 @@ from robacc.render.plots.canvas import (
     vectors,
 )
 from robacc.render.plots.errors import StageErrors, stages_of
-from robacc.render.text.layout import Document, Unit, length_unit
+from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
 
 _MIN_POSES = 80
@@ -47,7 +47,7 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         return
     if values.size < _MIN_POSES:
         return
-    unit, quantity = length_unit(float(values.max())), label.rstrip(",")
+    unit, quantity = error_unit("m", float(values.max())), label.rstrip(",")
     worst, radius = int(np.argmax(values)), np.hypot(at[:, 0], at[:, 1])
     views = (
         ("from the side", "distance from axis, m", "height z, m", radius, at[:, 2]),
@@ -147,7 +147,7 @@ def _errors_in_space(
         caption: First sentence of its caption, without its full stop.
     """
     sizes = [stage.sizes for stage in stages]
-    unit = length_unit(float(max(stage_sizes.max() for stage_sizes in sizes)))
+    unit = error_unit("m", float(max(stage_sizes.max() for stage_sizes in sizes)))
     scale = _magnification(at, sizes[0])
     still, turned = thinned(_STILL, *sizes), thinned(_TURNED, *sizes)
     order = np.argsort(-sizes[-1], kind="stable")[:_ROWS]
@@ -243,7 +243,7 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     known = [*document["grade"]["share_of_poses_meeting"]]
     present = [name for name in known if name in grades] + sorted({*grades.tolist()} - {*known})
     shares = ", ".join(f"{name} in {np.count_nonzero(grades == name)}" for name in present)
-    unit, edge = length_unit(float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
+    unit, edge = error_unit("m", float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
     order = np.argsort(-bound, kind="stable")[:_ROWS]
     x, y, z = at[order[0]]
     rows = thinned(_DRAWN, bound)

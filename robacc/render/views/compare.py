@@ -7,7 +7,18 @@ from typing import Any
 
 from robacc.comparison.reading import split_key
 from robacc.render.text.layout import IN_MM, Document, chance, decimals, fixed, p_value, table_unit, three_digits
-from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, number, percent
+from robacc.render.views.elements import (
+    Cell,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Tile,
+    amount,
+    number,
+    percent,
+)
 
 _STATISTICS = {
     "rms": "rms",
@@ -39,6 +50,21 @@ _MAX_COLUMNS = 4
 """Largest number of results that stand side by side; more stand in rows."""
 _MAX_NAME = 24
 """Largest number of columns for a result's name."""
+
+
+def comparison_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``compare``."""
+    names, ranking = [result["name"] for result in document["results"]], document["ranking"]
+    summary, tiles = "", []
+    if ranking is not None:
+        summary = f"By {ranking['by']}: {'; '.join(ranking['text'])}."
+        tiles = [
+            Tile(entry["name"], amount(entry["value"], ranking["unit"]), f"group {entry['letters']}")
+            for entry in ranking["order"][:3]
+            if ranking["unit"] in ("m", "rad")
+        ]
+    facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
+    return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
 
 
 def comparison_view(document: Document) -> Iterator[Section]:

@@ -8,7 +8,19 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Number, Section, Text, number
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    number,
+)
 
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
@@ -21,6 +33,23 @@ _CAUSES = {
 }
 _ROWS = 40
 """Targets that are not corrected and that the page lists."""
+
+
+def correction_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``correct``."""
+    before, after = (document["expected"][stage]["position"] or {} for stage in ("before", "after"))
+    now, then = (amount(part.get("expected_rms_m")) for part in (before, after))
+    count = f"{document['n_corrected']} of {document['n_targets']} targets"
+    return ReportHeadline(
+        f"Correction by {document['model']}",
+        f"{count} have a corrected command. The position error to expect falls from {now} to {then} rms.",
+        [
+            Tile("expected error before, rms", now),
+            Tile("expected error after, rms", then),
+            Tile("95 % bound after, largest", amount(after.get("largest_bound95_m"))),
+        ],
+        [(f"{count} corrected", "open" if document["n_refused"] else "good")],
+    )
 
 
 def correction_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:

@@ -28,10 +28,15 @@ from robacc.render.views.elements import (
     Grid,
     Listing,
     Number,
+    ReportHeadline,
     Section,
     Text,
+    Tile,
+    amount,
     effect_families,
     number,
+    of_robot,
+    tile,
     with_unit,
 )
 from robacc.tracing.findings import HIDDEN_NOISE
@@ -52,6 +57,11 @@ _STAGES = {
     },
     "calibrate": {"nominal": "nominal, base and tool registered", "before": "baseline", "after": "calibrated"},
 }
+SHORT_STAGES = {
+    command: {"nominal": "nominal, registered", "before": "baseline", "after": after}
+    for command, after in (("trace", "extended model"), ("calibrate", "calibrated"))
+}
+"""The same for key figures and charts."""
 _POSE_SETS = (
     ("held_out", "held-out poses"),
     ("held_out_inliers", "held-out poses without outliers"),
@@ -59,11 +69,14 @@ _POSE_SETS = (
     ("fitted_inliers", "calibration poses without outliers"),
 )
 _VERDICTS = {
-    "clean": "no effect found beyond the declared effects",
-    "explained": "explained",
-    "partly_explained": "partly explained",
-    "unexplained": "unexplained: the residual is structured and no candidate explains it",
+    "clean": ("clean", "good", "no effect found beyond the declared effects"),
+    "explained": ("explained", "good", "explained"),
+    "partly_explained": ("partly explained", "open", "partly explained"),
+    "unexplained": ("unexplained", "bad", "unexplained: the residual is structured and no candidate explains it"),
 }
+"""Name, tone and sentence of a verdict."""
+_UNSTRUCTURED = "the remaining error has no structure"
+"""The text does not say noise: the size of the noise may be unknown."""
 _PARTS = {
     "noise": "noise",
     "scatter": "scatter of the joints",
@@ -89,6 +102,118 @@ _MAX_DROPPED = 3
 _MAX_PAIRS = 8
 
 
+# The first screen: key figures, and what the fit means in a sentence.
+
+
+def trace_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``trace``."""
+    label, tone, _ = _VERDICTS[document["verdict"]]
+    declared = document["options"].get("declared") or "none"
+    unexplained = document["unexplained"]
+    remaining = ("Remaining error", f"{amount(unexplained['rms_m'])}, structured")
+    facts = [
+        ("Declared effects", declared.replace(",", ", ")),
+        ("Measurement noise", _noise(document)),
+        *([remaining] if unexplained["structured"] else []),
+        ("Next", _next(document)),
+    ]
+    title = f"Trace{of_robot(document)}: {label}"
+    return ReportHeadline(title, _trace_summary(document), _tiles(document), [(label, tone)], facts)
+
+
+def _trace_summary(document: Document) -> str:
+    is_structured = document["unexplained"]["structured"]
+    start = (
+        f"With the declared effects fitted, the model predicts the measured poses to {_rms(document, 'before')} rms "
+        f"({_pose_set(document)[1]})."
+    )
+    names = [
+        f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
+        for finding in document["findings"]
+    ]
+    if not names:
+        end = "the remaining error is structured, but no effect of the catalogue explains it"
+        return f"{start} No effect was found; {end if is_structured else _UNSTRUCTURED}. {_arm_itself(document)}"
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    end = "the remaining error has a structure that no candidate explains" if is_structured else _UNSTRUCTURED
+    return (
+        f"{start} The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the "
+        f"measured poses to {_rms(document, 'after')} rms; {end}. {_arm_itself(document)}"
+    )
+
+
+def calibrate_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``calibrate``."""
+    summary = (
+        f"With {document['options'].get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses "
+        f"to {_rms(document, 'after')} rms ({_pose_set(document)[1]}); with only base and tool fitted, to "
+        f"{_rms(document, 'before')}. {_arm_itself(document)}"
+    )
+    effects = ", ".join(effect["effect"] for effect in document["effects"])
+    facts = [("Next", _next(document)), ("Fitted effects", effects), ("Measurement noise", _noise(document))]
+    return ReportHeadline(f"Calibration{of_robot(document)}", summary, _tiles(document), (), facts)
+
+
+def _pose_set(document: Document) -> tuple[str, str]:
+    """Return the key and the name of the poses whose errors lead: held-out poses, where there are any."""
+    is_fitted = document["after"]["held_out"] is None
+    return ("fitted", "calibration poses") if is_fitted else ("held_out", "held-out poses")
+
+
+def _rms(document: Document, stage: str) -> Number:
+    return amount(document[stage][_pose_set(document)[0]]["position"]["rms_m"])
+
+
+def _arm_itself(document: Document) -> str:
+    """Return the error of the arm: a model changes no arm until it is used."""
+    rms = _rms(document, "nominal")
+    return (
+        f"The arm itself keeps its error of {rms} rms, base and tool registered, until its controller uses the model."
+    )
+
+
+def _tiles(document: Document) -> list[Tile]:
+    """Return the error before, with the baseline and after; without findings, the baseline is the last."""
+    key, pose_set = _pose_set(document)
+    is_clean, gain = document.get("findings") == [], document["gain_m"]
+    errors = [
+        (label, document[stage][key]["position"])
+        for stage, label in [*SHORT_STAGES[document["command"]].items()][: 2 if is_clean else 3]
+    ]
+    tiles = [
+        tile(f"{label}, rms", part["rms_m"], "m", (part.get("intervals") or {}).get("rms_m") or {}, pose_set)
+        for label, part in errors
+    ]
+    if gain is not None and not is_clean:
+        bounds = {"lower": gain["low"], "upper": gain["high"], "confidence": gain["confidence"]}
+        tiles.append(tile("rms reduction", gain["value"], "m", bounds))
+    return tiles
+
+
+def _noise(document: Document) -> str:
+    noise = document["noise"]
+    source = _NOISE_SOURCES.get(noise["source"], "from the remaining error")
+    return f"{amount(noise['position_m'])} along each axis, {source}"
+
+
+def _next(document: Document) -> str:
+    return next_step(document).replace("`robacc correct`", "robacc correct")
+
+
+def next_step(document: Document) -> str:
+    """Return what to do after a trace or a calibration."""
+    poses, _ = _pose_set(document)
+    before, after = (document[stage][poses]["position"]["rms_m"] for stage in ("nominal", "after"))
+    if document.get("next_poses"):
+        return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
+    if after > _WORTH_CORRECTING * before:
+        return "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
+    return "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
+
+
+# The text and the page.
+
+
 def trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
     """Return the text of a trace with all that was tested; ``poses`` and ``robot`` are file names."""
     yield _opening(document, poses, robot)
@@ -102,34 +227,21 @@ def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Sec
     """Return how good, why, and what now: causes, what is not distinguishable, what remains, and what to do."""
     yield _opening(document, poses, robot)
     yield Section("", causes_blocks(document, 6))
-    unexplained = document["unexplained"]
-    notes = [
-        f"{_label(finding)}: {_alternative(rival)}"
-        for finding in document["findings"]
-        for rival in finding["alternatives"]
-    ]
+    unexplained, findings = document["unexplained"], document["findings"]
     hints = unexplained["hints"]
-    notes += [f"{_mm(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
+    notes = [
+        *(f"{_label(finding)}: {_alternative(rival)}" for finding in findings for rival in finding["alternatives"]),
+        f"{with_unit(unexplained['rms_m'])} rms remain{_parts_of(unexplained)}",
+        *hints[:_MAX_HINTS],
+    ]
     if len(hints) > _MAX_HINTS:
         notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
     yield Section("", [Listing(notes), Text(f"next: {next_step(document)}"), Text(_MORE, is_note=True)])
 
 
-def next_step(document: Document) -> str:
-    """Return what to do after a trace or a calibration."""
-    is_held_out = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
-    poses = "held_out" if is_held_out else "fitted"
-    before, after = (document[stage][poses]["position"]["rms_m"] for stage in ("nominal", "after"))
-    if document.get("next_poses"):
-        return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
-    if after > _WORTH_CORRECTING * before:
-        return "nothing to correct: the model is hardly better than the nominal arm with base and tool registered"
-    return "write the model with `write_model`, and let `robacc correct` change the robot's targets by it"
-
-
-def trace_sections(document: Document) -> Iterator[Section]:
+def trace_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Section]:
     """Return causes, residual, candidates, findings, stages, remaining error, and what to measure next."""
-    yield Section("Causes", causes_blocks(document))
+    yield Section("Causes", causes_blocks(document, most))
     assumption = [Text(document["assumption"])] if document["assumption"] is not None else []
     yield Section("Residual", [Text(_residual(document)), *assumption])
     yield Section("Candidates", _candidates(document))
@@ -159,23 +271,17 @@ def calibration_view(document: Document, poses: str, robot: str, fitted: str) ->
     yield quality
 
 
-def calibration_sections(document: Document) -> Iterator[Section]:
+def calibration_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Section]:
     """Return causes, stages, and the quality of the fit."""
-    yield Section("Causes", causes_blocks(document))
+    yield Section("Causes", causes_blocks(document, most))
     yield Section("Before and after", stage_blocks(document, "calibrate"))
     yield Section("Quality of the fit", [Listing([*_quality(document)])])
 
 
-def trace_page(document: Document) -> Iterator[Section]:
+def fit_page(document: Document) -> Iterator[Section]:
     """Return the sections of a page, with every cause and coefficient."""
-    _, *sections = trace_sections(document)
-    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
-
-
-def calibration_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every cause and coefficient."""
-    _, *sections = calibration_sections(document)
-    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
+    sections = trace_sections if document["command"] == "trace" else calibration_sections
+    yield from (*sections(document, None), _all_coefficients(document))
 
 
 def _all_coefficients(document: Document) -> Section:
@@ -200,10 +306,11 @@ def parameter_tables(parameters: Sequence[Part]) -> list[Block]:
 
 def coefficients(parameters: Iterable[Part]) -> Grid:
     """Return name, value, standard error and unit of identifiable coefficients."""
-    rows: list[Sequence[Cell]] = []
-    for parameter in parameters:
-        factor, unit = table_unit(str(parameter["unit"]))
-        rows.append((parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit))
+    rows = [
+        (parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit)
+        for parameter in parameters
+        for factor, unit in [table_unit(str(parameter["unit"]))]
+    ]
     return Grid(("name", "value", "standard error", "unit"), rows)
 
 
@@ -213,10 +320,6 @@ def _with_error(value: float, error: float | None, factor: float, sign: str = ""
         return Number(f"{three_digits(value * factor)}{sign}", value), Number("–", None)
     texts = measured(value * factor, error * factor)
     return Number(f"{texts[0]}{sign}", value), Number(f"{texts[1]}{sign}", error)
-
-
-def _mm(value: float) -> str:
-    return str(with_unit(value, "m"))
 
 
 def _label(effect: Part) -> str:
@@ -254,17 +357,14 @@ def _mass_coefficients(effect: str, count: int) -> str:
 
 def causes_blocks(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Block]:
     """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None."""
-    causes = document.get("causes", ())
-    apart = document["nominal"]["held_out"] is not None and document["after"]["held_out"] is not None
-    was, now = (
-        _mm(document[stage]["held_out" if apart else "fitted"]["position"]["rms_m"]) for stage in ("nominal", "after")
-    )
+    causes, poses = document.get("causes", ()), _pose_set(document)[0]
+    was, now = (with_unit(document[stage][poses]["position"]["rms_m"]) for stage in ("nominal", "after"))
     notable = [
         cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
     ]
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{was} rms to {now} rms{' on held-out poses' if apart else ''}: {named}{others}")
+    yield Text(f"{was} rms to {now} rms{' on held-out poses' * (poses == 'held_out')}: {named}{others}")
     if not causes:
         return
     is_mixed = len({cause["declared"] for cause in causes}) > 1
@@ -327,7 +427,7 @@ def _repeatability(document: Document) -> Iterator[str]:
     joints = ", ".join(
         f"{name} {with_unit(std, units[name])}" for name, std in repeatability["joints"].items() if std is not None
     )
-    size = _mm(repeatability["position_m"])
+    size = with_unit(repeatability["position_m"])
     yield f"intrinsic repeatability: {size} rms at the target ({joints or 'not identifiable joint by joint'})"
     if repeatability["source"] == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
@@ -337,18 +437,16 @@ def _deflection(choice: Part | None) -> Iterator[str]:
     """Yield the deflection model used by elastic effects and the reason for it."""
     if choice is None:
         return
-    size = f"{_mm(choice['difference_rms_m'])} rms"
-    if choice["rigid_better_by"] is None:
-        yield (
-            f"deflection model: equilibrium; torques at the undeflected pose change the prediction by {size}, too "
-            "little to distinguish the two models"
-        )
-        return
-    yield (
-        f"deflection model: {'equilibrium' if choice['form'] == 'equilibrium' else 'undeflected pose'}; torques at the "
-        f"undeflected pose change the prediction by {size} and twice the log-likelihood by "
-        f"{choice['rigid_better_by']:+.3g}; threshold +{choice['needed']:g}"
+    form = "equilibrium" if choice["form"] == "equilibrium" else "undeflected pose"
+    text = (
+        f"deflection model: {form}; torques at the undeflected pose change the prediction by "
+        f"{with_unit(choice['difference_rms_m'])} rms"
     )
+    if choice["rigid_better_by"] is None:
+        yield f"{text}, too little to distinguish the two models"
+    else:
+        gain, needed = choice["rigid_better_by"], choice["needed"]
+        yield f"{text} and twice the log-likelihood by {gain:+.3g}; threshold +{needed:g}"
 
 
 # The quality of a calibration.
@@ -357,12 +455,10 @@ def _deflection(choice: Part | None) -> Iterator[str]:
 def _quality(document: Document) -> Iterator[str]:
     noise, identifiability = document["noise"], document["identifiability"]
     axes = noise["along_axes_m"]
-    sizes = [noise["position_m"]] if axes is None else axes
-    size = (
-        f"{', '.join(three_digits(std * IN_MM) for std in sizes)} mm along {'each axis' if axes is None else 'x, y, z'}"
-    )
+    sizes = ", ".join(three_digits(std * IN_MM) for std in axes or [noise["position_m"]])
     source = _NOISE_SOURCES.get(noise["source"], "estimated from the residual")
-    yield f"measurement noise {size} (standard deviation), {source}"
+    along = "each axis" if axes is None else "x, y, z"
+    yield f"measurement noise {sizes} mm along {along} (standard deviation), {source}"
     if noise["lack_of_fit_p_value"] is not None:
         # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
         yield (
@@ -380,12 +476,16 @@ def _quality(document: Document) -> Iterator[str]:
     yield from _deflection(document["deflection"])
     yield from _not_identifiable(identifiability["not_identifiable"])
     pairs = document["correlations"]
-    for pair in pairs[:_MAX_PAIRS]:
-        yield f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
+    yield from (
+        f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
+        for pair in pairs[:_MAX_PAIRS]
+    )
     if len(pairs) > _MAX_PAIRS:
         yield f"and {len(pairs) - _MAX_PAIRS} more pairs with a correlation above 0.9"
-    for row in document["leverage"][:5]:
-        yield f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+    yield from (
+        f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+        for row in document["leverage"][:5]
+    )
 
 
 def _not_identifiable(dropped: Sequence[Part]) -> Iterator[str]:
@@ -426,17 +526,17 @@ def _opening(document: Document, poses: str, robot: str) -> Section:
         f"declared effects: {names}{' (default; `declared` changes them)' if declared['by_default'] else ''}",
         *(f"{each['effect']} is not declared: {each['why']}" for each in declared["left_out"]),
     ]
-    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
+    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']][2]}"
     return Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
 
 
 def _residual(document: Document) -> str:
     noise, repeatability = document["noise"], document["repeatability"]
     size = math.sqrt(3) * noise["position_m"]
-    rms = _mm(document["before"]["fitted"]["position"]["rms_m"])
+    rms = with_unit(document["before"]["fitted"]["position"]["rms_m"])
     text = f"baseline: {rms} rms; measurement noise: "
     if noise["source"] in _NOISE_SOURCES:
-        return f"{text}{_mm(size)} rms, {_NOISE_SOURCES[noise['source']]}"
+        return f"{text}{with_unit(size)} rms, {_NOISE_SOURCES[noise['source']]}"
     why = "because the file has neither sigma columns nor repeated poses"
     if (
         noise["lack_of_fit_p_value"] is None
@@ -445,7 +545,7 @@ def _residual(document: Document) -> str:
         and size < HIDDEN_NOISE * repeatability["position_m"]
     ):
         return f"{text}not distinguishable from the arm's repeatability (see the remaining error) {why}"
-    return f"{text}{_mm(size)} rms, estimated from the remaining error {why}"
+    return f"{text}{with_unit(size)} rms, estimated from the remaining error {why}"
 
 
 def _candidates(document: Document) -> Iterator[Block]:
@@ -514,7 +614,7 @@ def _details(finding: Part) -> Iterator[str]:
         yield finding["statement"]
     yield p_value(finding["p_value"])
     if finding["held_out_before_m"] is not None and finding["held_out_after_m"] is not None:
-        before, after = (_mm(finding[f"held_out_{stage}_m"]) for stage in ("before", "after"))
+        before, after = (with_unit(finding[f"held_out_{stage}_m"]) for stage in ("before", "after"))
         text = f"held-out poses: {before} rms without it, {after} rms with it"
         turns = [finding[f"held_out_{stage}_rad"] for stage in ("before", "after")]
         if None not in turns:
@@ -531,12 +631,13 @@ def _details(finding: Part) -> Iterator[str]:
 
 def _at_tool(finding: Part, baseline_rms: float | None) -> str:
     """Return what the effect does at the tool, and its share of the mean square error of the baseline."""
-    if finding["size_at_tool_m"] is None or finding["largest_at_tool_m"] is None:
+    keys = ("size_at_tool_m", "largest_at_tool_m", "largest_turn_at_tool_rad", "held_out_before_m", "held_out_after_m")
+    rms, largest, turn, without, with_it = (finding[key] for key in keys)
+    if rms is None or largest is None:
         return "cannot be evaluated alone"
-    text = f"moves the tool by up to {_mm(finding['largest_at_tool_m'])} ({_mm(finding['size_at_tool_m'])} rms)"
-    if finding["largest_turn_at_tool_rad"] is not None:
-        text += f" and turns it by up to {with_unit(finding['largest_turn_at_tool_rad'], 'rad')}"
-    without, with_it = finding["held_out_before_m"], finding["held_out_after_m"]
+    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms)"
+    if turn is not None:
+        text += f" and turns it by up to {with_unit(turn, 'rad')}"
     if without is None or with_it is None or not baseline_rms:
         return text
     share = (without**2 - with_it**2) / baseline_rms**2
@@ -563,26 +664,24 @@ def _alternative(alternative: Part) -> str:
 
 def _remaining_error(document: Document) -> Iterator[str]:
     unexplained = document["unexplained"]
-    text = f"{_mm(unexplained['rms_m'])} rms on the calibration poses"
-    if unexplained["noise_rms_m"] is not None:
-        size = _mm(unexplained["noise_rms_m"])
-        is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
-        text += f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}"
+    rms, noise, p = (unexplained[key] for key in ("rms_m", "noise_rms_m", "p_value"))
+    text = f"{with_unit(rms)} rms on the calibration poses"
+    if noise is not None:
+        size = with_unit(noise)
+        text += f", of which {size} is measurement noise" if noise < rms else f"; measurement noise alone is {size}"
     yield text
-    shown = f" ({p_value(unexplained['p_value'])})"
     if unexplained["structured"]:
         # The p-value stands where it is what shows the structure.
-        yield f"structured: not noise alone{shown if unexplained['p_value'] < _CONVINCING else ''}"
+        yield f"structured: not noise alone{f' ({p_value(p)})' if p < _CONVINCING else ''}"
     else:
-        yield f"no structure that any candidate explains{shown}"
+        yield f"no structure that any candidate explains ({p_value(p)})"
     if document["explained_share"] is not None and document["findings"]:
-        share = f"{100 * document['explained_share']:.0f} %"
         floor = "noise" if document["repeatability"] is None else "noise and repeatability"
+        share = f"{100 * document['explained_share']:.0f} %"
         yield f"{share} of the explainable error is explained (held-out variance above {floor})"
     if parts := _parts_of(unexplained):
         yield f"its parts{parts}"
-    yield from _repeatability(document)
-    yield from unexplained["hints"]
+    yield from (*_repeatability(document), *unexplained["hints"])
 
 
 def _parts_of(unexplained: Part) -> str:

@@ -11,7 +11,20 @@ from typing import Any
 
 from robacc.iso_9283.cube import Proposal
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, measured_cells, number, percent
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    measured_cells,
+    number,
+    of_robot,
+    percent,
+    tile,
+)
 from robacc.robots.description import Robot
 
 _MAX_ROWS = 12
@@ -37,6 +50,26 @@ _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 
 Part = Mapping[str, Any]
 """A criterion, or its value at one place, of the document."""
+
+
+def iso9283_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``iso9283``."""
+    labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
+    criteria = {label: document["iso9283"][symbol] for symbol, label in labels.items()}
+    tiles = [
+        tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
+        for label, part in criteria.items()
+        if part["max_m"] is not None
+    ]
+    met = sum(condition["status"] == "met" for condition in document["protocol"])
+    summary = (
+        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
+        f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
+        "standard's protocol."
+    )
+    registration = "none" if not document["alignment"] else " and ".join(document["alignment"][0]["what"])
+    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
+    return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
 
 
 def iso9283_view(document: Document, robot: str | None, full: bool = True) -> Iterator[Section]:

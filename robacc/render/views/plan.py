@@ -7,7 +7,21 @@ from typing import Any
 
 from robacc.planning.campaign import CampaignPlan
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label, fixed, table_unit, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, effect_families, number
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    effect_families,
+    number,
+    of_robot,
+)
 
 PURPOSES = {
     "calibrate": "calibration",
@@ -44,6 +58,38 @@ def validation_comments(plan: CampaignPlan) -> list[str]:
         f"Validation poses planned by robacc plan for {plan.robot.name}; nothing was measured.",
         "Use them only to check a fit (`holdout`), never in the fit.",
     ]
+
+
+def plan_headline(document: Document) -> ReportHeadline:
+    """Return the number of poses and visits, the predicted error, and whether earlier poses are enough."""
+    accuracy, sufficiency, noise = document["accuracy"], document["sufficiency"], document["noise"]
+    n, visits, power = document["n_poses"], document["n_visits"], document["power"]
+    summary = f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses."
+    tiles = [Tile("different poses", Number(str(n), float(n))), Tile("visits", Number(str(visits), float(visits)))]
+    if accuracy is not None and (planned := accuracy["planned"]) is not None:
+        tiles.append(Tile("predicted error after the fit, rms", amount(planned["rms_m"])))
+        tiles.append(Tile("the same of random poses", amount(planned["random_rms_m"])))
+    if power is not None:
+        tiles += [
+            Tile(
+                label,
+                Number(f"{100 * power[key]:.0f} %", power[key]),
+                f"random poses {100 * power[f'random_{key}']:.0f} %",
+            )
+            for label, key in (("effects found at their usual size", "found"), ("found and separated", "separated"))
+        ]
+    badges = []
+    if sufficiency is not None:
+        summary += f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
+        badges = [("enough poses", "good") if sufficiency["enough"] else ("more poses needed", "open")]
+    facts = [
+        ("Instrument", f"{amount(noise['position_m'])} along each axis"),
+        ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
+        ("Source of the noise", str(noise["source"])),
+        *([("Free effects", ", ".join(document["fit"].split(",")))] if document["fit"] else []),
+    ]
+    title = f"Plan for the {PURPOSES[document['purpose']]}{of_robot(document)}"
+    return ReportHeadline(title, summary, tiles, badges, facts)
 
 
 def plan_view(document: Document, full: bool = True) -> Iterator[Section]:

@@ -6,7 +6,21 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, p_value, table_unit, three_digits, with_table_unit
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number, percent, with_unit
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    number,
+    of_robot,
+    percent,
+    with_unit,
+)
 
 _QUANTITIES = (("position", "m", IN_MM), ("orientation", "rad", IN_DEGREES))
 _STATISTICS = {
@@ -22,6 +36,42 @@ _UNCHANGED = 0.9995
 """Smallest factor that rounds to one with three decimals."""
 
 Part = Mapping[str, Any]
+
+
+def predict_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``predict``."""
+    position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
+    source = "The tolerances give" if document["tolerances"]["parameters"] else "The fit of the model gives"
+    rms, p95 = amount(position["rms_m"]), amount(position["p95_m"])
+    summary = (
+        f"{source} an expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: "
+        f"grade {grade['grade']}."
+    )
+    for first in document["budget"][:1]:
+        share = f"{100 * first['share_position']:.0f} %"
+        summary += f" The largest share of the variance, {share}, is from {first['parameter']}."
+    facts = [
+        ("Configurations", document["configurations"]),
+        ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+    ]
+    if document["against"] is not None:
+        facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
+    if (coverage := document["coverage"]) is not None:
+        shares = [
+            f"{name} {_percent(coverage[name]['share'])}" for name, *_ in _QUANTITIES if coverage[name] is not None
+        ]
+        facts.append(("Measured poses within their 95 % bound", ", ".join(shares)))
+    return ReportHeadline(
+        f"Predicted accuracy{of_robot(document)}",
+        summary,
+        [
+            Tile("position, rms", rms, "over robots and poses"),
+            Tile("position, 95th percentile", p95, "over robots and poses"),
+            Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
+        ],
+        [(f"grade {grade['grade']}, expected", "plain")],
+        facts,
+    )
 
 
 def prediction_view(document: Document, source: str = "") -> Iterator[Section]:

@@ -8,7 +8,7 @@ with its interval under ``intervals``, so that a gate's ``iso9283.RP.max`` finds
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
@@ -28,9 +28,6 @@ from robacc.documents.keys import (
 )
 from robacc.documents.parts import ALIGNMENT, INTERVAL, OUTSIDE_KEY, texts
 from robacc.geometry import quaternion_from_rotation
-
-if TYPE_CHECKING:
-    pass
 
 
 def _each(figures: str, name: str) -> Callable[[Any], Any]:

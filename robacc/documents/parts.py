@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, overload
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,11 +48,7 @@ _COVARIANCE_DIGITS = 8
 """Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
-@overload
-def rounded(values: Array) -> Array: ...
-@overload
-def rounded(values: Array | None) -> Array | None: ...
-def rounded(values: Array | None) -> Array | None:
+def rounded(values: Array | None) -> Any:
     """Return rounded values with poses first, the order of a document; None without values."""
     return None if values is None else np.round(values, _DECIMALS).T
 
@@ -447,29 +444,33 @@ _POSES = {
 }
 _ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
 POSES = part(_POSES, "poses", _ABOUT_POSES)
+
+
+def _errors(stage: str, axes: slice) -> Callable[[Residuals], Any]:
+    """Return a source: the rows ``axes`` of the residuals of a stage."""
+    return lambda residuals: None if getattr(residuals, stage) is None else rounded(getattr(residuals, stage)[axes])
+
+
 _STAGE_ERRORS = {
     unit: part(
         {
-            "nominal_unregistered": Key(
+            key: Key(
                 rows3 | None,
-                f"Errors of the nominal model as it stands in the robot file, {unit}; null if there are none.",
-            ),
-            "nominal": Key(rows3 | None, f"Errors of the nominal model, registered, {unit}; null if there are none."),
-            "before": Key(rows3 | None, f"Errors of the baseline, {unit}; null if there are none."),
-            "after": Key(rows3 | None, f"Errors of the extended model, {unit}; null if there are none."),
-            "held_out_nominal": Key(
-                rows3 | None,
-                f"Errors of the nominal model registered without the pose, {unit}; null if there are none.",
-            ),
-            "held_out_before": Key(
-                rows3 | None, f"Errors of the baseline fitted without the pose, {unit}; null if there are none."
-            ),
-            "held_out_after": Key(
-                rows3 | None, f"Errors of the extended model fitted without the pose, {unit}; null if there are none."
-            ),
+                f"Errors of {about}, {unit}; null if there are none.",
+                _errors(key.removeprefix("nominal_"), axes),
+            )
+            for key, about in (
+                ("nominal_unregistered", "the nominal model as it stands in the robot file"),
+                ("nominal", "the nominal model, registered"),
+                ("before", "the baseline"),
+                ("after", "the extended model"),
+                ("held_out_nominal", "the nominal model registered without the pose"),
+                ("held_out_before", "the baseline fitted without the pose"),
+                ("held_out_after", "the extended model fitted without the pose"),
+            )
         }
     )
-    for unit, _ in QUANTITIES
+    for unit, axes in (("m", slice(0, 3)), ("rad", slice(3, 6)))
 }
 FITTED_POSES = part(
     {
@@ -500,23 +501,8 @@ def pose_document(
     given: Document = {"commanded_m": rounded(commanded), "used": used}
     if residuals is None:
         return POSES.write(data, **given)
-    by_stage = {
-        "nominal_unregistered": residuals.unregistered,
-        "nominal": residuals.nominal,
-        "before": residuals.before,
-        "after": residuals.after,
-        "held_out_nominal": residuals.held_out_nominal,
-        "held_out_before": residuals.held_out_before,
-        "held_out_after": residuals.held_out_after,
-    }
-    oriented = residuals.nominal.shape[0] > 3
-    given["errors_m"] = {stage: None if errors is None else rounded(errors[:3]) for stage, errors in by_stage.items()}
-    given["errors_rad"] = (
-        {stage: None if errors is None else rounded(errors[3:]) for stage, errors in by_stage.items()}
-        if oriented
-        else None
-    )
-    return FITTED_POSES.write(data, **given)
+    oriented = residuals if residuals.nominal.shape[0] > 3 else None
+    return FITTED_POSES.write(data, **given, errors_m=residuals, errors_rad=oriented)
 
 
 CURVE_KEYS = {

@@ -53,13 +53,11 @@ _POINT = part(
 
 def _visits(plan: CampaignPlan) -> Document:
     visits = plan.visits()
-    assert visits.direction is not None
-    assert visits.speed is not None
     return {
         "pose": texts(visits.pose),
         "role": list(plan.route.roles),
         "q": rounded(plan.q),
-        "direction": visits.direction.T.astype(int),
+        "direction": None if visits.direction is None else visits.direction.T.astype(int),
         "speed": rounded(visits.speed),
         "payload_kg": plan.payload_kg,
         "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),

@@ -105,8 +105,8 @@ def test_errors_of_poses_make_the_figures_of_the_result() -> None:
         by_stage = stages_of(document, "m")
         assert by_stage is not None
         assert by_stage.held_out
-        for stage, key in zip(by_stage.stages, ("nominal", "before", "after"), strict=True):
-            rms = math.sqrt(float(np.mean(np.square(stage.sizes))))
+        for (_, _, sizes), key in zip(by_stage.sizes(), ("nominal", "before", "after"), strict=True):
+            rms = math.sqrt(float(np.mean(np.square(sizes))))
             assert rms == pytest.approx(document[key]["held_out"]["position"]["rms_m"], rel=1e-6)
         fitted = np.array(document["poses"]["errors_m"]["after"])
         rms = math.sqrt(float(np.mean(np.sum(np.square(fitted), axis=1))))

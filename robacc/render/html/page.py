@@ -1,4 +1,4 @@
-"""The HTML page of one result or of several side by side: what was tested, and how to reproduce it."""
+"""Results as HTML: a page of one or of several side by side, and a few lines for a notebook."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import re
 import shlex
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
+from html import escape
 from itertools import chain
 from types import MappingProxyType
 from typing import Any
@@ -17,11 +18,43 @@ from robacc.render.plots.canvas import DARK, LIGHT, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
 from robacc.render.text.layout import Document
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.elements import Block, Cell, Grid, Listing, ReportHeadline, Section, Text
+from robacc.render.views.elements import Cell, Grid, Listing, ReportHeadline, Section, Text, shown
 from robacc.render.views.gate import gate_section
 from robacc.render.views.results import headline_of, sections_of
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
+
+# A result in a few lines for a notebook or a Python shell; no library is needed.
+
+
+def notebook_html(document: Document) -> str:
+    """Return the headline of a result as HTML: title, summary, key figures and facts."""
+    headline = headline_of(document)
+    badges = "".join(f" <small>[{escape(text)}]</small>" for text, _ in headline.badges)
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(value)}</td>"
+        f"<td style='text-align:left'>{escape(note)}</td></tr>"
+        for label, value, note in _figures(headline)
+    )
+    return (
+        f"<div><strong>{escape(headline.title)}</strong>{badges}<p>{escape(headline.summary)}</p>"
+        f"<table>{cells}</table></div>"
+    )
+
+
+def notebook_text(document: Document) -> str:
+    """Return the headline of a result as lines of text."""
+    headline = headline_of(document)
+    title = " ".join((headline.title, *(f"[{text}]" for text, _ in headline.badges)))
+    rows = [(label, "  ".join(filter(None, texts))) for label, *texts in _figures(headline)]
+    return "\n".join((title, headline.summary, *(line for line, _ in Grid(("", ""), rows, left=(0, 1)).lines(0))))
+
+
+def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
+    """Return label, value and interval of each figure, then the facts."""
+    tiles = ((tile.label, str(tile.value), tile.interval) for tile in headline.tiles)
+    return [*tiles, *((name, text, "") for name, text in headline.facts)]
+
 
 # Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
 
@@ -76,30 +109,26 @@ _FIRST = {"predict": "robot", "plan": "robot"}
 
 def reproduce(document: Document) -> Section:
     """Return the last section of a result."""
-    blocks: list[Block] = [
-        Text(
-            f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
-            "same files gives the same bytes."
-        ),
-        Text(command_line(document), kind="command"),
-    ]
-    if document["inputs"]:
-        rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
-        blocks.append(Grid(("input", "file", "SHA-256"), rows, is_text=True))
-    return Section("How to reproduce this result", blocks)
+    rows = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
+    origin = Text(
+        f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
+        "files gives the same bytes."
+    )
+    command = Text(command_line(document), kind="command")
+    return Section(
+        "How to reproduce this result", [origin, command, Grid(("input", "file", "SHA-256"), rows, is_text=True)]
+    )
 
 
 def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
-    arguments = ["robacc", document["command"]]
     files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
-    first = _FIRST.get(document["command"], "poses")
-    arguments += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
+    leading = (_FIRST.get(document["command"], "poses"), "result")
+    arguments = ["robacc", document["command"]]
+    arguments += [record["name"] for record in document["inputs"] if record["kind"] in leading]
     for kind, name in files.items():
-        if kind not in (first, "result"):
-            arguments += [f"--{kind}", name]
-    arguments += _options(document, set(files))
-    arguments += _reading(document)
+        arguments += [] if kind in leading else [f"--{kind}", name]
+    arguments += (*_options(document, set(files)), *_reading(document))
     if document["seed"] is not None and document["command"] in _SEEDED:
         arguments += ["--seed", str(document["seed"])]
     return " ".join(shlex.quote(argument) for argument in arguments)
@@ -153,7 +182,8 @@ def side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadli
     if len({document["robacc"] for document in documents}) > 1:
         warnings.append("the results were made by different versions of robacc")
     table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
-    return Section("Side by side", [table, *([Listing(warnings, "warning")] if warnings else [])])
+    (section,) = shown([Section("Side by side", [table, Listing(warnings, "warning")])])
+    return section
 
 
 def render(
@@ -221,13 +251,12 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         UsageError: the extra ``report`` is not installed.
     """
     need("matplotlib", "plotly", "jinja2")
-    number, gate = f"r{place}", gate_section(document)
+    number = f"r{place}"
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    lists = (Listing(warnings, "warning"), Listing(list(document.get("notes", ()))))
-    notes = Section("Warnings and notes", [block for block in lists if block.items])
+    lists = [Listing(warnings, "warning"), Listing(list(document.get("notes", ())))]
     return {
         "id": number,
         "headline": headline_of(document),
@@ -236,13 +265,13 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
                 "id": f"{number}p{i}",
                 "chart": chart,
                 "svg": as_part(chart.draw, chart.size, f"{number}p{i}"),
-                "scene": None if chart.scene is None else script_json(chart.scene._asdict()),
+                "scene": None if chart.scene is None else script_json(chart.scene),
                 "starts": chart.kind in ("poses", "corrections", "planned-poses"),
             }
             for i, chart in enumerate(charts_of(document), 1)
         ],
         "sections": sections_of(document),
-        "leading": [*([gate] if gate is not None else []), *([notes] if notes.blocks else [])],
+        "leading": [*shown((*gate_section(document), Section("Warnings and notes", lists)))],
         "how": reproduce(document),
     }
 

@@ -17,6 +17,7 @@ from robacc.render.plots.canvas import (
     Panel,
     Rows,
     Series,
+    lengths,
     numbers,
     place,
     root_mean_square,
@@ -25,7 +26,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.plots.errors import StageErrors, stages_of
+from robacc.render.plots.errors import Curve, stages_of
 from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
 
@@ -41,8 +42,9 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         values = numbers(values)
     elif poses is not None and errors is not None:
         used = errors.used > 0
-        at, values = vectors(errors.poses["commanded_m"])[used], errors.stages[-1].sizes[used]
-        label = f"Position error, {errors.stages[-1].label}," if len(errors.stages) > 1 else "Position error"
+        _, stage, values = errors.sizes(used)[-1]
+        at = vectors(errors.poses["commanded_m"])[used]
+        label = f"Position error, {stage}," if len(errors.errors) > 1 else "Position error"
     else:
         return
     if values.size < _MIN_POSES:
@@ -98,17 +100,14 @@ _VECTOR = 0.12
 def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     """Return the chart of a result with poses and errors in the measuring frame."""
     by_stage = stages_of(document, "m")
-    if by_stage is None:
+    if by_stage is None or not by_stage.poses["commanded_m"]:
         return
-    stages: Sequence[StageErrors] = [stage for stage in by_stage.stages if stage.role != "nominal"]
+    stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
     if "position_by_frame" in document:
-        errors = vectors(document["position_by_frame"]["base"]["errors_m"])
-        stages = [StageErrors("after", "measured", errors)]
+        stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+    start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
     at = vectors(by_stage.poses["commanded_m"])
-    if len(at):
-        names = " and ".join(f"{stage.label}" for stage in stages)
-        start = f"Commanded target positions and their errors ({names})"
-        yield _errors_in_space(document, by_stage.poses, at, stages, "poses", "Pose errors in space", start)
+    yield _errors_in_space(document, by_stage.poses, at, stages, "poses", "Pose errors in space", start)
 
 
 def correction_charts(document: Document) -> Iterator[Chart]:
@@ -117,7 +116,7 @@ def correction_charts(document: Document) -> Iterator[Chart]:
         return
     targets: Mapping[str, Any] = document["targets"]
     stages = [
-        StageErrors(role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
+        (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
         for role, name in (("before", "nominal"), ("after", "corrected"))
     ]
     count = f"{sum(targets['corrected'])} of {len(targets['corrected'])} targets are corrected"
@@ -130,7 +129,7 @@ def _errors_in_space(
     document: Document,
     poses: Mapping[str, Any],
     at: Array,
-    stages: Sequence[StageErrors],
+    stages: Sequence[Curve],
     kind: str,
     title: str,
     caption: str,
@@ -141,13 +140,13 @@ def _errors_in_space(
         document: The result, whose robot is drawn at a typical pose.
         poses: Columns that name the points.
         at: Points, m.
-        stages: Errors of the same points; the first decides the magnification.
+        stages: Role, label and errors of the same points; the first decides the magnification.
         kind: Kind of the chart.
         title: Its title.
         caption: First sentence of its caption, without its full stop.
     """
-    sizes = [stage.sizes for stage in stages]
-    unit = error_unit("m", float(max(stage_sizes.max() for stage_sizes in sizes)))
+    sizes, labels = [lengths(errors) for _, _, errors in stages], [label for _, label, _ in stages]
+    unit = error_unit("m", float(np.max(sizes)))
     scale = _magnification(at, sizes[0])
     still, turned = thinned(_STILL, *sizes), thinned(_TURNED, *sizes)
     order = np.argsort(-sizes[-1], kind="stable")[:_ROWS]
@@ -156,7 +155,7 @@ def _errors_in_space(
         "\n".join(
             [
                 place(poses, i),
-                *(f"{s.label}: {unit.text(float(size[i]))}" for s, size in zip(stages, sizes, strict=True)),
+                *(f"{label}: {unit.text(float(size[i]))}" for label, size in zip(labels, sizes, strict=True)),
             ]
         )
         for i in map(int, turned)
@@ -164,10 +163,10 @@ def _errors_in_space(
 
     def series(rows: Rows, texts: Sequence[str]) -> list[Series]:
         shown = [Series(at[rows].T, "ink", "commanded", marker="o", size=2.0, texts=texts)]
-        for stage in stages:
-            gaps = np.full((rows.size, 3), np.nan)
-            ends = np.stack((at[rows], at[rows] + scale * stage.errors[rows], gaps), axis=1).reshape(-1, 3)
-            shown.append(Series(ends.T, stage.role, stage.label, line="-", width=1.0))
+        gaps = np.full((rows.size, 3), np.nan)
+        for role, label, errors in stages:
+            ends = np.stack((at[rows], at[rows] + scale * errors[rows], gaps), axis=1).reshape(-1, 3)
+            shown.append(Series(ends.T, role, label, line="-", width=1.0))
         return [*arm, *shown]
 
     return Chart(
@@ -179,10 +178,10 @@ def _errors_in_space(
         f"magnified; largest {largest}",
         [Panel(SPACE, series(still, ()))],
         Grid(
-            ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *(stage.label for stage in stages)),
+            ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *labels),
             [
                 [place(poses, int(i)), *(f"{value:.3f}" for value in at[i])]
-                + [unit.text(float(value)) for value in (*stages[-1].errors[i], *(size[i] for size in sizes))]
+                + [unit.text(float(value)) for value in (*stages[-1][2][i], *(size[i] for size in sizes))]
                 for i in order
             ],
             note=f"The {len(order)} poses with the largest errors of {len(at)}; the JSON result has all of them."

@@ -72,8 +72,7 @@ def comparison_view(document: Document) -> Iterator[Section]:
     baseline = _short(document["baseline"])
     yield Section(f"{len(document['results'])} results compared; baseline: {baseline}", [_results(document)])
     yield from comparison_sections(document, complete=False)
-    if document["notes"]:
-        yield Section("Limitations", [Listing(document["notes"])])
+    yield Section("Limitations", [Listing(document["notes"])])
 
 
 def comparison_page(document: Document) -> Iterator[Section]:
@@ -110,8 +109,7 @@ def comparison_sections(document: Document, complete: bool) -> Iterator[Section]
         for difference in row["differences"]:
             name = _label(row["key"]) if row["key"].startswith(_ISO9283) else _statistic(row["key"])
             methods.setdefault(difference["why"] or difference["method"], {})[name] = None
-    if methods:
-        yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
+    yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
 
 
 def _short(name: str) -> str:
@@ -119,12 +117,11 @@ def _short(name: str) -> str:
 
 
 def _results(document: Document) -> Grid:
-    paired = {match["second"]: match["paired"] for match in document["pairing"]}
+    paired = {match["second"]: "same poses" if match["paired"] else "different poses" for match in document["pairing"]}
     rows = []
     for result in document["results"]:
-        is_paired = None if result["command"] in _WITHOUT_ERRORS else paired.get(result["name"])
-        poses = "" if is_paired is None else "same poses" if is_paired else "different poses"
         cells = (result["name"], result["command"], result["robot"] or "–", result["n_poses"], result["grade"] or "–")
+        poses = "" if result["command"] in _WITHOUT_ERRORS else paired.get(result["name"], "")
         rows.append([*(_short(str(cell)) for cell in cells), poses])
     return Grid(("result", "command", "robot", "poses", "grade", ""), rows)
 
@@ -149,25 +146,24 @@ def _ranking(ranking: Mapping[str, Any]) -> Section:
 
 
 def _grade(grade: Mapping[str, Any]) -> Section:
-    rows: list[Sequence[Cell]] = []
-    reasons, later = [], []
-    for status in grade["results"]:
-        rows.append(
-            [
-                _short(status["name"]),
-                _VERDICTS[status["verdict"]],
-                status["grade"],
-                "–" if status["probability"] is None else chance(status["probability"]),
-                *(_bounded(status, quantity, unit) for quantity, unit in (("position", "m"), ("orientation", "rad"))),
-            ]
+    results, quantities = grade["results"], (("position", "m"), ("orientation", "rad"))
+    rows = [
+        (
+            _short(each["name"]),
+            _VERDICTS[each["verdict"]],
+            each["grade"],
+            "–" if each["probability"] is None else chance(each["probability"]),
+            *(_bounded(each, quantity, unit) for quantity, unit in quantities),
         )
-        if status["why"]:
-            reasons.append(f"{status['name']}: {status['why']}")
-        if status["poses_to_demonstrate"] is not None:
-            later.append(
-                f"{status['name']}: if the estimate does not change, {status['poses_to_demonstrate']} poses in total "
-                "would probably confirm it"
-            )
+        for each in results
+    ]
+    reasons = [f"{each['name']}: {each['why']}" for each in results if each["why"]]
+    later = [
+        f"{each['name']}: if the estimate does not change, {each['poses_to_demonstrate']} poses in total would "
+        "probably confirm it"
+        for each in results
+        if each["poses_to_demonstrate"] is not None
+    ]
     header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
     return Section(f"Grade {grade['wanted']} (scale: {grade['scale']})", [Grid(header, rows), Listing(reasons + later)])
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any
 
-from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, three_digits
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, table_unit, three_digits, with_table_unit
 from robacc.render.views.elements import (
     Block,
     Cell,
@@ -57,8 +55,7 @@ def correction_view(document: Document, names: tuple[str, str]) -> Iterator[Sect
     count = f"{document['n_corrected']} of {document['n_targets']} targets"
     yield Section(f"Correction of {names[0]} by {names[1]}: {count} corrected", [])
     yield from correction_sections(document)
-    if document["notes"]:
-        yield Section("Assumptions and limitations", [Listing(document["notes"])])
+    yield Section("Assumptions and limitations", [Listing(document["notes"])])
 
 
 def correction_page(document: Document) -> Iterator[Section]:
@@ -70,9 +67,8 @@ def correction_page(document: Document) -> Iterator[Section]:
         for line, reason in zip(targets["line"], targets["reason"], strict=True)
         if reason is not None
     ]
-    if rows:
-        more = [Text(f"The first {_ROWS} of {len(rows)}.")] if len(rows) > _ROWS else []
-        yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), *more])
+    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
+    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
 
 
 def correction_sections(document: Document) -> Iterator[Section]:
@@ -93,9 +89,8 @@ def correction_sections(document: Document) -> Iterator[Section]:
                 blocks.append(Text(f"grades {stage}: {counts}"))
         blocks.append(Text("largest expected error: the largest bound of 95 % of the errors", is_note=True))
         yield Section("Over the corrected targets", blocks)
-    if document["refused"]:
-        rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-        yield Section("Not corrected", [Grid(("cause", "targets"), rows)])
+    rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
+    yield Section("Not corrected", [Grid(("cause", "targets"), rows)])
 
 
 def _row(label: str, part: Mapping[str, Any], typical: str, largest: str) -> Sequence[Cell]:
@@ -111,44 +106,34 @@ def _row(label: str, part: Mapping[str, Any], typical: str, largest: str) -> Seq
 
 # Table of ``robacc export``, at most 80 columns.
 
-_WIDTH = 80
 _LEAST = 1e-4
 """Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
-_LABEL = 19
-"""Columns that the labels take."""
 
 
-def write_export(stream: TextIO, result: Mapping[str, Any]) -> None:
-    """Write what the file holds, the error that remains in it, and the tool to set."""
-    remaining = result["remaining_error"]
-    arm = f" of {result['arm']}" if result["arm"] else ""
-    lines = [f"Export as {result['format']}{arm}"]
-    if result["refitted"]:
-        lines += _labelled("fitted again to", ", ".join(result["refitted"]))
-    if result["not_carried"]:
-        lines += _labelled("not in the format", ", ".join(result["not_carried"]))
-    lines += _labelled("remaining error", f"position {_sizes(remaining['position'], 'm', IN_MM, ' mm')};")
-    lines += _labelled("", f"orientation {_sizes(remaining['orientation'], 'rad', IN_DEGREES, '°')};")
-    lines += _labelled("", f"over {remaining['n_poses']} poses within the joint limits")
-    place = ", ".join(_fixed(IN_MM * value, 4) for value in result["tool"]["xyz_m"])
-    turn = ", ".join(_fixed(math.degrees(value), 5) for value in result["tool"]["rpy_rad"])
-    lines += _labelled("tool to set", f"x, y, z {place} mm")
-    lines += _labelled("", f"roll, pitch, yaw {turn}°")
-    print("\n".join(lines), file=stream)
+def export_view(document: Document) -> Iterator[Section]:
+    """Return what the file holds, the error that remains in it, and the tool to set."""
+    remaining, tool = document["remaining_error"], document["tool"]
+    sizes = [
+        "{} rms, {} largest".format(*(_size(remaining[name][f"{key}_{unit}"], unit) for key in ("rms", "max")))
+        for name, unit in (("position", "m"), ("orientation", "rad"))
+    ]
+    # Adding zero after rounding removes the sign of "-0.0000".
+    place = ", ".join(f"{round(IN_MM * value, 4) + 0.0:.4f}" for value in tool["xyz_m"])
+    turn = ", ".join(f"{round(IN_DEGREES * value, 5) + 0.0:.5f}" for value in tool["rpy_rad"])
+    rows = [
+        ("fitted again to", ", ".join(document["refitted"])),
+        ("not in the format", ", ".join(document["not_carried"])),
+        ("remaining error", f"position {sizes[0]};"),
+        ("", f"orientation {sizes[1]};"),
+        ("", f"over {remaining['n_poses']} poses within the joint limits"),
+        ("tool to set", f"x, y, z {place} mm"),
+        ("", f"roll, pitch, yaw {turn}°"),
+    ]
+    title = f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}"
+    yield Section(title, [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)])
 
 
-def _sizes(errors: Mapping[str, float], unit: str, factor: float, name: str) -> str:
-    sizes = (errors[f"{key}_{unit}"] * factor for key in ("rms", "max"))
-    rms, largest = (three_digits(size) if size >= _LEAST else f"< {_LEAST:g}" for size in sizes)
-    return f"{rms}{name} rms, {largest}{name} largest"
-
-
-def _labelled(label: str, text: str) -> list[str]:
-    """Return a label and its text, wrapped with a hanging indent."""
-    return textwrap.wrap(
-        text, _WIDTH, initial_indent=f"{label:<{_LABEL}}", subsequent_indent=" " * _LABEL, break_on_hyphens=False
-    )
-
-
-def _fixed(value: float, places: int) -> str:
-    return f"{round(value, places) + 0.0:.{places}f}"
+def _size(error: float, unit: str) -> str:
+    factor, name = table_unit(unit)
+    text = three_digits(error * factor) if error * factor >= _LEAST else f"< {_LEAST:g}"
+    return with_table_unit(text, name)

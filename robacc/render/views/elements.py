@@ -8,12 +8,12 @@ from __future__ import annotations
 import statistics
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, TextIO
 
-from robacc.render.text.console import Style, width_of, write_lines
+from robacc.render.text.console import PLAIN_WIDTH, Style, width_of, write_lines
 from robacc.render.text.layout import (
     Document,
     decimals,
@@ -73,7 +73,7 @@ class Grid:
             for text in texts:
                 lines.append((f"{label}{text}".rstrip(), "dim" if row is table[0] else ""))
                 label = " " * len(label)
-        if not self.is_ruled:
+        if not (self.is_ruled and lines):
             yield from lines
             return
         rule = " " + "─" * max(len(text) for text, _ in lines)
@@ -167,9 +167,18 @@ def draw(sections: Iterable[Section], stream: TextIO) -> None:
     write_lines(lines_of(sections, width_of(stream)), stream)
 
 
+def shown(sections: Iterable[Section]) -> Iterator[Section]:
+    """Yield the sections that have a line besides their heading, or no more than a heading."""
+    for section in sections:
+        blocks = [*section.blocks]
+        filled = [block for block in blocks if any(block.lines(PLAIN_WIDTH))]
+        if filled or not blocks:
+            yield replace(section, blocks=filled)
+
+
 def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
     """Return sections as lines; running text is wrapped to ``width`` columns."""
-    for number, section in enumerate(sections):
+    for number, section in enumerate(shown(sections)):
         if number:
             yield "", ""
         if section.title:
@@ -265,13 +274,7 @@ def tile(label: str, value: float, unit: str, bounds: Mapping[str, Any], note: s
 # The robot of a result in titles.
 
 
-def robot_name(document: Document) -> str | None:
-    """Return the robot's name from its file, None without a robot."""
-    robot = document.get("robot")
-    return None if robot is None else str(robot["name"])
-
-
 def of_robot(document: Document) -> str:
-    """Return ``of`` and the robot's name, to follow a title; empty without a robot."""
-    name = robot_name(document)
-    return "" if name is None else f" of {name}"
+    """Return ``of`` and the robot's name from its file, to follow a title; empty without a robot."""
+    robot = document.get("robot")
+    return "" if robot is None else f" of {robot['name']}"

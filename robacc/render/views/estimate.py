@@ -298,9 +298,8 @@ def _targets(document: Document) -> Iterator[Section]:
         (target["target"], str(target["n_poses"]), *(number(target[f"{key}_m"], IN_MM) for _, key in _FIGURES))
         for target in document["targets"]
     ]
-    if rows:
-        header = ("target", "poses", *(label for label, _ in _FIGURES))
-        yield Section("Position error by target, mm", [Grid(header, rows)])
+    header = ("target", "poses", *(label for label, _ in _FIGURES))
+    yield Section("Position error by target, mm", [Grid(header, rows)])
 
 
 def _methods(part: Part, unit: str) -> tuple[str, ...]:
@@ -344,8 +343,7 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     notes += [f"{outcome.name}, {reason(outcome)}" for outcome in failed]
     if failed:
         notes.append(f"{len(failed)} of {len(outcomes)} files could not be estimated")
-    if notes:
-        yield Section("", [Listing(notes)])
+    yield Section("", [Listing(notes)])
 
 
 def _table(outcomes: Sequence[FileOutcome]) -> Grid:

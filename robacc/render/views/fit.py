@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 import statistics
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -262,12 +263,12 @@ def calibration_view(document: Document, poses: str, robot: str, fitted: str) ->
     title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
     yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
     causes, stages, quality = calibration_sections(document)
-    yield from (causes, stages)
     estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
-    blocks: list[Block] = [coefficients(estimated[:_MAX_COEFFICIENTS])]
-    if len(estimated) > _MAX_COEFFICIENTS:
-        blocks.append(Text(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
-    yield Section("Coefficients", [*blocks, *(Text(_mass_coefficients(*each)) for each in masses.items())])
+    others = len(estimated) - _MAX_COEFFICIENTS
+    more = Text(f"and {others} more; the JSON result has all of them" * (others > 0))
+    of_masses = (Text(_mass_coefficients(*each)) for each in masses.items())
+    yield from (causes, stages)
+    yield Section("Coefficients", [coefficients(estimated[:_MAX_COEFFICIENTS]), more, *of_masses])
     yield quality
 
 
@@ -289,26 +290,22 @@ def _all_coefficients(document: Document) -> Section:
         "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
         "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
     )
-    blocks = parameter_tables(document["parameters"])
-    return Section("Coefficients", [Text(note), *blocks] if blocks else [Text("No coefficient was fitted.")])
+    blocks = [Text(note), *parameter_tables(document["parameters"])]
+    return Section("Coefficients", blocks if document["parameters"] else [Text("No coefficient was fitted.")])
 
 
 def parameter_tables(parameters: Sequence[Part]) -> list[Block]:
     """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
     reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
-    tables: list[Block] = []
-    if len(reasons) < len(parameters):
-        tables.append(coefficients([p for p in parameters if p["std"] is not None]))
-    if reasons:
-        tables.append(Grid(("not identifiable", "reason"), reasons, is_text=True))
-    return tables
+    return [coefficients(parameters), Grid(("not identifiable", "reason"), reasons, is_text=True)]
 
 
 def coefficients(parameters: Iterable[Part]) -> Grid:
-    """Return name, value, standard error and unit of identifiable coefficients."""
+    """Return name, value, standard error and unit of the identifiable coefficients."""
     rows = [
         (parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit)
         for parameter in parameters
+        if parameter["std"] is not None
         for factor, unit in [table_unit(str(parameter["unit"]))]
     ]
     return Grid(("name", "value", "standard error", "unit"), rows)
@@ -334,15 +331,8 @@ _OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
 
 def without_mass_coefficients(parameters: Iterable[Part]) -> tuple[list[Part], dict[str, int]]:
     """Return the parameters that are not of uncertain masses, and how many are, by effect and joint."""
-    others: list[Part] = []
-    counts: dict[str, int] = {}
-    for parameter in parameters:
-        match = _OF_MASS.fullmatch(parameter["name"])
-        if match and " kg" in parameter["unit"]:
-            counts[match["effect"]] = counts.get(match["effect"], 0) + 1
-        else:
-            others.append(parameter)
-    return others, counts
+    matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
+    return [each for each, match in matches if not match], Counter(match["effect"] for _, match in matches if match)
 
 
 def _mass_coefficients(effect: str, count: int) -> str:
@@ -379,8 +369,8 @@ def causes_blocks(document: Document, most: int | None = _MAX_CAUSES) -> Iterato
         for cause in (causes if most is None else notable[:most])
     ]
     yield Grid(("effect", "moves, mm", "95 % interval", "without it, mm", "share"), rows)
-    if hidden := len(causes) - len(rows):
-        yield Text(f"and {hidden} smaller; the JSON result has all of them", is_note=True)
+    hidden = len(causes) - len(rows)
+    yield Text(f"and {hidden} smaller; the JSON result has all of them" * (hidden > 0), is_note=True)
     yield Text(
         "moves: rms distance by which the effect alone moves the tool; without it: rms error that no other effect can "
         "describe; share: of the nominal model's mean square error",
@@ -396,26 +386,17 @@ def stage_blocks(document: Document, command: str) -> Iterator[Block]:
         if None in figures.values():
             continue
         for quantity, sign, unit, factor in (("position", "mm", "m", IN_MM), ("orientation", "°", "rad", IN_DEGREES)):
-            rows: list[Sequence[Cell]] = [
-                (
-                    label,
-                    *(number(part[quantity][f"{key}_{unit}"], factor) for key in ("rms", "mean_error", "p95", "max")),
-                )
-                for label, part in figures.items()
-                if part[quantity] is not None
-            ]
-            if rows:
-                yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
+            keys = [f"{key}_{unit}" for key in ("rms", "mean_error", "p95", "max")]
+            parts = {label: part[quantity] for label, part in figures.items() if part[quantity] is not None}
+            rows = [(label, *(number(part[key], factor) for key in keys)) for label, part in parts.items()]
+            yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
     gain = document["gain_m"]
     if gain is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
         share = f"{100 * gain['confidence']:.0f} %"
         yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)", wraps=False)
-    if command == "trace":
-        yield Text(
-            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
-            is_note=True,
-        )
+    note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
+    yield Text(note * (command == "trace"), is_note=True)
 
 
 def _repeatability(document: Document) -> Iterator[str]:
@@ -427,8 +408,8 @@ def _repeatability(document: Document) -> Iterator[str]:
     joints = ", ".join(
         f"{name} {with_unit(std, units[name])}" for name, std in repeatability["joints"].items() if std is not None
     )
-    size = with_unit(repeatability["position_m"])
-    yield f"intrinsic repeatability: {size} rms at the target ({joints or 'not identifiable joint by joint'})"
+    known = joints or "not identifiable joint by joint"
+    yield f"intrinsic repeatability: {with_unit(repeatability['position_m'])} rms at the target ({known})"
     if repeatability["source"] == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
@@ -503,16 +484,14 @@ def _not_identifiable(dropped: Sequence[Part]) -> Iterator[str]:
 
 
 def _shrinkage(kind: Part) -> str:
-    constants, quantity = kind["constants"], {"m": "lengths", "rad": "angles"}[kind["unit"]]
-    differing = [constant["name"] for constant in constants if constant["probability"] > 0.5]
-    count = len(constants)
+    count, quantity = len(kind["constants"]), {"m": "lengths", "rad": "angles"}[kind["unit"]]
+    differing = [constant["name"] for constant in kind["constants"] if constant["probability"] > 0.5]
     if not differing:
         return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
-    listed = ", ".join(differing[:_MAX_NAMES]) + (" …" if len(differing) > _MAX_NAMES else "")
-    verb = "differs" if len(differing) == 1 else "differ"
+    listed = ", ".join(differing[:_MAX_NAMES]) + " …" * (len(differing) > _MAX_NAMES)
     return (
-        f"{len(differing)} of {count} {quantity} {verb} from nominal: {listed}; the others are shrunk to nominal "
-        "as far as the poses allow"
+        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: {listed}; the "
+        "others are shrunk to nominal as far as the poses allow"
     )
 
 
@@ -562,36 +541,30 @@ def _candidates(document: Document) -> Iterator[Block]:
     ]
     yield Grid(("best candidates, first step", "evidence", "significance"), rows)
     yield Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True)
-    if document["not_offered"]:
-        why = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
-        yield Text(f"not tested: {why}", is_note=True)
+    untested = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
+    yield Text(f"not tested: {untested}" * bool(untested), is_note=True)
 
 
 def _findings(document: Document) -> Iterator[Block]:
-    findings = document["findings"]
-    if not findings:
-        yield Text("none, at a false-alarm rate below 1 % over all candidates")
-    held_out = document["before"]["held_out"]
+    findings, held_out = document["findings"], document["before"]["held_out"]
+    rms = None if held_out is None else held_out["position"]["rms_m"]
+    yield Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings))
     for place, finding in enumerate(findings, 1):
-        joints = f" on {', '.join(finding['joints'])}" if finding["joints"] else ""
-        if part := finding["settings"].get("part"):
-            name = finding["settings"].get("target")
-            joints = f" of the {part}" if name is None else f" of the {part} {name}"
-        rms = None if held_out is None else held_out["position"]["rms_m"]
+        joints, settings = f" on {', '.join(finding['joints'])}" * bool(finding["joints"]), finding["settings"]
+        if "part" in settings:
+            joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
         yield Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}")
         yield Listing([*_details(finding)])
-        if finding["harmonics"]:
-            rows = [
-                (
-                    f"{harmonic['order']:g}",
-                    *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
-                    *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
-                )
-                for harmonic in finding["harmonics"]
-            ]
-            yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
-        if finding["warnings"]:
-            yield Listing(finding["warnings"], "warning")
+        rows = [
+            (
+                f"{harmonic['order']:g}",
+                *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
+                *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
+            )
+            for harmonic in finding["harmonics"]
+        ]
+        yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
+        yield Listing(finding["warnings"], "warning")
     if any(finding["harmonics"] for finding in findings):
         text = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
         yield Text(text, is_note=True)
@@ -610,13 +583,11 @@ def _details(finding: Part) -> Iterator[str]:
     # A result may name an effect of another package, which is not loaded here.
     if finding["effect"] in REGISTRY:
         yield REGISTRY[finding["effect"]].about.summary
-    if finding.get("statement") is not None:
-        yield finding["statement"]
-    yield p_value(finding["p_value"])
-    if finding["held_out_before_m"] is not None and finding["held_out_after_m"] is not None:
-        before, after = (with_unit(finding[f"held_out_{stage}_m"]) for stage in ("before", "after"))
-        text = f"held-out poses: {before} rms without it, {after} rms with it"
-        turns = [finding[f"held_out_{stage}_rad"] for stage in ("before", "after")]
+    yield from filter(None, (finding.get("statement"), p_value(finding["p_value"])))
+    errors = [finding["held_out_before_m"], finding["held_out_after_m"]]
+    if None not in errors:
+        text = "held-out poses: {} rms without it, {} rms with it".format(*map(with_unit, errors))
+        turns = [finding["held_out_before_rad"], finding["held_out_after_rad"]]
         if None not in turns:
             text += "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
         yield text
@@ -696,10 +667,11 @@ def _parts_of(unexplained: Part) -> str:
 def _detection(document: Document) -> Iterator[Block]:
     """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
     rows: list[Sequence[Cell]] = []
-    undetectable: dict[str, None] = {}
+    hidden: dict[str, None] = {}
     for family in effect_families(document):
-        labels = [effect_label(family.name, each["joints"], {}) for each in family.entries if each["limit"] is None]
-        undetectable |= dict.fromkeys(labels)
+        hidden |= {
+            effect_label(family.name, each["joints"], {}): None for each in family.entries if each["limit"] is None
+        }
         if found := family.known:
             motion = statistics.median(each["rms_m"] or 0.0 for each in found)
             factor, unit = table_unit(found[0]["unit"])
@@ -709,8 +681,7 @@ def _detection(document: Document) -> Iterator[Block]:
             rows.append((family.name, ends[0], ends[1] * (len(found) > 1), unit, number(motion, IN_MM)))
     yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
     yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
-    if undetectable:
-        yield Text(f"not identifiable on these poses: {', '.join(undetectable)}", is_note=True)
+    yield Text(f"not identifiable on these poses: {', '.join(hidden)}" * bool(hidden), is_note=True)
 
 
 def _next_poses(document: Document) -> Iterator[Block]:
@@ -719,13 +690,12 @@ def _next_poses(document: Document) -> Iterator[Block]:
     names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
     for advice in document["next_poses"]:
         yield Text(advice["text"])
-        if advice["q"]:
-            rows: list[Sequence[Cell]] = [
-                (
-                    str(place),
-                    *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
-                    number(difference, IN_MM),
-                )
-                for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
-            ]
-            yield Grid(("pose", *names, "difference, mm"), rows)
+        rows: list[Sequence[Cell]] = [
+            (
+                str(place),
+                *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
+                number(difference, IN_MM),
+            )
+            for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
+        ]
+        yield Grid(("pose", *names, "difference, mm"), rows)

@@ -201,17 +201,13 @@ def passed(gate: Part) -> str:
     return f"{sum(each['outcome'] == 'pass' for each in gate['criteria'])} of {len(gate['criteria'])} criteria"
 
 
-def gate_section(document: Part) -> Section | None:
-    """Return each criterion with outcome, value, limit and bounds, and the reasons; None without a gate."""
-    gate = document.get("gate")
-    if not gate:
-        return None
-    rows = [
-        (criterion["name"], LOOKS[criterion["outcome"]].label, *cells(criterion)[1:]) for criterion in gate["criteria"]
-    ]
-    reasons = Listing([f"{criterion['name']}: {explained(criterion)}" for criterion in gate["criteria"]])
-    warnings = [Listing(gate["warnings"], "warning")] if gate["warnings"] else []
-    return Section(title(gate), [Grid((HEADER[0], "outcome", *HEADER[1:]), rows), reasons, *warnings])
+def gate_section(document: Part) -> Iterator[Section]:
+    """Yield each criterion with outcome, value, limit and bounds, and the reasons; nothing without a gate."""
+    if gate := document.get("gate"):
+        rows = [(each["name"], LOOKS[each["outcome"]].label, *cells(each)[1:]) for each in gate["criteria"]]
+        reasons = [f"{each['name']}: {explained(each)}" for each in gate["criteria"]]
+        table = Grid((HEADER[0], "outcome", *HEADER[1:]), rows)
+        yield Section(title(gate), [table, Listing(reasons), Listing(gate["warnings"], "warning")])
 
 
 # Gate outcomes as JUnit XML: one suite per gate, one case per criterion.

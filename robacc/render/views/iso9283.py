@@ -106,25 +106,23 @@ def iso9283_view(document: Document, robot: str | None, full: bool = True) -> It
 def iso9283_sections(document: Document) -> Iterator[Section]:
     """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals."""
     criteria = _criteria(document)
-    for title, symbols in _GROUPS:
-        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
-    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
     rows = [
         [condition["condition"], condition["clause"], _STATUS[condition["status"]], condition["why"]]
         for condition in document["protocol"]
     ]
     protocol = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
+    for title, symbols in _GROUPS:
+        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
+    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
     yield Section("Conditions of the standard's protocol", [protocol])
     yield Section("Confidence intervals", [Listing(_methods(criteria))])
 
 
 def _criteria(document: Document) -> dict[str, Part]:
     """Return the criteria by symbol."""
-    criteria = {}
-    for criterion in document["iso9283"].values():
-        for part in [criterion] if "symbol" in criterion else criterion.values():
-            criteria[part["symbol"]] = part
-    return criteria
+    entries = document["iso9283"].values()
+    parts = (part for entry in entries for part in ([entry] if "symbol" in entry else entry.values()))
+    return {part["symbol"]: part for part in parts}
 
 
 def _counted(document: Document) -> str:
@@ -154,12 +152,10 @@ def _summary(criteria: Sequence[Part], confidence: float) -> Iterator[Block]:
         if turn["max_rad"] is not None:
             cells = measured_cells(turn["max_rad"], IN_DEGREES, turn["intervals"]["max_rad"])
             rows.append(("      of orientation", _clause(part), cells[0], "°", cells[1], turn["max_at"] or ""))
-    if rows:
-        yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
+    yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
     missing = [f"no {', no '.join(names)}: {why}" for why, names in reasons.items()]
     notes = dict.fromkeys(note for part in criteria for note in part["notes"])
-    if missing or notes:
-        yield Listing([*missing, *notes])
+    yield Listing([*missing, *notes])
 
 
 def _clause(part: Part) -> str:
@@ -190,7 +186,10 @@ def _places(criteria: Mapping[str, Part], interval_head: str, several: bool) -> 
         lambda place: [
             str(place["n"]),
             *_value(place),
-            *(number(place.get(f"{key}_distance_m"), IN_MM, _bounds(place)) for key in ("mean", "sd")),
+            *(
+                number(place.get(f"{key}_distance_m"), IN_MM, place["intervals"]["position_m"])
+                for key in ("mean", "sd")
+            ),
         ],
     )
     yield from angles("Pose repeatability RP of orientation by pose, ± ° (not accuracy)", repeatability)
@@ -231,20 +230,14 @@ def _table(
         yield Section(title, [Grid(("", *(["file"] if several else []), *header), rows)])
 
 
-def _bounds(place: Part) -> Part:
-    bounds: Part = place["intervals"]["position_m"]
-    return bounds
-
-
 def _value(place: Part) -> Sequence[Cell]:
-    return measured_cells(place["position_m"], IN_MM, _bounds(place))
+    return measured_cells(place["position_m"], IN_MM, place["intervals"]["position_m"])
 
 
 def _parts(place: Part, key: str, factor: float) -> list[Cell]:
     """Return the components of a place, with the digits that their intervals support."""
-    if place[key] is None:
-        return []
-    return [number(value, factor, bounds) for value, bounds in zip(place[key], place["intervals"][key], strict=True)]
+    pairs = zip(place[key] or (), place["intervals"][key] or (), strict=True)
+    return [number(value, factor, bounds) for value, bounds in pairs]
 
 
 def _methods(criteria: Mapping[str, Part]) -> list[str]:
@@ -291,8 +284,7 @@ def proposal_view(proposal: Proposal, robot: Robot) -> Iterator[Section]:
         for i, q in enumerate(proposal.q.T, 1)
     ]
     yield Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)])
-    if proposal.notes:
-        yield Section("Limitations", [Listing(proposal.notes)])
+    yield Section("Limitations", [Listing(proposal.notes)])
 
 
 def _facts(proposal: Proposal) -> list[str]:

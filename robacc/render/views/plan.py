@@ -118,9 +118,8 @@ def plan_sections(document: Document, most: int) -> Iterator[Section]:
     if (sufficiency := document["sufficiency"]) is not None:
         verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
         yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
-    if excluded := document["candidates"]["excluded"]:
-        rows = [(entry["reason"], str(entry["count"]), str(entry["alone"])) for entry in excluded]
-        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
+    excluded = [(each["reason"], str(each["count"]), str(each["alone"])) for each in document["candidates"]["excluded"]]
+    yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)])
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
@@ -134,22 +133,20 @@ def plan_sections(document: Document, most: int) -> Iterator[Section]:
         yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
     if document["detection_limits"] is not None:
         yield Section("Effects that a trace of these poses can find", _detectability(document, most))
-    if document["inseparable"]:
-        texts = _pairs(document["inseparable"])
-        more = [Text(f"… and {len(texts) - most} more pairs", is_note=True)] if len(texts) > most else []
-        yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), *more])
+    texts = _pairs(document["inseparable"] or ())
+    more = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
+    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), more])
 
 
 def _sufficiency(sufficiency: Part) -> Iterator[str]:
     yield sufficiency["why"]
-    if sufficiency["now_m"] is not None and sufficiency["later_m"] is not None:
+    if None not in (sufficiency["now_m"], sufficiency["later_m"]):
         now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
         yield f"predicted error with repeatability: {now} mm now, {later} mm with the next poses"
-    n = sufficiency["n_already"]
-    if sufficiency["of_model"]:
-        yield f"this counts the {n} poses of the model's fit: fit them together with the new poses"
-    else:
-        yield f"this counts the {n} rows measured already: fit them together with the new rows"
+    counted, new = (
+        ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    )
+    yield f"this counts the {sufficiency['n_already']} {counted}: fit them together with the new {new}"
 
 
 def _facts(document: Document) -> Iterator[str]:
@@ -229,10 +226,7 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
     rows: list[Sequence[Cell]] = []
     for point in accuracy["curve"]:
         n = point["n_poses"]
-        marks = [
-            *(["planned"] if planned is not None and n == planned["n_poses"] else []),
-            *(["past the knee"] if n == beyond else []),
-        ]
+        marks = ["planned"] * (planned is not None and n == planned["n_poses"]) + ["past the knee"] * (n == beyond)
         values = (number(point[f"{key}_m"], IN_MM) for key in ("rms", "random_rms", "worst", "total_rms"))
         if is_curve or marks:
             rows.append((str(n), *values, ", ".join(marks)))
@@ -250,14 +244,15 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
 
 
 def _coefficients(entries: Sequence[Part]) -> Section:
-    rows: list[Sequence[Cell]] = []
-    for entry in entries:
-        if entry["std"] is not None:
-            factor, unit = table_unit(entry["unit"])
-            rows.append((entry["name"], number(entry["std"], factor), unit))
+    rows = [
+        (entry["name"], number(entry["std"], factor), unit)
+        for entry in entries
+        if entry["std"] is not None
+        for factor, unit in [table_unit(entry["unit"])]
+    ]
     missing = ", ".join(entry["name"] for entry in entries if entry["std"] is None)
-    note = [Text(f"not identifiable: {missing}", is_note=True)] if missing else []
-    return Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), rows), *note])
+    note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
+    return Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), rows), note])
 
 
 def _detectability(document: Document, most: int) -> Iterator[Block]:
@@ -304,14 +299,15 @@ def _found(power: Part) -> str:
 def _pairs(pairs: Sequence[Part]) -> list[str]:
     """Return a text for each pair; a pair that is inseparable both ways has one."""
     ways = {(pair["first"], pair["second"]) for pair in pairs}
-    texts = []
-    for pair in pairs:
-        first, second, similarity = pair["first"], pair["second"], f"(similarity {pair['similarity']:.2f})"
-        if (second, first) not in ways:
-            texts.append(f"{second} explains {first} {similarity}")
-        elif first < second:
-            texts.append(f"{first} and {second} explain each other {similarity}")
-    return texts
+    return [
+        f"{first} and {second} explain each other {similarity}"
+        if (second, first) in ways
+        else f"{second} explains {first} {similarity}"
+        for first, second, similarity in (
+            (p["first"], p["second"], f"(similarity {p['similarity']:.2f})") for p in pairs
+        )
+        if (second, first) not in ways or first < second
+    ]
 
 
 def _visits(document: Document) -> Section:
@@ -329,7 +325,5 @@ def _visits(document: Document) -> Section:
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
     names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
-    blocks: list[Block] = [Grid(("visit", "pose", "role", *payloads, *names), rows)]
-    if len(visits["q"]) > _VISITS:
-        blocks.append(Text(f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them."))
-    return Section("Visits", blocks)
+    more = f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them." * (len(visits["q"]) > _VISITS)
+    return Section("Visits", [Grid(("visit", "pose", "role", *payloads, *names), rows), Text(more)])

@@ -8,7 +8,7 @@ from dataclasses import replace
 from robacc.render.text.layout import Document
 from robacc.render.views.compare import comparison_headline, comparison_page
 from robacc.render.views.correct import correction_headline, correction_page
-from robacc.render.views.elements import ReportHeadline, Section, of_robot
+from robacc.render.views.elements import ReportHeadline, Section, of_robot, shown
 from robacc.render.views.estimate import estimate_headline, estimate_sections
 from robacc.render.views.fit import calibrate_headline, fit_page, trace_headline
 from robacc.render.views.gate import LOOKS, check_headline, passed
@@ -32,7 +32,7 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
 def sections_of(document: Document) -> list[Section]:
     """Return the sections of the page of a result; an unknown command has none."""
     _, sections = _VIEWS.get(document["command"], _VIEWS["check"])
-    return [*sections(document)]
+    return [*shown(sections(document))]
 
 
 def headline_of(document: Document) -> ReportHeadline:

@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
-    from robacc.tracing.findings import Finding
     from robacc.tracing.judging import Judged
     from robacc.tracing.trace import Trace
 
@@ -439,13 +438,6 @@ CALIBRATE = part(
 )
 
 
-def _change(finding: Finding) -> Document | None:
-    if finding.change is None:
-        return None
-    unit = "s" if "from_time_s" in finding.settings else "line"
-    return dict(zip(("at", "low", "high"), finding.change, strict=True), unit=unit)
-
-
 FINDING = part(
     {
         "effect": Key(text, "Name of the effect."),
@@ -560,18 +552,20 @@ FINDING = part(
                     "at": Key(
                         number,
                         "Time of the step, or line of the first pose after it.",
+                        lambda finding: finding.change[0],
                     ),
-                    "low": Key(number, "First place of the 95 % interval."),
-                    "high": Key(number, "Last place of the 95 % interval."),
+                    "low": Key(number, "First place of the 95 % interval.", lambda finding: finding.change[1]),
+                    "high": Key(number, "Last place of the 95 % interval.", lambda finding: finding.change[2]),
                     "unit": Key(
                         choice("s", "line"),
                         "Unit of the three: s, or line for the line (or row) of the file.",
+                        lambda finding: "s" if "from_time_s" in finding.settings else "line",
                     ),
                 }
             )
             | None,
             "Place of a step in the sequence of poses; null for every other effect.",
-            _change,
+            lambda finding: None if finding.change is None else finding,
         ),
         "validity": Key(
             table(array(number, 2)),

@@ -32,12 +32,7 @@ from robacc.geometry import quaternion_from_rotation
 
 def _each(figures: str, name: str) -> Callable[[Any], Any]:
     """Return a source: the attribute ``name`` of each of the figures of a place; None without figures."""
-
-    def values(place: Any) -> Any:
-        own = getattr(place, figures)
-        return None if own is None else [getattr(figure, name) for figure in own]
-
-    return values
+    return lambda place: getattr(place, figures) and [getattr(figure, name) for figure in getattr(place, figures)]
 
 
 def _symbol(symbol: str) -> Callable[[Any], Any]:

@@ -64,16 +64,6 @@ def _visits(plan: CampaignPlan) -> Document:
     }
 
 
-def _validation(plan: CampaignPlan) -> Document | None:
-    if plan.validation is None:
-        return None
-    return {
-        "q": rounded(plan.validation),
-        "payload_kg": plan.validation_payload,
-        "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
-    }
-
-
 PLAN = part(
     {
         "purpose": Key(
@@ -229,20 +219,26 @@ PLAN = part(
         "validation": Key(
             part(
                 {
-                    "q": Key(array(array(number)), "Joint variables of each pose, rad or m."),
+                    "q": Key(
+                        array(array(number)),
+                        "Joint variables of each pose, rad or m.",
+                        lambda plan: rounded(plan.validation),
+                    ),
                     "payload_kg": Key(
                         array(number) | None,
                         "Payload of each pose, kg; null where no payload was given.",
+                        "validation_payload",
                     ),
                     "target_in_base_m": Key(
                         array(array(number)),
                         "Nominal position of the target in the base frame, m; the mean of several targets.",
+                        lambda plan: rounded(targets_in_base(plan.robot, plan.validation)),
                     ),
                 }
             )
             | None,
             "Validation poses in order; null without.",
-            _validation,
+            lambda plan: None if plan.validation is None else plan,
         ),
         "instrument_in_base_m": Key(
             array(number) | None,

@@ -1,4 +1,4 @@
-"""Charts over the workspace: maps of errors and grades, magnified error vectors, targets of a correction."""
+"""Charts over the workspace: maps of errors and grades, magnified error vectors, corrected targets, planned poses."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _errors_in_space(
     scale = _magnification(at, sizes[0])
     still, turned = thinned(_STILL, *sizes), thinned(_TURNED, *sizes)
     order = np.argsort(-sizes[-1], kind="stable")[:_ROWS]
-    largest, arm = unit.text(float(sizes[-1].max())), arm_of(document)
+    largest, arm = unit.text(float(sizes[-1].max())), _arm(document)
     texts = [
         "\n".join(
             [
@@ -207,7 +207,7 @@ def _magnification(at: Array, sizes: Array) -> float:
     return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
 
 
-def arm_of(document: Document) -> list[Series]:
+def _arm(document: Document) -> list[Series]:
     """Return the line of the arm at a typical pose, if the result has it."""
     outline = (document.get("robot") or {}).get("outline")
     if outline is None:
@@ -275,3 +275,76 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
         CUBE,
         scene=scene(series, ", point at a voxel"),
     )
+
+
+# The poses of a plan in space, by their role, with the route of the visits.
+
+_VISITS = 80
+"""Visits that the table lists."""
+_PAYLOAD_ROLES = ("after", "third", "fourth", "before", "nominal")
+
+
+def planned_poses_charts(document: Document) -> Iterator[Chart]:
+    """Return the chart of the visits in the base frame."""
+    visits = document["visits"]
+    at = vectors(visits["target_in_base_m"])
+    groups, arm = list(_groups(document, at)), _arm(document)
+    series = [Series(at.T, "muted", line="-", width=0.5, alpha=0.6), *arm, *groups]
+    counts = ", ".join(
+        f"{len(group.at[0])} {group.label[:-1] if len(group.at[0]) == 1 and group.label[-1] == 's' else group.label}"
+        for group in groups
+        if group.label != "instrument"
+    )
+    payloads = visits["payload_kg"]
+    rows = [
+        [str(i + 1), name, visits["role"][i], *([] if payloads is None else [f"{payloads[i]:g}"])]
+        + [f"{value:.3f}" for value in at[i]]
+        for i, name in enumerate(visits["pose"][:_VISITS])
+    ]
+    yield Chart(
+        "planned-poses",
+        "Planned poses in space",
+        f"Target positions in the base frame: {counts}. The thin line is the route of the {len(at)} visits"
+        f"{', the grey line the arm at a typical pose' if arm else ''}.",
+        f"Points of {counts} in x, y, z in m of the base frame, joined by the route",
+        [Panel(SPACE, series)],
+        Grid(
+            ("visit", "pose", "role", *(("payload, kg",) * (payloads is not None)), "x, m", "y, m", "z, m"),
+            rows,
+            note=f"The first {_VISITS} of {len(at)} visits; the CSV has all of them." * (len(at) > _VISITS),
+        ),
+        CUBE,
+        scene=scene(series, ", point at a pose to see its visit"),
+    )
+
+
+def _groups(document: Document, at: Array) -> Iterator[Series]:
+    """Yield the poses by role and payload: each pose has one mark."""
+    visits, blocks, validation = document["visits"], document["payloads"], document["validation"]
+    names, roles = np.array(visits["pose"]), np.array(visits["role"])
+    texts = np.array([f"visit {i}: {name}, {role}" for i, (name, role) in enumerate(zip(names, roles, strict=True), 1)])
+    is_single = (roles == "pose") & ~np.isin(names, names[roles == "repeat"])
+    chosen: list[tuple[str, str, str, Any]] = [("poses", _PAYLOAD_ROLES[0], "o", is_single)]
+    if len(blocks) > 1:
+        payloads = np.array(visits["payload_kg"])
+        chosen = [
+            (f"poses with {kg:g} kg", colour, "o", is_single & (payloads == kg))
+            for kg, colour in zip((block["payload_kg"] for block in blocks), _PAYLOAD_ROLES, strict=False)
+        ]
+    for role, label, colour, marker in (
+        ("repeat", "poses visited twice", "before", "s"),
+        ("check", "drift check poses", "limit", "D"),
+    ):
+        first = np.flatnonzero(roles == role)[np.unique(names[roles == role], return_index=True)[1]]
+        chosen.append((label, colour, marker, np.isin(np.arange(names.size), first)))
+    groups = [(label, colour, marker, at[rows], texts[rows]) for label, colour, marker, rows in chosen]
+    if validation is not None:
+        points = vectors(validation["target_in_base_m"])
+        labels = [f"validation pose {i + 1}" for i in range(len(points))]
+        groups.append(("validation poses", "nominal", "^", points, labels))
+    if document["instrument_in_base_m"] is not None:
+        groups.append(("instrument", "ink", "*", vectors([document["instrument_in_base_m"]]), ["instrument"]))
+    for label, colour, marker, points, labels in groups:
+        if len(points):
+            size, is_hollow = 8.0 if marker == "*" else 4.5, marker != "o"
+            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=labels, width=1.0)

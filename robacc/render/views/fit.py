@@ -388,7 +388,9 @@ def stage_blocks(document: Document, command: str) -> Iterator[Block]:
         for quantity, sign, unit, factor in (("position", "mm", "m", IN_MM), ("orientation", "°", "rad", IN_DEGREES)):
             keys = [f"{key}_{unit}" for key in ("rms", "mean_error", "p95", "max")]
             parts = {label: part[quantity] for label, part in figures.items() if part[quantity] is not None}
-            rows = [(label, *(number(part[key], factor) for key in keys)) for label, part in parts.items()]
+            rows: list[Sequence[Cell]] = [
+                (label, *(number(part[key], factor) for key in keys)) for label, part in parts.items()
+            ]
             yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
     gain = document["gain_m"]
     if gain is not None and gain["low"] is not None:

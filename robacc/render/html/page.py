@@ -71,10 +71,9 @@ def identity_rows(
     for key, label in IDENTITY.items():
         texts = list(_stated(documents, names, key)) if key not in identity else [("", identity[key])]
         distinct = list(dict.fromkeys(text for _, text in texts))
-        if len(distinct) == 1:
-            rows.append((label, distinct[0]))
-        elif distinct:
-            rows.append((label, "; ".join(f"{name}: {text}" for name, text in texts)))
+        if distinct:
+            many = "; ".join(f"{name}: {text}" for name, text in texts)
+            rows.append((label, distinct[0] if len(distinct) == 1 else many))
     return rows
 
 
@@ -279,9 +278,7 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
 def script_json(value: Any) -> str:
     """Return JSON that cannot end a script element, whatever its strings contain."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    for sign in "<>&\u2028\u2029":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
+    return re.sub("[<>&\u2028\u2029]", lambda sign: f"\\u{ord(sign[0]):04x}", text)
 
 
 def _policy(scripts: Sequence[str]) -> str:

@@ -169,11 +169,7 @@ def effect_label(effect: str, joints: Sequence[str], settings: Mapping[str, Any]
 
     Masses that are fitted too are named: the same effect with the file's masses may be another finding.
     """
-    masses = settings.get("masses", "known")
-    if masses != "known":
-        return f"{effect_label(effect, joints, {**settings, 'masses': 'known'})} with {masses} masses"
-    part = settings.get("part")
-    if joints and part != "payload":
-        return f"{effect}[{','.join(joints)}]"
-    where = settings.get("target") or part
-    return f"{effect}[{where}]" if where else effect
+    part, masses = settings.get("part"), settings.get("masses", "known")
+    where = ",".join(joints) if joints and part != "payload" else settings.get("target") or part
+    label = f"{effect}[{where}]" if where else effect
+    return label if masses == "known" else f"{label} with {masses} masses"

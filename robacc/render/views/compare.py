@@ -134,11 +134,12 @@ def _ranking(ranking: Mapping[str, Any]) -> Section:
     description = name if stage is None else f"{name} ({stage})"
     pairs = {(pair["better"], pair["worse"]): pair for pair in ranking["pairs"]}
     names = [entry["name"] for entry in ranking["order"]]
-    rows: list[Sequence[Cell]] = []
+    rows = []
     for entry, following in zip(ranking["order"], [*names[1:], ""], strict=True):
-        pair = pairs.get((entry["name"], following))
-        cells = ["", ""] if pair is None else [_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])]
-        rows.append([_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], *cells])
+        cells: list[Cell] = [_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], "", ""]
+        if (pair := pairs.get((entry["name"], following))) is not None:
+            cells[3:] = _difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])
+        rows.append(cells)
     is_grouped = any(entry["letters"] for entry in ranking["order"])
     header = ("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs")
     title = f"Ranking by {description}, {table_unit(unit)[1]}"

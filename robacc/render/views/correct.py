@@ -77,16 +77,13 @@ def correction_sections(document: Document) -> Iterator[Section]:
     if document["n_corrected"]:
         figures = [("correction", correction, "rms", "max")]
         figures += [
-            (f"expected error {stage}", expected[stage], "expected_rms", "largest_bound95")
-            for stage in ("before", "after")
+            (f"expected error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()
         ]
-        count = 5 if correction["orientation"] is not None else 3
-        header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")
-        blocks: list[Block] = [Grid(header[:count], [_row(*each)[:count] for each in figures])]
-        for stage in ("before", "after"):
-            if grades := expected[stage]["grades"]:
-                counts = ", ".join(f"{name} {number}" for name, number in grades.items() if number)
-                blocks.append(Text(f"grades {stage}: {counts}"))
+        header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")[: 3 if correction["orientation"] is None else 5]
+        blocks: list[Block] = [Grid(header, [_row(*each)[: len(header)] for each in figures])]
+        for stage, part in expected.items():
+            counts = ", ".join(f"{name} {number}" for name, number in (part["grades"] or {}).items() if number)
+            blocks.append(Text(f"grades {stage}: {counts}" * bool(counts)))
         blocks.append(Text("largest expected error: the largest bound of 95 % of the errors", is_note=True))
         yield Section("Over the corrected targets", blocks)
     rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]

@@ -668,19 +668,21 @@ def _parts_of(unexplained: Part) -> str:
 
 def _detection(document: Document) -> Iterator[Block]:
     """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
+    families = effect_families(document)
     rows: list[Sequence[Cell]] = []
-    hidden: dict[str, None] = {}
-    for family in effect_families(document):
-        hidden |= {
-            effect_label(family.name, each["joints"], {}): None for each in family.entries if each["limit"] is None
-        }
-        if found := family.known:
-            motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-            factor, unit = table_unit(found[0]["unit"])
-            ends = [
-                f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
-            ]
-            rows.append((family.name, ends[0], ends[1] * (len(found) > 1), unit, number(motion, IN_MM)))
+    for family in (each for each in families if each.known):
+        found, (factor, unit) = family.known, table_unit(family.known[0]["unit"])
+        lowest, highest = (
+            f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
+        )
+        motion = statistics.median(each["rms_m"] or 0.0 for each in found)
+        rows.append((family.name, lowest, highest * (len(found) > 1), unit, number(motion, IN_MM)))
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["limit"] is None
+    )
     yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
     yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
     yield Text(f"not identifiable on these poses: {', '.join(hidden)}" * bool(hidden), is_note=True)

@@ -6,7 +6,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from typing import Any, NamedTuple
-from xml.sax.saxutils import escape, quoteattr
 
 from robacc.outcomes import FileOutcome
 from robacc.render.text.console import Style, say
@@ -227,55 +226,45 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         outcomes: Outcomes of files by their gates; a file without a result has an error instead of its criteria.
         started: Start of the command, seconds since 1970.
     """
-    suites = [line for number, outcome in enumerate(outcomes) for line in _suite(command, number, outcome, started)]
-    document = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *suites, "</testsuites>")
-    return "".join(f"{line}\n" for line in document)
+    from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-
-def _suite(command: str, number: int, outcome: FileOutcome, started: float) -> Iterator[str]:
-    gate = outcome.gate
-    if gate is None:
-        cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
-        out, error = "", "\n".join(as_options(str(problem)) for problem in outcome.problems)
-    else:
-        cases = [
-            (criterion["name"], criterion["outcome"], said(criterion), f"Reason for the limit: {criterion['reason']}")
-            for criterion in gate["criteria"]
-        ]
-        out, error = title(gate), "\n".join(gate["warnings"])
-    kinds = [kind for _, kind, _, _ in cases]
-    suite = _attributes(
-        id=str(number),
-        package=f"robacc.{command}",
-        name=outcome.name,
-        timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
-        hostname="localhost",
-        tests=str(len(cases)),
-        failures=str(kinds.count("fail")),
-        errors=str(len(kinds) - kinds.count("fail") - kinds.count("pass")),
-        time=f"{outcome.seconds:.3f}",
-    )
-    yield f"  <testsuite{suite}>\n    <properties/>"
-    share = f"{outcome.seconds / max(1, len(cases)):.3f}"
-    for name, kind, message, reason in cases:
-        case = _attributes(name=name, classname=f"robacc.{command}.{outcome.name}", time=share)
-        if kind == "pass":
-            yield f"    <testcase{case}/>"
+    suites = Element("testsuites")
+    for number, outcome in enumerate(outcomes):
+        if (gate := outcome.gate) is None:
+            cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
+            streams = {"out": "", "err": "\n".join(as_options(str(problem)) for problem in outcome.problems)}
         else:
-            tag, why = "failure" if kind == "fail" else "error", _attributes(message=message, type=kind)
-            yield f"    <testcase{case}>\n      <{tag}{why}>{escape(_clean(reason))}</{tag}>\n    </testcase>"
-    for tag, text in (("out", out), ("err", error)):
-        yield f"    <system-{tag}>{escape(_clean(text))}</system-{tag}>"
-    yield "  </testsuite>"
-
-
-def _attributes(**values: str) -> str:
-    return "".join(f" {name}={quoteattr(_clean(value))}" for name, value in values.items())
-
-
-def _clean(value: str) -> str:
-    """Replace the characters that XML does not allow."""
-    return _NOT_XML.sub("\ufffd", value)
+            cases = [
+                (each["name"], each["outcome"], said(each), f"Reason for the limit: {each['reason']}")
+                for each in gate["criteria"]
+            ]
+            streams = {"out": title(gate), "err": "\n".join(gate["warnings"])}
+        kinds = [kind for _, kind, _, _ in cases]
+        suite = SubElement(
+            suites,
+            "testsuite",
+            id=str(number),
+            package=f"robacc.{command}",
+            name=outcome.name,
+            timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+            hostname="localhost",
+            tests=str(len(cases)),
+            failures=str(kinds.count("fail")),
+            errors=str(len(kinds) - kinds.count("fail") - kinds.count("pass")),
+            time=f"{outcome.seconds:.3f}",
+        )
+        SubElement(suite, "properties")
+        share = f"{outcome.seconds / max(1, len(cases)):.3f}"
+        for name, kind, message, reason in cases:
+            case = SubElement(suite, "testcase", name=name, classname=f"robacc.{command}.{outcome.name}", time=share)
+            if kind != "pass":
+                tag = "failure" if kind == "fail" else "error"
+                SubElement(case, tag, message=message, type=kind).text = reason
+        for stream, text in streams.items():
+            SubElement(suite, f"system-{stream}").text = text
+    indent(suites)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n'
+    return _NOT_XML.sub("\ufffd", text)
 
 
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.

@@ -256,21 +256,20 @@ def _coefficients(entries: Sequence[Part]) -> Section:
 
 
 def _detectability(document: Document, most: int) -> Iterator[Block]:
-    rows: list[Sequence[Cell]] = []
-    hidden: dict[str, None] = {}
-    for family in effect_families(document):
-        known, shown = family.known, [limit["joints"] for limit in family.known]
-        hidden |= {
-            effect_label(family.name, each["joints"], {}): None
-            for each in family.entries
-            if each["limit"] is None and each["joints"] not in shown
-        }
-        if known:
-            factor, unit = table_unit(known[0]["unit"])
-            lowest, highest, usual = (
-                f"{factor * size:.1e}" for size in (known[0]["limit"], known[-1]["limit"], known[0]["usual_size"])
-            )
-            rows.append((family.name, lowest, highest * (len(known) > 1), unit, usual, fixed(family.power, 2)))
+    families = effect_families(document)
+    rows = []
+    for family in (each for each in families if each.known):
+        first, last = family.known[0], family.known[-1]
+        factor, unit = table_unit(first["unit"])
+        sizes = (first["limit"], last["limit"], first["usual_size"])
+        lowest, highest, usual = (f"{factor * size:.1e}" for size in sizes)
+        rows.append((family.name, lowest, highest * (first is not last), unit, usual, fixed(family.power, 2)))
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["limit"] is None and each["joints"] not in [limit["joints"] for limit in family.known]
+    )
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = []
     if (power := document["power"]) is not None:
@@ -279,9 +278,8 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     if hidden:
         more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
         notes.append(f"never found on these poses: {', '.join([*hidden][:most])}{more}")
-    by_reason: dict[str, list[str]] = {}
-    for name, reason in (document["not_testable"] or {}).items():
-        by_reason.setdefault(reason, []).append(name)
+    untested = document["not_testable"] or {}
+    by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
     yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
 
 

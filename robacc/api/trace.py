@@ -55,9 +55,9 @@ class Traced(FitResult, Trace):
     def draw(self, stream: TextIO) -> None:
         """Write how good, why, and what now."""
         from robacc.render.views.elements import draw
-        from robacc.render.views.fit import short_trace_view
+        from robacc.render.views.fit import trace_view
 
-        draw(short_trace_view(self.payload(), self.named("poses"), self.named("robot")), stream)
+        draw(trace_view(self.payload(), self.named("poses"), self.named("robot"), "short"), stream)
 
 
 @call

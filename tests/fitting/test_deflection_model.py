@@ -183,7 +183,7 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
     found, data = calibrated(form, compliance), measured(form, compliance)
     payload = calibration_payload(found, data, arm("puma560").robot)
     stream = StringIO()
-    draw(calibration_view(payload, "poses.csv", "robot.yaml", ASKED), stream)
+    draw(calibration_view(payload, "poses.csv", "robot.yaml", ASKED, "full"), stream)
     assert said in " ".join(stream.getvalue().split())
     document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document

@@ -35,7 +35,7 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
     result = robacc.calibrate(data, robot=robot, fit=fit)
     stream = io.StringIO()
-    draw(calibration_view(result.payload(), "poses.csv", "irb120.yaml", ",".join(fit)), stream)
+    draw(calibration_view(result.payload(), "poses.csv", "irb120.yaml", ",".join(fit), "full"), stream)
     lines = stream.getvalue().splitlines()
     assert sum("not identifiable" in line for line in lines) == 2
     assert not any(".hx2" in line for line in lines)

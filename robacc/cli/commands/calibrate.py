@@ -24,5 +24,7 @@ def calibrate(call: Call, *, write_model: WriteModel = None, outlets: Outlets) -
         write_model,
         outlets,
         result,
-        lambda stream: draw(calibration_view(result.payload(), given["poses"], given["robot"], given["fit"]), stream),
+        lambda stream: draw(
+            calibration_view(result.payload(), given["poses"], given["robot"], given["fit"], "full"), stream
+        ),
     )

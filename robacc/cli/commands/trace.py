@@ -20,15 +20,16 @@ def trace(
     Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
     from robacc.cli.output import deliver_fit, progress_bar
-    from robacc.render.views.elements import draw
-    from robacc.render.views.fit import short_trace_view, trace_view
+    from robacc.render.views.elements import Form, draw
+    from robacc.render.views.fit import trace_view
 
-    given, view = call.keywords, trace_view if full else short_trace_view
+    given = call.keywords
+    form: Form = "full" if full else "short"
     with progress_bar() as progress:
         result = call(progress=progress)
     deliver_fit(
         write_model,
         outlets,
         result,
-        lambda stream: draw(view(result.payload(), given["poses"], given["robot"]), stream),
+        lambda stream: draw(trace_view(result.payload(), given["poses"], given["robot"], form), stream),
     )

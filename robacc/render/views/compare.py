@@ -9,6 +9,7 @@ from robacc.comparison.reading import split_key
 from robacc.render.text.layout import IN_MM, Document, chance, decimals, fixed, p_value, table_unit, three_digits
 from robacc.render.views.elements import (
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
@@ -67,29 +68,15 @@ def comparison_headline(document: Document) -> ReportHeadline:
     return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
 
 
-def comparison_view(document: Document) -> Iterator[Section]:
-    """Return the text of a comparison."""
-    baseline = _short(document["baseline"])
-    yield Section(f"{len(document['results'])} results compared; baseline: {baseline}", [_results(document)])
-    yield from comparison_sections(document, complete=False)
-    yield Section("Limitations", [Listing(document["notes"])])
+def comparison_view(document: Document, form: Form = "page") -> Iterator[Section]:
+    """Return ranking, grades and statistics, with the methods of the differences.
 
-
-def comparison_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page: every difference, and how each result was made."""
-    yield from comparison_sections(document, complete=True)
-    results = document["results"]
-    keys = dict.fromkeys(key for result in results for key in result["made"])
-    rows: list[Sequence[Cell]] = [
-        *([key, *(str(result["made"].get(key, "–")) for result in results)] for key in keys),
-        ["SHA-256", *(result["sha256"] for result in results)],
-    ]
-    made = Grid(("", *(result["name"] for result in results)), rows, is_text=True)
-    yield Section("Compared results", [_results(document), made])
-
-
-def comparison_sections(document: Document, complete: bool) -> Iterator[Section]:
-    """Return ranking, grades and statistics, with the methods of the differences; ``complete`` for all of them."""
+    A page has every difference, and how each result was made.
+    """
+    results, complete = document["results"], form == "page"
+    if not complete:
+        title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
+        yield Section(title, [_results(document)])
     yield _ranking(document["ranking"])
     if document["grade"] is not None:
         yield _grade(document["grade"])
@@ -110,6 +97,19 @@ def comparison_sections(document: Document, complete: bool) -> Iterator[Section]
             name = _label(row["key"]) if row["key"].startswith(_ISO9283) else _statistic(row["key"])
             methods.setdefault(difference["why"] or difference["method"], {})[name] = None
     yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
+    if not complete:
+        yield Section("Limitations", [Listing(document["notes"])])
+        return
+    keys = dict.fromkeys(key for result in results for key in result["made"])
+    made = Grid(
+        ("", *(result["name"] for result in results)),
+        [
+            *((key, *(str(result["made"].get(key, "–")) for result in results)) for key in keys),
+            ("SHA-256", *(result["sha256"] for result in results)),
+        ],
+        is_text=True,
+    )
+    yield Section("Compared results", [_results(document), made])
 
 
 def _short(name: str) -> str:

@@ -9,6 +9,7 @@ from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, table_unit, t
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
@@ -50,29 +51,14 @@ def correction_headline(document: Document) -> ReportHeadline:
     )
 
 
-def correction_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:
-    """Return the text of a correction; ``names`` are those of targets and model."""
-    count = f"{document['n_corrected']} of {document['n_targets']} targets"
-    yield Section(f"Correction of {names[0]} by {names[1]}: {count} corrected", [])
-    yield from correction_sections(document)
-    yield Section("Assumptions and limitations", [Listing(document["notes"])])
+def correction_view(document: Document, names: tuple[str, str] = ("", ""), form: Form = "page") -> Iterator[Section]:
+    """Return the corrections and the errors to expect, and how many targets are not corrected for which cause.
 
-
-def correction_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, which lists the targets that are not corrected."""
-    yield from correction_sections(document)
-    targets = document["targets"]
-    rows = [
-        (str(line), reason)
-        for line, reason in zip(targets["line"], targets["reason"], strict=True)
-        if reason is not None
-    ]
-    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
-    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
-
-
-def correction_sections(document: Document) -> Iterator[Section]:
-    """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
+    ``names`` are those of targets and model. A page lists the targets that are not corrected.
+    """
+    if form != "page":
+        count = f"{document['n_corrected']} of {document['n_targets']} targets"
+        yield Section(f"Correction of {names[0]} by {names[1]}: {count} corrected", [])
     correction, expected = document["correction"], document["expected"]
     if document["n_corrected"]:
         figures = [("correction", correction, "rms", "max")]
@@ -88,6 +74,13 @@ def correction_sections(document: Document) -> Iterator[Section]:
         yield Section("Over the corrected targets", blocks)
     rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
     yield Section("Not corrected", [Grid(("cause", "targets"), rows)])
+    if form != "page":
+        yield Section("Assumptions and limitations", [Listing(document["notes"])])
+        return
+    targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
+    rows = [(str(line), reason) for line, reason in targets if reason is not None]
+    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
+    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
 
 
 def _row(label: str, part: Mapping[str, Any], typical: str, largest: str) -> Sequence[Cell]:

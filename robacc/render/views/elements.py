@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import zip_longest
 from types import MappingProxyType
-from typing import Any, TextIO
+from typing import Any, Literal, TextIO
 
 from robacc.render.text.console import PLAIN_WIDTH, Style, width_of, write_lines
 from robacc.render.text.layout import (
@@ -39,6 +39,8 @@ class Number:
 
 Cell = str | Number
 Line = tuple[str, Style]
+Form = Literal["short", "full", "page"]
+"""Form of a view: one screen of text, all of the text, or a page, which has charts, names and notes of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from robacc.outcomes import EstimateHeadline, FileOutcome
@@ -21,6 +22,7 @@ from robacc.render.text.parameter_names import as_options
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
@@ -103,47 +105,21 @@ def _why_unbounded(bounds: Part) -> str:
     return "" if bounds["upper"] is not None else bounds["why"] or "no interval"
 
 
-def estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
-    """Return the full text of an estimate; ``poses`` and ``robot`` are file names."""
-    opening = _opening(document, poses, robot)
-    yield Section(opening.title, [*opening.blocks, Text(_FRAMES[document["frame"]], wraps=False)])
-    yield from estimate_sections(document, document["notes"])
+def estimate_view(
+    document: Document, poses: str = "", robot: str | None = None, form: Form = "page"
+) -> Iterator[Section]:
+    """Return the view of an estimate; ``poses`` and ``robot`` are file names.
 
-
-def short_estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
-    """Return the grade, the size of the errors and the worst poses, in about fifteen lines."""
-    yield _opening(document, poses, robot)
-    grade = document["grade"]
-    first, *others = grade["reason"].split(". ")
-    # The last sentence says why a grade is not confirmed.
-    unconfirmed = [] if grade["demonstrated"] else [*others[-1:], *_confirming(grade, "it")]
-    yield _grade(grade, [Listing([first, *unconfirmed])])
-    parts = [(document[name], f"{name}, {sign}", *unit) for name, sign, *unit in _QUANTITIES if document[name]]
-    heads = [head for part, title, *_ in parts for head in (title, percent(part["confidence"]))]
-    rows = [
-        (label, *(cell for part, _, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
-        for label, key in _FIGURES
-    ]
-    blocks: list[Block] = [Grid(("error", *heads), rows)]
-    if document["unaligned"] is not None:
-        size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
-        blocks.append(Text(f"before registration: {size} mm rms", is_note=True))
-    yield Section("", blocks)
-    yield from _targets(document)
-    worst = ", ".join(
-        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
-        for pose in document["worst_poses"]["by_position"][:_MAX_WORST]
-        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
-    )
-    ahead = f"next: {'state the robot with `robot`; ' * (robot is None)}robacc trace finds the causes of the error"
-    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead), Text(_MORE, is_note=True)])
-
-
-def estimate_sections(document: Document, notes: Sequence[str] = ()) -> Iterator[Section]:
-    """Return grade, position, orientation, targets, registration, methods of the intervals, and limitations.
-
-    A page has its notes elsewhere.
+    In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
+    of the intervals and limitations.
     """
+    opening = _opening(document, poses, robot)
+    if form == "short":
+        yield opening
+        yield from _short(document, robot)
+        return
+    if form == "full":
+        yield replace(opening, blocks=[*opening.blocks, Text(_FRAMES[document["frame"]], wraps=False)])
     grade = document["grade"]
     texts = [*grade["reason"].split(". ")]
     if grade["probability"] is not None:
@@ -171,7 +147,35 @@ def estimate_sections(document: Document, notes: Sequence[str] = ()) -> Iterator
         yield Section("Registration", parameter_tables(document["alignment"]["parameters"]))
     for how, names in methods.items():
         yield Section("Confidence intervals" + f", {names[0]}" * (len(methods) > 1), [Listing(how)])
+    notes = document["notes"] if form == "full" else ()
     yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+
+
+def _short(document: Document, robot: str | None) -> Iterator[Section]:
+    grade = document["grade"]
+    first, *others = grade["reason"].split(". ")
+    # The last sentence says why a grade is not confirmed.
+    unconfirmed = [] if grade["demonstrated"] else [*others[-1:], *_confirming(grade, "it")]
+    yield _grade(grade, [Listing([first, *unconfirmed])])
+    parts = [(document[name], f"{name}, {sign}", *unit) for name, sign, *unit in _QUANTITIES if document[name]]
+    heads = [head for part, title, *_ in parts for head in (title, percent(part["confidence"]))]
+    rows = [
+        (label, *(cell for part, _, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
+        for label, key in _FIGURES
+    ]
+    blocks: list[Block] = [Grid(("error", *heads), rows)]
+    if document["unaligned"] is not None:
+        size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
+        blocks.append(Text(f"before registration: {size} mm rms", is_note=True))
+    yield Section("", blocks)
+    yield from _targets(document)
+    worst = ", ".join(
+        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+        for pose in document["worst_poses"]["by_position"][:_MAX_WORST]
+        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+    )
+    ahead = f"next: {'state the robot with `robot`; ' * (robot is None)}robacc trace finds the causes of the error"
+    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead), Text(_MORE, is_note=True)])
 
 
 def _opening(document: Document, poses: str, robot: str | None) -> Section:

@@ -7,6 +7,7 @@ import re
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from robacc.effects import REGISTRY
@@ -26,6 +27,7 @@ from robacc.render.text.layout import (
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
@@ -215,18 +217,20 @@ def next_step(document: Document) -> str:
 # The text and the page.
 
 
-def trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
-    """Return the text of a trace with all that was tested; ``poses`` and ``robot`` are file names."""
-    yield _opening(document, poses, robot)
-    causes, *sections = trace_sections(document)
-    yield causes
-    for place, section in enumerate(sections, 1):
-        yield Section(f"{place}. {section.title}", section.blocks)
+def trace_view(document: Document, poses: str = "", robot: str = "", form: Form = "page") -> Iterator[Section]:
+    """Return the view of a trace: in short, how good, why, and what now; else all that was tested.
 
-
-def short_trace_view(document: Document, poses: str, robot: str) -> Iterator[Section]:
-    """Return how good, why, and what now: causes, what is not distinguishable, what remains, and what to do."""
+    ``poses`` and ``robot`` are file names. A page has every cause and coefficient.
+    """
+    if form == "page":
+        yield from (*trace_sections(document, None), _all_coefficients(document))
+        return
     yield _opening(document, poses, robot)
+    if form == "full":
+        causes, *sections = trace_sections(document)
+        yield causes
+        yield from (replace(section, title=f"{place}. {section.title}") for place, section in enumerate(sections, 1))
+        return
     yield Section("", causes_blocks(document, 6))
     unexplained, findings = document["unexplained"], document["findings"]
     hints = unexplained["hints"]
@@ -255,34 +259,30 @@ def trace_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterat
         yield Section("Poses to measure next", _next_poses(document))
 
 
-def calibration_view(document: Document, poses: str, robot: str, fitted: str) -> Iterator[Section]:
-    """Return the text of a calibration; ``poses`` and ``robot`` are file names, ``fitted`` the effects asked for."""
-    count = document["identifiability"]["n_identifiable"]
-    effects = ", ".join(effect_label(effect["effect"], effect["joints"], effect) for effect in document["effects"])
-    facts = (f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
-    title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
-    yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
-    causes, stages, quality = calibration_sections(document)
-    estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
-    others = len(estimated) - _MAX_COEFFICIENTS
-    more = Text(f"and {others} more; the JSON result has all of them" * (others > 0))
-    of_masses = (Text(_mass_coefficients(*each)) for each in masses.items())
-    yield from (causes, stages)
-    yield Section("Coefficients", [coefficients(estimated[:_MAX_COEFFICIENTS]), more, *of_masses])
-    yield quality
+def calibration_view(
+    document: Document, poses: str = "", robot: str = "", fitted: str = "", form: Form = "page"
+) -> Iterator[Section]:
+    """Return causes, stages, coefficients and the quality of the fit.
 
-
-def calibration_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Section]:
-    """Return causes, stages, and the quality of the fit."""
-    yield Section("Causes", causes_blocks(document, most))
+    ``poses`` and ``robot`` are file names, ``fitted`` the effects asked for. A page has every cause and coefficient.
+    """
+    if form != "page":
+        count = document["identifiability"]["n_identifiable"]
+        effects = ", ".join(effect_label(effect["effect"], effect["joints"], effect) for effect in document["effects"])
+        facts = (f"requested: {fitted.replace(',', ', ')}", f"fitted: {effects}")
+        title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
+        yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
+    yield Section("Causes", causes_blocks(document, None if form == "page" else _MAX_CAUSES))
     yield Section("Before and after", stage_blocks(document, "calibrate"))
+    if form != "page":
+        estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
+        others = len(estimated) - _MAX_COEFFICIENTS
+        more = Text(f"and {others} more; the JSON result has all of them" * (others > 0))
+        of_masses = (Text(_mass_coefficients(*each)) for each in masses.items())
+        yield Section("Coefficients", [coefficients(estimated[:_MAX_COEFFICIENTS]), more, *of_masses])
     yield Section("Quality of the fit", [Listing([*_quality(document)])])
-
-
-def fit_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every cause and coefficient."""
-    sections = trace_sections if document["command"] == "trace" else calibration_sections
-    yield from (*sections(document, None), _all_coefficients(document))
+    if form == "page":
+        yield _all_coefficients(document)
 
 
 def _all_coefficients(document: Document) -> Section:

@@ -14,6 +14,7 @@ from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     ReportHeadline,
@@ -72,8 +73,35 @@ def iso9283_headline(document: Document) -> ReportHeadline:
     return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
 
 
-def iso9283_view(document: Document, robot: str | None, full: bool = True) -> Iterator[Section]:
-    """Return the text of an evaluation, in one screen unless ``full``; ``robot`` is the file's name."""
+def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> Iterator[Section]:
+    """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals.
+
+    In short, one table of the criteria; ``robot`` is the file's name.
+    """
+    criteria = _criteria(document)
+    if form != "page":
+        yield _opening(document, robot)
+    if form == "short":
+        shown = [part for part in criteria.values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
+        statuses = Counter(_STATUS[condition["status"]] for condition in document["protocol"]).items()
+        counts = ", ".join(f"{n} {status}" for status, n in statuses)
+        protocol = Text(f"conditions of the standard's protocol: {counts}")
+        yield Section("", [*_summary(shown, document["confidence"]), protocol, Text(_MORE, is_note=True)])
+        return
+    rows = [
+        [condition["condition"], condition["clause"], _STATUS[condition["status"]], condition["why"]]
+        for condition in document["protocol"]
+    ]
+    table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
+    for title, symbols in _GROUPS:
+        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
+    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
+    yield Section("Conditions of the standard's protocol", [table])
+    yield Section("Confidence intervals", [Listing(_methods(criteria))])
+    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
+
+
+def _opening(document: Document, robot: str | None) -> Section:
     source = "the model " + (robot or "") if document["commanded"] == "robot" else "cmd_ columns"
     facts = [
         f"{', '.join(document['files'])}: {_counted(document)}",
@@ -86,36 +114,7 @@ def iso9283_view(document: Document, robot: str | None, full: bool = True) -> It
     if document["unaligned"] is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
         facts.append(f"largest AP before registration: {unaligned} mm")
-    yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
-    if not full:
-        shown = [part for part in _criteria(document).values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
-        statuses = Counter(_STATUS[condition["status"]] for condition in document["protocol"]).items()
-        yield Section(
-            "",
-            [
-                *_summary(shown, document["confidence"]),
-                Text(f"conditions of the standard's protocol: {', '.join(f'{n} {status}' for status, n in statuses)}"),
-                Text(_MORE, is_note=True),
-            ],
-        )
-        return
-    yield from iso9283_sections(document)
-    yield Section("Limitations", [Listing(document["notes"])])
-
-
-def iso9283_sections(document: Document) -> Iterator[Section]:
-    """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals."""
-    criteria = _criteria(document)
-    rows = [
-        [condition["condition"], condition["clause"], _STATUS[condition["status"]], condition["why"]]
-        for condition in document["protocol"]
-    ]
-    protocol = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
-    for title, symbols in _GROUPS:
-        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
-    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
-    yield Section("Conditions of the standard's protocol", [protocol])
-    yield Section("Confidence intervals", [Listing(_methods(criteria))])
+    return Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
 
 
 def _criteria(document: Document) -> dict[str, Part]:

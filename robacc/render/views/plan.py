@@ -10,6 +10,7 @@ from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label,
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
@@ -29,7 +30,7 @@ PURPOSES = {
     "acceptance": "acceptance",
     "health": "health check",
 }
-_LISTED_PAIRS = 8
+_LISTED_PAIRS = {"full": 8, "page": 20}
 _MORE = "standard errors, detection limits, similar effects: `full`; the poses: `output`"
 _VISITS = 200
 """Visits that the page lists."""
@@ -92,29 +93,12 @@ def plan_headline(document: Document) -> ReportHeadline:
     return ReportHeadline(title, summary, tiles, badges, facts)
 
 
-def plan_view(document: Document, full: bool = True) -> Iterator[Section]:
-    """Return the text of a plan, in one screen unless ``full``."""
+def plan_view(document: Document, form: Form = "page") -> Iterator[Section]:
+    """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full."""
     name, purpose = document["robot"]["name"], PURPOSES[document["purpose"]]
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
-    yield Section(f"Plan for the {purpose} of {name}: {count}", [Listing([*_facts(document)])])
-    yield from plan_sections(document, _LISTED_PAIRS if full else 0)
-    if not full:
-        found = [] if document["power"] is None else [Listing([_found(document["power"])])]
-        yield Section("", [*found, Text(_MORE, is_note=True)])
-
-
-def plan_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with the visits."""
-    yield Section("Order of the visits", [Listing([*_facts(document)])])
-    yield from plan_sections(document, 20)
-    yield _visits(document)
-
-
-def plan_sections(document: Document, most: int) -> Iterator[Section]:
-    """Return whether the poses are enough, what excluded candidates, and what to expect; at most ``most`` pairs.
-
-    With ``most`` 0, of what to expect only the error with the planned poses.
-    """
+    title = "Order of the visits" if form == "page" else f"Plan for the {purpose} of {name}: {count}"
+    yield Section(title, [Listing([*_facts(document)])])
     if (sufficiency := document["sufficiency"]) is not None:
         verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
         yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
@@ -123,9 +107,12 @@ def plan_sections(document: Document, most: int) -> Iterator[Section]:
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
-        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document, most > 0))
-    if most == 0:
+        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document, form != "short"))
+    if form == "short":
+        found = [] if document["power"] is None else [_found(document["power"])]
+        yield Section("", [Listing(found), Text(_MORE, is_note=True)])
         return
+    most = _LISTED_PAIRS[form]
     if document["purpose"] in ("calibrate", "health"):
         yield _coefficients(document["coefficients"])
     if document["correlations"] and document["purpose"] == "calibrate":
@@ -136,6 +123,8 @@ def plan_sections(document: Document, most: int) -> Iterator[Section]:
     texts = _pairs(document["inseparable"] or ())
     more = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
     yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), more])
+    if form == "page":
+        yield _visits(document)
 
 
 def _sufficiency(sufficiency: Part) -> Iterator[str]:

@@ -9,6 +9,7 @@ from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, p_value, tabl
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     ReportHeadline,
@@ -74,24 +75,16 @@ def predict_headline(document: Document) -> ReportHeadline:
     )
 
 
-def prediction_view(document: Document, source: str = "") -> Iterator[Section]:
-    """Return the text of a prediction; ``source`` names the file of the measured poses."""
+def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
+    """Return grade, errors, worst poses and budget, then allocation and measured poses, whose file is ``source``.
+
+    A page has a chart of the budget.
+    """
     parameters = document["tolerances"]["parameters"]
-    origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-    facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-    yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
-    grade, *sections = prediction_sections(document, source)
-    yield from (grade, *sections[:2])
-    title = "Error budget: share of the variance (parameters sorted by both shares)"
-    yield Section(title, _budgets(document, bool(parameters)))
-    for label in ("joint", "kind"):
-        yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
-    yield from sections[2:]
-    yield Section("Limitations", [Listing(document["notes"])])
-
-
-def prediction_sections(document: Document, source: str = "") -> Iterator[Section]:
-    """Return grade, errors and worst poses, then allocation and measured poses; a page has a chart of the budget."""
+    if form != "page":
+        origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+        facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
+        yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
     grade = document["grade"]
     text = f"criterion: {_STATISTICS[grade['statistic']]}, over robots and poses"
     if grade["limited_by"]:
@@ -101,12 +94,18 @@ def prediction_sections(document: Document, source: str = "") -> Iterator[Sectio
     yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
     yield Section("Predicted error", _errors(document))
     yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, _ in _QUANTITIES])])
+    if form != "page":
+        title = "Error budget: share of the variance (parameters sorted by both shares)"
+        yield Section(title, _budgets(document, bool(parameters)))
+        for label in ("joint", "kind"):
+            yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
     if document["allocation"] is not None:
         yield _allocation(document["allocation"], grade["statistic"])
     if document["against"] is not None:
         yield from _against(document["against"], source)
     if document["coverage"] is not None:
         yield _coverage(document["coverage"])
+    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
 
 
 def _percent(share: float) -> str:

@@ -6,26 +6,26 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from robacc.render.text.layout import Document
-from robacc.render.views.compare import comparison_headline, comparison_page
-from robacc.render.views.correct import correction_headline, correction_page
+from robacc.render.views.compare import comparison_headline, comparison_view
+from robacc.render.views.correct import correction_headline, correction_view
 from robacc.render.views.elements import ReportHeadline, Section, of_robot, shown
-from robacc.render.views.estimate import estimate_headline, estimate_sections
-from robacc.render.views.fit import calibrate_headline, fit_page, trace_headline
+from robacc.render.views.estimate import estimate_headline, estimate_view
+from robacc.render.views.fit import calibrate_headline, calibration_view, trace_headline, trace_view
 from robacc.render.views.gate import LOOKS, check_headline, passed
-from robacc.render.views.iso9283 import iso9283_headline, iso9283_sections
-from robacc.render.views.plan import plan_headline, plan_page
-from robacc.render.views.predict import predict_headline, prediction_sections
+from robacc.render.views.iso9283 import iso9283_headline, iso9283_view
+from robacc.render.views.plan import plan_headline, plan_view
+from robacc.render.views.predict import predict_headline, prediction_view
 
 _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document], Iterator[Section]]]] = {
-    "trace": (trace_headline, fit_page),
-    "calibrate": (calibrate_headline, fit_page),
-    "estimate": (estimate_headline, estimate_sections),
-    "predict": (predict_headline, prediction_sections),
-    "iso9283": (iso9283_headline, iso9283_sections),
+    "trace": (trace_headline, trace_view),
+    "calibrate": (calibrate_headline, calibration_view),
+    "estimate": (estimate_headline, estimate_view),
+    "predict": (predict_headline, prediction_view),
+    "iso9283": (iso9283_headline, iso9283_view),
     "check": (check_headline, lambda document: iter(())),
-    "compare": (comparison_headline, comparison_page),
-    "correct": (correction_headline, correction_page),
-    "plan": (plan_headline, plan_page),
+    "compare": (comparison_headline, comparison_view),
+    "correct": (correction_headline, correction_view),
+    "plan": (plan_headline, plan_view),
 }
 
 

@@ -478,8 +478,8 @@ def payload(
 ) -> Document:
     """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
     covered: Document | None = None
-    for first in coverage[:1]:
-        covered = {"probability": first.probability, "registered": first.registered, "orientation": None}
+    if coverage:
+        covered = {"probability": coverage[0].probability, "registered": coverage[0].registered, "orientation": None}
         covered |= {item.quantity: COVERED.write(item) for item in coverage}
     return _PREDICTION.write(prediction, allocation=allocation, against=comparison, coverage=covered)
 

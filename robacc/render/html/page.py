@@ -147,12 +147,15 @@ def _options(document: Document, files: set[str]) -> Iterator[str]:
         flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
         if name in files or value in (None, [], ""):
             continue
-        if name in _SWITCHES or isinstance(value, bool):
-            yield from [_SWITCHES.get(name, flag)] * (value != (name in _SWITCHES))
+        if name in _SWITCHES:
+            words = [] if value else [_SWITCHES[name]]
+        elif isinstance(value, bool):
+            words = [flag] * value
         elif name in _REPEATED:
-            yield from (word for each in value for word in (flag, str(each)))
+            words = [word for each in value for word in (flag, str(each))]
         else:
-            yield from (flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}")
+            words = [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
+        yield from words
 
 
 # Several results in one table, one column per result.

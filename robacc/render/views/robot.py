@@ -106,6 +106,7 @@ def _drive_rule(joint: Joint) -> str:
 
 def _links(robot: Robot) -> Section:
     links = [(joint.name, joint) for joint in robot.joints]
+    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
     for branch in robot.branches:
         rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
         links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
@@ -114,7 +115,7 @@ def _links(robot: Robot) -> Section:
         if joint.mass is not None
         else (name, "-", "", "", "")
         for name, joint in links
-        if robot.has_masses or any(joint.mass is not None for joint in robot.joints)
+        if has_masses
     ]
     return _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), rows)
 

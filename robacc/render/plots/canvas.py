@@ -16,7 +16,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
 from importlib.util import find_spec
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -508,29 +507,25 @@ def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str
     return _saved(draw, size, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
 
 
-def as_figure(
-    draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any] = MappingProxyType(_WHITE)
-) -> Figure:
-    """Return the chart as a figure, with a white background unless ``overrides`` of the style say otherwise."""
-    from matplotlib.figure import Figure
-
-    with _style(overrides):
-        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
-        draw(figure)
-    return figure
+def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
+    """Return the chart as a figure with a white background."""
+    with _drawn(draw, size, _WHITE) as figure:
+        return figure
 
 
 def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _style(overrides):
-        as_figure(draw, size, overrides).savefig(buffer, format=form, metadata=dates.get(form))
+    with _drawn(draw, size, overrides) as figure:
+        figure.savefig(buffer, format=form, metadata=dates.get(form))
     return buffer.getvalue()
 
 
 @contextmanager
-def _style(overrides: Mapping[str, Any]) -> Iterator[None]:
+def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield the drawn chart, within the style."""
     import matplotlib
+    from matplotlib.figure import Figure
 
     style: Any = {**_STYLE, **overrides}
     with matplotlib.rc_context(style), warnings.catch_warnings():
@@ -538,4 +533,6 @@ def _style(overrides: Mapping[str, Any]) -> Iterator[None]:
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        yield
+        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
+        draw(figure)
+        yield figure

@@ -75,9 +75,9 @@ class Estimate(Result, EstimateResult):
         """Write the short report."""
         from robacc.documents.estimate import payload
         from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import short_estimate_view
+        from robacc.render.views.estimate import estimate_view
 
-        draw(short_estimate_view(payload(self), self.named("poses"), self.named("robot")), stream)
+        draw(estimate_view(payload(self), self.named("poses"), self.named("robot"), "short"), stream)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""

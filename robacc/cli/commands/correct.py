@@ -71,7 +71,7 @@ def correct(
         return
     result.write(output)
     names = targets, given["model"]
-    deliver(outlets, result, lambda stream: draw(correction_view(result.payload(), names), stream))
+    deliver(outlets, result, lambda stream: draw(correction_view(result.payload(), names, "full"), stream))
 
 
 def _correct_program(path: str, frames: list[str], output: str, options: dict[str, Any]) -> None:

@@ -48,7 +48,8 @@ def export(
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.render.text.console import say_warnings
-    from robacc.render.views.correct import write_export
+    from robacc.render.views.correct import export_view
+    from robacc.render.views.elements import draw
 
     given = call.keywords
     if urdf is not None:
@@ -67,15 +68,15 @@ def export(
     write_text(output, result.text)
     if document is not None:
         write_text(document, result.to_json())
-    write_export(sys.stderr if output == "-" else sys.stdout, result.payload())
+    draw(export_view(result.payload()), sys.stderr if output == "-" else sys.stdout)
 
 
 def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip_link: str | None) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
     from robacc.api.inputs import load_robot
     from robacc.cli.output import write
+    from robacc.documents.descriptions import urdf_payload
     from robacc.documents.envelope import envelope
-    from robacc.documents.export import urdf_payload
     from robacc.errors import UsageError
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of

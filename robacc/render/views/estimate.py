@@ -68,10 +68,10 @@ def estimate_headline(document: Document) -> ReportHeadline:
     is_modelled = robot.get("effects") or robot.get("fitted_to")
     reference = "model's predictions" if is_modelled else "commanded positions"
     files = {record["kind"]: record["name"] for record in document["inputs"]}
-    ahead = "state the robot with `robot`: robacc trace then finds the causes of the error"
+    ahead = "state the robot with `robot`, and let robacc trace find the causes of the error"
     if "robot" in files:
         poses = files.get("poses", "POSES")
-        ahead = f"robacc trace {poses} --robot {files['robot']} finds the causes of the error"
+        ahead = f"find the causes of the error: robacc trace {poses} --robot {files['robot']}"
     registration = "none"
     if alignment is not None:
         registration = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
@@ -170,7 +170,7 @@ def _short(document: Document, poses: str, robot: str | None) -> Iterator[Sectio
         for pose in document["worst_poses"]["by_position"][:_MAX_WORST]
         for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
     )
-    ahead = f"next: robacc trace {poses} --robot {robot or 'ROBOT'} finds the causes of the error"
+    ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
     yield Section("", [Text(f"largest errors: {worst}"), Text(ahead), Text(_MORE, is_note=True)])
 
 

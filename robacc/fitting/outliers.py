@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BLOCK
+from robacc.fitting.whitening import sum_of_squares
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise, NoiseSource, weights
@@ -35,11 +37,11 @@ def estimate(
     ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
     leverages of their residuals (restricted maximum likelihood at given weights).
     """
-    residual = residual if inliers.all() else residual[:, inliers]
-    position = _misfit(residual[:3], _position_variance(data, inliers), used[0])
+    rows = slice(None) if data.n > BLOCK and inliers.all() else inliers  # of many rows without a copy
+    position = _misfit(residual[:3, rows], _position_variance(data, inliers), used[0])
     if residual.shape[0] == 3:
         return position, 0.0
-    return position, _misfit(residual[3:], _variance(data.sigma_rotation, inliers), used[1])
+    return position, _misfit(residual[3:, rows], _variance(data.sigma_rotation, inliers), used[1])
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
@@ -59,7 +61,7 @@ def inlier_mask(
     ``tolerance`` multiplies the limit of the length.
     """
     rows, n = residual.shape
-    distance = np.einsum("mn,mn,mn,mn->n", residual, residual, weight, weight) / rows
+    distance = np.square(residual * weight).mean(axis=0)
     scale = float(np.median(distance)) / _MEDIAN[rows]
     if scale <= 0:
         return inliers
@@ -98,7 +100,7 @@ def _misfit(residual: Array, known: Array | float, used: float) -> float:
     """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
     dof = max(residual.size - used, _LEAST_DOF * residual.size)
     if isinstance(known, float):
-        return float(np.sqrt(np.einsum("mn,mn->", residual, residual) / dof))
+        return float(np.sqrt(sum_of_squares(residual) / dof))
     square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,10 +50,6 @@ _COVARIANCE_DIGITS = 8
 """Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
-@overload
-def rounded(values: Array) -> Array: ...
-@overload
-def rounded(values: Array | None) -> Array | None: ...
 def rounded(values: Array | None) -> Array | None:
     """Return rounded values with poses first, the order of a document; None without values."""
     return None if values is None else np.round(values, _DECIMALS).T

@@ -51,7 +51,7 @@ _COVARIANCE_DIGITS = 8
 """Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
-def rounded(values: Array | None) -> Any:
+def rounded(values: Array | None) -> Array | None:
     """Return rounded values with poses first, the order of a document; None without values."""
     return None if values is None else np.round(values, _DECIMALS).T
 

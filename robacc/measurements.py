@@ -265,6 +265,11 @@ def _contradicted(number: NDArray[np.int64], commands: Array) -> NDArray[np.bool
     return result
 
 
+def even_rows(n: int, most: int) -> NDArray[np.int64]:
+    """Return at most ``most`` of n rows, evenly spread; not every k-th, which may be of one target."""
+    return np.linspace(0, n - 1, min(n, most)).astype(np.int64)
+
+
 def _equal_columns(values: Array) -> NDArray[np.int64]:
     """Number the columns of ``(K, N)``, ``(N,)``: columns equal to 1e-9 get the same number.
 

@@ -42,7 +42,6 @@ from robacc.render.views.elements import (
     tile,
     with_unit,
 )
-from robacc.tracing.findings import HIDDEN_NOISE
 
 Part = Mapping[str, Any]
 
@@ -552,6 +551,8 @@ def _shrinkage(kind: Part) -> str:
 
 
 def _residual(document: Document) -> str:
+    from robacc.tracing.findings import HIDDEN_NOISE
+
     noise, repeatability = document["noise"], document["repeatability"]
     size = math.sqrt(3) * noise["position_m"]
     rms = with_unit(document["before"]["fitted"]["position"]["rms_m"])

@@ -116,10 +116,11 @@ def _trace(
     arm = model.arm
     constants = [one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(arm)]
     final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
+    before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
     structured, repeatability = dataclasses.replace(structured, fit=final), structured.repeatability
     numbers = [number_of(effect, final) for effect in effects]
     fitted_effects = [final.model.free[number] for number in numbers]
-    judged = judge(stated, mistakes, declared, structured, form, data, how, fitted_effects)
+    judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
     without = how.residuals(final, [[number] for number in numbers])
     findings = tuple(
         describe_finding(one, effects, judged, residual, data)

@@ -140,7 +140,7 @@ def test_a_clean_arm(files: Path) -> None:
     found = document(files, poses="clean")
     assert (found["verdict"], found["findings"], found["after"]) == ("clean", [], found["before"])
     table = output(*command(files, poses="clean"), "--full")
-    told = ("no effect found beyond the declared effects", "none, at a false-alarm rate")
+    told = ("nothing found beyond the declared effects", "none, at a false-alarm rate")
     assert missing(table, *told, "extended model") == ["extended model"]
 
 

@@ -171,7 +171,7 @@ def _short(document: Document, poses: str, robot: str | None) -> Iterator[Sectio
         for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
     )
     ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead), Text(_MORE, is_note=True)])
+    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead, wraps=False), Text(_MORE, is_note=True)])
 
 
 def _opening(document: Document, poses: str, robot: str | None) -> Section:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, TextIO
 
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Number, Section, Text, number
+from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, Text, number
 
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
@@ -19,17 +19,39 @@ _CAUSES = {
     "too_large": "correction too large",
     "out_of_range": "outside the range of the model",
 }
+_STAGES = ("before", "after")
 _ROWS = 40
 """Targets that are not corrected and that the page lists."""
+_PARTS = (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-4))
+"""Quantity, unit, factor to mm or degrees, and the size below which the solver's tolerance decides, not the arm."""
+
+Part = Mapping[str, Any]
 
 
-def correction_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:
-    """Return the text of a correction; ``names`` are those of targets and model."""
-    count = f"{document['n_corrected']} of {document['n_targets']} targets"
-    yield Section(f"Correction of {names[0]} by {names[1]}: {count} corrected", [])
-    yield from correction_sections(document)
-    if document["notes"]:
-        yield Section("Assumptions and limitations", [Listing(document["notes"])])
+def correction_view(
+    parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str
+) -> Iterator[Section]:
+    """Return the text of a correction, of each kind of targets in turn.
+
+    ``names`` are those of targets and model, ``output`` that of the file that was written.
+    """
+    targets, model = names
+    title = f"Correction of {targets} by {model}"
+    if all(_is_none(part["correction"]) for part in parts):
+        same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
+        yield Section(f"{title}: nothing to correct", [Text(same)])
+        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
+    else:
+        count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
+        yield Section(f"{title}: {count}", [Text(f"The commands are in {output}.", wraps=False)])
+        for part in parts:
+            yield from correction_sections(part)
+        ahead = (
+            f"load {output}, measure the same targets again, and compare with the measurement before: "
+            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
+        )
+    notes = dict.fromkeys(note for part in parts for note in part["notes"])
+    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
 
 
 def correction_page(document: Document) -> Iterator[Section]:
@@ -50,31 +72,43 @@ def correction_sections(document: Document) -> Iterator[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
     correction, expected = document["correction"], document["expected"]
     if document["n_corrected"]:
-        figures = [("correction", correction, "rms", "max")]
-        figures += [
-            (f"expected error {stage}", expected[stage], "expected_rms", "largest_bound95")
-            for stage in ("before", "after")
+        rows = [_row(f"error {stage}", expected[stage], "expected_rms", "largest_bound95") for stage in _STAGES]
+        rows.append(_row("change of the command", correction, "rms", "max"))
+        columns = 5 if correction["orientation"] is not None else 3
+        header = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
+        grades = [
+            f"{', '.join(f'{name} {number}' for name, number in counts.items() if number)} {stage}"
+            for stage in _STAGES
+            if (counts := expected[stage]["grades"])
         ]
-        count = 5 if correction["orientation"] is not None else 3
-        header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")
-        blocks: list[Block] = [Grid(header[:count], [_row(*each)[:count] for each in figures])]
-        for stage in ("before", "after"):
-            if grades := expected[stage]["grades"]:
-                counts = ", ".join(f"{name} {number}" for name, number in grades.items() if number)
-                blocks.append(Text(f"grades {stage}: {counts}"))
-        blocks.append(Text("largest expected error: the largest bound of 95 % of the errors", is_note=True))
-        yield Section("Over the corrected targets", blocks)
+        frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
+        texts = [
+            *([f"targets by grade: {'; '.join(grades)}"] if grades else []),
+            "error at most: at every target, 95 % of the errors are smaller",
+            f"error before: of the nominal arm in the {frames} of the model; robacc estimate and robacc calibrate fit "
+            "the frames to the nominal arm alone, so that their figure is smaller",
+        ]
+        kind = "joint" if document["given"] == "joints" else "Cartesian"
+        title = f"Errors to expect at {document['n_corrected']} corrected {kind} targets"
+        yield Section(title, [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)])
     if document["refused"]:
-        rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-        yield Section("Not corrected", [Grid(("cause", "targets"), rows)])
+        refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
+        yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
 
 
-def _row(label: str, part: Mapping[str, Any], typical: str, largest: str) -> Sequence[Cell]:
+def _is_none(correction: Part) -> bool:
+    """Return whether no command changes."""
+    return all(
+        correction[name] is None or correction[name][f"max_{unit}"] * factor < least
+        for name, unit, factor, least in _PARTS
+    )
+
+
+def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:
     cells: list[Cell] = [label]
-    for name, unit, factor, least in (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-4)):
+    for name, unit, factor, least in _PARTS:
         for key in (typical, largest):
             size = (part[name] or {}).get(f"{key}_{unit}")
-            # Below a micrometre the solver's tolerance decides, not the arm.
             is_small = size is not None and size * factor < least
             cells.append(Number(f"< {least:g}", size) if is_small else number(size, factor))
     return cells

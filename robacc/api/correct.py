@@ -17,7 +17,7 @@ from robacc.api.inputs import load_grade_scale, load_poses, load_robot
 from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.correction.correction import Cause, Correction, Limits, Refusal, correction
-from robacc.correction.wanted import check_same_joints, circumstances
+from robacc.correction.wanted import check_same_joints, circumstances, part_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
@@ -282,8 +282,13 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    if strict_range:
-        _refuse_out_of_range(body, data)
+    refusals = enumerate(body.targets.refusals)
+    outside = [(i, each.reason) for i, each in refusals if each is not None and each.cause is Cause.out_of_range]
+    if strict_range and outside:
+        first, reason = outside[0]
+        message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
+        fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
+        raise InputError(Problem(message, data.source, data.line(first), fix=fix))
     options = options_of(correct, arguments)
     options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
     result = Corrected(
@@ -297,17 +302,6 @@ def correct(
     if result.n_targets and not result.n_corrected:
         raise NothingCorrectedError(result)
     return result
-
-
-def _refuse_out_of_range(body: Correction, data: Measurements) -> None:
-    """Raise InputError with the first target outside the ranges of the model, if there is one."""
-    for i, refusal in enumerate(body.targets.refusals):
-        if refusal is not None and refusal.cause is Cause.out_of_range:
-            message = (
-                f"{body.causes[refusal.cause]} of {data.n} targets are outside the model; the first: {refusal.reason}"
-            )
-            fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
-            raise InputError(Problem(message, data.source, data.line(i), fix=fix))
 
 
 def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
@@ -448,7 +442,14 @@ def correct_program(
         left += refused
         if solved.size:
             group = tuple(cartesian.numbers[i] for i in solved)
-            groups.append((group, _located(program, group, _wanted(cartesian, solved, q_start))))
+            wanted = part_of(cartesian.flange, solved)
+            data = Measurements(
+                np.zeros_like(wanted.translation),
+                q=q_start,
+                commanded_position=wanted.translation,
+                commanded_rotation=wanted.rotation,
+            )
+            groups.append((group, _located(program, group, data)))
     advice: str | None = None
     for group, data in groups:
         try:
@@ -475,12 +476,6 @@ def _located(program: Program, numbers: Sequence[int], data: Measurements) -> Me
     """Return poses of the targets ``numbers`` with the file and the line of each."""
     rows = np.array([program.targets[i].line for i in numbers], dtype=np.int64)
     return dataclasses.replace(data, rows=rows, source=program.file)
-
-
-def _wanted(targets: FlangeTargets, index: NDArray[np.int64], q: Array | None) -> Measurements:
-    """Return the targets ``index`` as commanded poses, with joints ``(J, N)`` that choose their configurations."""
-    position, rotation = targets.flange.translation[:, index], targets.flange.rotation[..., index]
-    return Measurements(np.zeros_like(position), q=q, commanded_position=position, commanded_rotation=rotation)
 
 
 def _configured(
@@ -543,18 +538,17 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
 
 def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:
     """Return the correction without the targets whose corrected joints have another configuration than stated."""
-    targets = result.targets
-    refusals = list(targets.refusals)
-    for k, number in enumerate(numbers):
-        target = program.targets[number]
-        if (
-            refusals[k] is None
-            and target.kind == "cartesian"
-            and leaves_configuration(program.dialect, target.configuration, targets.wanted.q[:, k], targets.q[:, k])
-        ):
-            reason = "the corrected joints have another configuration than that of the program"
-            refusals[k] = Refusal(Cause.configuration, f"{reason}, {target.configuration}")
-    return dataclasses.replace(result, targets=dataclasses.replace(targets, refusals=tuple(refusals)))
+    targets, stated = result.targets, [program.targets[number] for number in numbers]
+    other = "the corrected joints have another configuration than that of the program"
+    refusals = tuple(
+        Refusal(Cause.configuration, f"{other}, {target.configuration}")
+        if refusal is None
+        and target.kind == "cartesian"
+        and leaves_configuration(program.dialect, target.configuration, nominal, q)
+        else refusal
+        for target, refusal, nominal, q in zip(stated, targets.refusals, targets.wanted.q.T, targets.q.T, strict=True)
+    )
+    return dataclasses.replace(result, targets=dataclasses.replace(targets, refusals=refusals))
 
 
 def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list[tuple[float, ...]]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.correction.correction import grade_counts
 from robacc.documents.envelope import csv_cell, csv_text
 from robacc.documents.keys import Document, Key, array, choice, count, flag, integer, number, part, size, table, text
 from robacc.documents.parts import rounded, texts
@@ -339,8 +339,9 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
 
     grades = None
     if errors.grades is not None:
-        chosen = result.targets.is_corrected
-        grades = dict(grade_counts(result.scale, [g for g, c in zip(errors.grades, chosen, strict=True) if c]))
+        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        # The best first.
+        grades = {name: counts[name] for name in (*(step.grade for step in result.scale.steps), result.scale.otherwise)}
     return {
         "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
         "orientation": part(errors.orientation, _orientation_rms(errors), errors.orientation_bound, "rad")
@@ -383,10 +384,12 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
         if ids is not None:
             columns[name] = (csv_cell(str(value)) for value in ids)
     columns["corrected"] = ("yes" if refusal is None else "no" for refusal in targets.refusals)
-    numbers = _number_columns(("command_x_m", "command_y_m", "command_z_m"), command.translation)
-    names = ("command_qw", "command_qx", "command_qy", "command_qz")
-    numbers |= _number_columns(names, quaternion_from_rotation(command.rotation))
-    numbers |= _number_columns(("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"), targets.correction)
+    vectors = {
+        ("command_x_m", "command_y_m", "command_z_m"): command.translation,
+        ("command_qw", "command_qx", "command_qy", "command_qz"): quaternion_from_rotation(command.rotation),
+        ("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"): targets.correction,
+    }
+    numbers = {name: row for names, rows in vectors.items() for name, row in zip(names, rows, strict=True)}
     for stage, errors in (("before", result.before), ("after", result.after)):
         numbers[f"{stage}_m"], numbers[f"{stage}_rad"] = errors.position, errors.orientation
         numbers[f"{stage}_rms_m"] = errors.position_rms
@@ -401,7 +404,3 @@ def per_target_csv(result: Correction, given: Measurements) -> str:
             columns[f"{stage}_grade"] = errors.grades
     columns["reason"] = ("" if refusal is None else csv_cell(refusal.reason) for refusal in targets.refusals)
     return csv_text(columns)
-
-
-def _number_columns(names: tuple[str, ...], values: Array) -> dict[str, Array]:
-    return dict(zip(names, values, strict=True))

@@ -48,7 +48,8 @@ def export(
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.render.text.console import say_warnings
-    from robacc.render.views.correct import write_export
+    from robacc.render.views.correct import export_view
+    from robacc.render.views.elements import draw
 
     given = call.keywords
     if urdf is not None:
@@ -67,7 +68,7 @@ def export(
     write_text(output, result.text)
     if document is not None:
         write_text(document, result.to_json())
-    write_export(sys.stderr if output == "-" else sys.stdout, result.payload())
+    draw(export_view(result.payload()), sys.stderr if output == "-" else sys.stdout)
 
 
 def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip_link: str | None) -> None:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import math
-import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, TextIO
+from typing import Any
 
-from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, three_digits
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_digits
 from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, Text, number
 
 _CAUSES = {
@@ -83,14 +81,17 @@ def correction_sections(document: Document) -> Iterator[Section]:
         ]
         frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
         texts = [
-            *([f"targets by grade: {'; '.join(grades)}"] if grades else []),
-            "error at most: at every target, 95 % of the errors are smaller",
             f"error before: of the nominal arm in the {frames} of the model; robacc estimate and robacc calibrate fit "
             "the frames to the nominal arm alone, so that their figure is smaller",
         ]
+        if grades:
+            most = "error at most: at every target, 95 % of the errors are smaller"
+            texts = [f"targets by grade: {'; '.join(grades)}", most, *texts]
         kind = "joint" if document["given"] == "joints" else "Cartesian"
-        title = f"Errors to expect at {document['n_corrected']} corrected {kind} targets"
-        yield Section(title, [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)])
+        count = f"{document['n_corrected']} corrected {kind} target{'s' * (document['n_corrected'] > 1)}"
+        yield Section(
+            f"Errors to expect at {count}", [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)]
+        )
     if document["refused"]:
         refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
         yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
@@ -114,46 +115,29 @@ def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:
     return cells
 
 
-# Table of ``robacc export``, at most 80 columns.
-
-_WIDTH = 80
 _LEAST = 1e-4
-"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
-_LABEL = 19
-"""Columns that the labels take."""
+"""Smallest error of an export that is shown as a number, mm or degrees: below it, the digits of the file decide."""
 
 
-def write_export(stream: TextIO, result: Mapping[str, Any]) -> None:
-    """Write what the file holds, the error that remains in it, and the tool to set."""
-    remaining = result["remaining_error"]
+def export_view(result: Document) -> Iterator[Section]:
+    """Return what the file of an export holds, the error that remains in it, and the tool to set."""
+    remaining, tool = result["remaining_error"], result["tool"]
+    place = ", ".join(fixed(IN_MM * value, 4) for value in tool["xyz_m"])
+    turn = ", ".join(fixed(IN_DEGREES * value, 5) for value in tool["rpy_rad"])
+    rows = [
+        ("fitted again to", ", ".join(result["refitted"])),
+        ("not in the format", ", ".join(result["not_carried"])),
+        ("remaining error", f"position {_sizes(remaining['position'], 'm', IN_MM, ' mm')};"),
+        ("", f"orientation {_sizes(remaining['orientation'], 'rad', IN_DEGREES, '°')};"),
+        ("", f"over {remaining['n_poses']} poses within the joint limits"),
+        ("tool to set", f"x, y, z {place} mm"),
+        ("", f"roll, pitch, yaw {turn}°"),
+    ]
     arm = f" of {result['arm']}" if result["arm"] else ""
-    lines = [f"Export as {result['format']}{arm}"]
-    if result["refitted"]:
-        lines += _labelled("fitted again to", ", ".join(result["refitted"]))
-    if result["not_carried"]:
-        lines += _labelled("not in the format", ", ".join(result["not_carried"]))
-    lines += _labelled("remaining error", f"position {_sizes(remaining['position'], 'm', IN_MM, ' mm')};")
-    lines += _labelled("", f"orientation {_sizes(remaining['orientation'], 'rad', IN_DEGREES, '°')};")
-    lines += _labelled("", f"over {remaining['n_poses']} poses within the joint limits")
-    place = ", ".join(_fixed(IN_MM * value, 4) for value in result["tool"]["xyz_m"])
-    turn = ", ".join(_fixed(math.degrees(value), 5) for value in result["tool"]["rpy_rad"])
-    lines += _labelled("tool to set", f"x, y, z {place} mm")
-    lines += _labelled("", f"roll, pitch, yaw {turn}°")
-    print("\n".join(lines), file=stream)
+    yield Section(f"Export as {result['format']}{arm}", [Grid(("", ""), [row for row in rows if row[1]], is_text=True)])
 
 
 def _sizes(errors: Mapping[str, float], unit: str, factor: float, name: str) -> str:
     sizes = (errors[f"{key}_{unit}"] * factor for key in ("rms", "max"))
     rms, largest = (three_digits(size) if size >= _LEAST else f"< {_LEAST:g}" for size in sizes)
     return f"{rms}{name} rms, {largest}{name} largest"
-
-
-def _labelled(label: str, text: str) -> list[str]:
-    """Return a label and its text, wrapped with a hanging indent."""
-    return textwrap.wrap(
-        text, _WIDTH, initial_indent=f"{label:<{_LABEL}}", subsequent_indent=" " * _LABEL, break_on_hyphens=False
-    )
-
-
-def _fixed(value: float, places: int) -> str:
-    return f"{round(value, places) + 0.0:.{places}f}"

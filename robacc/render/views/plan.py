@@ -47,14 +47,6 @@ def plan_comments(plan: CampaignPlan) -> list[str]:
     return comments
 
 
-def validation_comments(plan: CampaignPlan) -> list[str]:
-    """Return the comment lines above the columns of the validation poses."""
-    return [
-        f"Validation poses planned by robacc plan for {plan.robot.name}; nothing was measured.",
-        "Use them only to check a fit (`holdout`), never in the fit.",
-    ]
-
-
 def plan_view(document: Document, robot: str, output: str | None, full: bool) -> Iterator[Section]:
     """Return the text of a plan, in one screen unless ``full``.
 
@@ -74,9 +66,8 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     """Return what to do with the plan."""
     purpose, options = document["purpose"], document.get("options", {})
     name, option = _COMMANDS[purpose]
-    planned_for = document["fit"] or (DEFAULT_FIT[purpose] if purpose == "health" else "")
-    if purpose == "acceptance":
-        planned_for = options.get("gate")
+    planned_for = options.get("gate") if purpose == "acceptance" else document["fit"]
+    planned_for = planned_for or DEFAULT_FIT["health"] * (purpose == "health")
     file = output or "PLAN"
     start, rows = "" if output else "write the poses (`output=PLAN`), ", "add the columns x, y, z as measured"
     start += f"measure {'them' if start else 'the poses'} in the order of {file}"
@@ -130,11 +121,8 @@ def _sufficiency(sufficiency: Part) -> Iterator[str]:
     if sufficiency["now_m"] is not None and sufficiency["later_m"] is not None:
         now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
         yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
-    n = sufficiency["n_already"]
-    if sufficiency["of_model"]:
-        yield f"this counts the {n} poses of the model's fit: fit them together with the new poses"
-    else:
-        yield f"this counts the {n} rows measured already: fit them together with the new rows"
+    known, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    yield f"this counts the {sufficiency['n_already']} {known}: fit them together with the new {new}"
 
 
 def _facts(document: Document, full: bool) -> Iterator[str]:
@@ -147,11 +135,10 @@ def _facts(document: Document, full: bool) -> Iterator[str]:
     with_each = " with each payload" if len(blocks) > 1 else ""
     yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
     repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
-    visits = [f"each of the {n_poses} poses once"]
-    visits += [f"{repeats} of them a second time"] if repeats else []
-    if checks := n_visits - n_poses - repeats:
-        visits.append(f"one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift")
-    yield f"{n_visits} visits: {', '.join(visits)}"
+    again = f", {repeats} of them a second time" if repeats else ""
+    checks = n_visits - n_poses - repeats
+    check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
+    yield f"{n_visits} visits: each of the {n_poses} poses once{again}{check}"
     turn = noise["orientation_rad"]
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
     ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
@@ -234,22 +221,22 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
             rows.append((str(n), *values, ", ".join(marks)))
     first = "more poses" if is_addition else "poses"
     yield Grid((first, "to expect, rms", "model, rms", "at random, rms", "model, worst", "remark"), rows)
-    texts = [
-        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability; at "
-        "random: the same from random poses"
-    ]
     if planned is None:
-        texts.append("the planned poses do not identify all coefficients; plan more poses or fit less")
-    elif not is_addition and knee is None:
-        texts.append("more poses are worth it: ten more still reduce the error to expect by more than 10 %")
-    elif not is_addition:
-        spare = planned["n_poses"] - knee
-        texts.append(
-            f"{knee} poses are enough (`poses={knee}`): ten more reduce the error to expect by less than 10 %"
+        advice = ["the planned poses do not identify all coefficients; plan more poses or fit less"]
+    elif enough is None:
+        advice = ["more poses are worth it: ten more still reduce the error to expect by more than 10 %"]
+    else:
+        spare = planned["n_poses"] - enough
+        advice = [
+            f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
             + f"; if there is time, the other {spare} are a reserve for failed rows and for checking the fit"
             * (spare > 0)
-        )
-    yield Listing(texts)
+        ]
+    meaning = (
+        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability; at "
+        "random: the same from random poses"
+    )
+    yield Listing([meaning] if is_addition and planned is not None else [meaning, *advice])
 
 
 def _coefficients(entries: Sequence[Part]) -> Section:
@@ -302,26 +289,24 @@ def _found(power: Part) -> Iterator[str]:
         f"a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
         f"{random_found}), and distinguishes it from the most similar cause with {separated} ({random_separated})"
     )
-    if power["found"] < _FINDS_MOST:
-        yield (
-            "this is low: most causes are found only if they are larger than usual; less noise of the instrument "
-            "(`noise`) raises it, more poses (`poses`) a little"
-        )
-    else:
-        yield "this is good: more causes of their usual size are found than missed"
+    yield (
+        "this is good: more causes of their usual size are found than missed"
+        if power["found"] >= _FINDS_MOST
+        else "this is low: most causes are found only if they are larger than usual; less noise of the instrument "
+        "(`noise`) raises it, more poses (`poses`) a little"
+    )
 
 
 def _pairs(pairs: Sequence[Part]) -> list[str]:
     """Return a text for each pair; a pair that is inseparable both ways has one."""
-    ways = {(pair["first"], pair["second"]) for pair in pairs}
-    texts = []
-    for pair in pairs:
-        first, second, similarity = pair["first"], pair["second"], f"(similarity {pair['similarity']:.2f})"
-        if (second, first) not in ways:
-            texts.append(f"{second} explains {first} {similarity}")
-        elif first < second:
-            texts.append(f"{first} and {second} explain each other {similarity}")
-    return texts
+    ways = {(pair["first"], pair["second"]): f"(similarity {pair['similarity']:.2f})" for pair in pairs}
+    return [
+        f"{first} and {second} explain each other {similarity}"
+        if (second, first) in ways
+        else f"{second} explains {first} {similarity}"
+        for (first, second), similarity in ways.items()
+        if (second, first) not in ways or first < second
+    ]
 
 
 def _visits(document: Document) -> Section:

@@ -28,7 +28,6 @@ from robacc.accuracy.pose_errors import (
 )
 from robacc.errors import InputError, Note, RobaccError, UsageError
 from robacc.fitting.outliers import inlier_mask
-from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -36,6 +35,7 @@ from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics
+    from robacc.fitting.registration import Alignment
 
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.

@@ -42,7 +42,7 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.errors import Note
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 
 if TYPE_CHECKING:
     from robacc.robots.description import Robot
@@ -75,9 +75,9 @@ class Estimate(Result, EstimateResult):
         """Write the short report."""
         from robacc.documents.estimate import payload
         from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import short_estimate_view
+        from robacc.render.views.estimate import estimate_view
 
-        draw(short_estimate_view(payload(self), self.named("poses"), self.named("robot")), stream)
+        draw(estimate_view(payload(self), self.named("poses"), self.named("robot"), "short"), stream)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
@@ -180,9 +180,6 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
     from robacc.accuracy.estimation import moved_warning
     from robacc.accuracy.pose_errors import commanded_poses
-    from robacc.diagnostics.data_mistakes import other_arm
-    from robacc.diagnostics.joint_readings import rounding_in_errors
-    from robacc.diagnostics.mistakes import even_rows
 
     rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment
@@ -190,6 +187,9 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     error = some.position - commanded
     if robot is None or data.q is None:
         return moved_warning(some, error)
+    from robacc.diagnostics.data_mistakes import other_arm
+    from robacc.diagnostics.joint_readings import rounding_in_errors
+
     return (
         *other_arm(robot, some, commanded),
         *moved_warning(some, error),

@@ -30,7 +30,7 @@ class Exported(Result, ExportedModel):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
-        from robacc.documents.export import EXPORT
+        from robacc.documents.descriptions import EXPORT
 
         return EXPORT.write(self)
 

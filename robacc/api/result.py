@@ -135,7 +135,7 @@ class Result(ABC):
 
     def draw(self, stream: TextIO) -> None:
         """Write what the command shows without options, else the headline and the key figures."""
-        from robacc.render.html.notebook import notebook_text
+        from robacc.render.html.page import notebook_text
 
         stream.write(notebook_text(self._plain()))
 
@@ -193,7 +193,7 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         """Return the headline and key figures for a notebook."""
-        from robacc.render.html.notebook import notebook_html
+        from robacc.render.html.page import notebook_html
 
         return notebook_html(self._plain())
 

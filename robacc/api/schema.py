@@ -9,7 +9,7 @@ from robacc.errors import UsageError
 
 def schema_names() -> tuple[str, ...]:
     """Return the commands whose results have a schema."""
-    from robacc.documents.schemas import MODULES
+    from robacc.documents.envelope import MODULES
 
     return tuple(sorted(MODULES))
 
@@ -28,7 +28,7 @@ def schema(name: str) -> dict[str, Any]:
         >>> robacc.schema("estimate")["properties"]["n_poses"]["description"]
         'Measured poses (rows).'
     """
-    from robacc.documents.schemas import MODULES, result_schema
+    from robacc.documents.envelope import MODULES, result_schema
 
     if name not in MODULES:
         raise UsageError(f"no schema {name!r}; choose one of {', '.join(schema_names())}")

@@ -347,7 +347,7 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
     """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
     from robacc.api.result import RECORDED_APART
     from robacc.documents.envelope import InputFile, envelope
-    from robacc.documents.estimate import entry, many_pieces, totals
+    from robacc.documents.estimate import many_pieces
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
 
@@ -356,7 +356,7 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
     shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].gate, "gate"))
     head = envelope(
         "estimate-many",
-        totals(outcomes),
+        {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)},
         options={name: value for name, value in options.items() if name not in RECORDED_APART},
         inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
         seed=options["seed"],
@@ -365,4 +365,4 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
         None if outcome.failed or folder is not None else task.document
         for outcome, task in zip(outcomes, tasks, strict=True)
     )
-    return many_pieces(head, zip(map(entry, outcomes), documents, strict=True))
+    return many_pieces(head, zip(outcomes, documents, strict=True))

@@ -277,11 +277,11 @@ def write_plan(
 def table_of(result: Estimate, path: str, robot: str | None, full: bool) -> Callable[[TextIO], None]:
     """Return what draws an estimate onto a stream, in one screen unless ``full``."""
     from robacc.documents.estimate import payload
-    from robacc.render.views.elements import draw
-    from robacc.render.views.estimate import estimate_view, short_estimate_view
+    from robacc.render.views.elements import Form, draw
+    from robacc.render.views.estimate import estimate_view
 
-    view = estimate_view if full else short_estimate_view
-    return lambda stream: draw(view(payload(result), path, robot), stream)
+    form: Form = "full" if full else "short"
+    return lambda stream: draw(estimate_view(payload(result), path, robot, form), stream)
 
 
 def page_text(table: Callable[[TextIO], None]) -> str:

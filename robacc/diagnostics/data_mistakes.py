@@ -29,7 +29,7 @@ from robacc.diagnostics.changes import (
     units,
     zeros,
 )
-from robacc.diagnostics.mistakes import CLEAR, GROSS, PLAUSIBLE, Mistake, even_rows, registered_poses, spread
+from robacc.diagnostics.mistakes import CLEAR, GROSS, MOST_ROWS, PLAUSIBLE, Mistake, registered_poses, spread
 from robacc.diagnostics.registrations import (
     arm_poses,
     orientation_errors,
@@ -40,7 +40,7 @@ from robacc.diagnostics.registrations import (
 from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistake
 from robacc.errors import InputError, RobaccError
 from robacc.geometry import Array, Poses, log_between
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.robots.description import Robot
 
 _LEAST_POSES = 8
@@ -94,7 +94,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
         except RobaccError:
             return np.inf
 
-    data = data.subset(even_rows(data.n))
+    data = data.subset(even_rows(data.n, MOST_ROWS))
     if (own := error(robot)) <= _USUAL_ERROR:
         return ()
     fits = {

@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.closed_form import register_frames
 from robacc.geometry import Array, Poses
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
 
@@ -74,13 +73,8 @@ def spread(position: Array) -> float:
     return max(float(np.sqrt(np.var(position, axis=1).sum())), 1e-12)
 
 
-def even_rows(n: int, most: int = MOST_ROWS) -> NDArray[np.int64]:
-    """Return at most ``most`` of n rows, evenly spread; not every k-th, which may be of one target."""
-    return np.linspace(0, n - 1, min(n, most)).astype(np.int64)
-
-
 def registered_poses(robot: Robot, data: Measurements, registered: Measurements | None = None) -> Poses:
     """Return the poses of the nominal model with base and targets registered, by default on an even share of them."""
     if registered is None:
-        registered = data.subset(even_rows(data.n))
+        registered = data.subset(even_rows(data.n, MOST_ROWS))
     return predict(register_frames(robot, registered, True, True), data)

@@ -22,7 +22,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BLOCK
-from robacc.diagnostics.mistakes import even_rows
 from robacc.effects.base import Effect
 from robacc.effects.drivers import Driver
 from robacc.effects.joint_offset import JointOffset
@@ -31,7 +30,7 @@ from robacc.effects.search_forms import orders_of
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
 

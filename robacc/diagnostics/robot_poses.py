@@ -8,9 +8,9 @@ import os
 import numpy as np
 
 from robacc.accuracy.pose_errors import commanded_poses
-from robacc.diagnostics.mistakes import even_rows
+from robacc.diagnostics.mistakes import MOST_ROWS
 from robacc.errors import InputError, Problem
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
@@ -102,7 +102,7 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     """
     if data.q is None or data.n < 2:
         return ()
-    sample = data.subset(even_rows(data.n))
+    sample = data.subset(even_rows(data.n, MOST_ROWS))
     nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)

@@ -20,13 +20,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.diagnostics.mistakes import even_rows
+from robacc.diagnostics.mistakes import MOST_ROWS
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.gravity.loads import payload
 from robacc.gravity.torques import gravity_torques
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 
 _FEWEST_ROWS = 40
 _MOST_GROUPS = 4
@@ -71,7 +71,7 @@ def unlogged_loads(fit: Fit, data: Measurements) -> RowLoads | None:
     """Return the groups of rows with different loads that explain the remaining error; None if there are none."""
     if data.payload is not None or data.q is None or data.n < _FEWEST_ROWS:
         return None
-    rows = even_rows(data.n)
+    rows = even_rows(data.n, MOST_ROWS)
     part = data.subset(rows)
     torque = gravity_torques(fit.model.arm, part.q, payload(fit.model.arm, np.ones(part.n)))  # type: ignore[arg-type]
     size = np.linalg.norm(torque, axis=1)

@@ -6,15 +6,14 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.documents.envelope import csv_cell, csv_text
+from robacc.documents.envelope import csv_text
 from robacc.documents.keys import Document, Key, array, choice, count, flag, integer, number, part, size, table, text
 from robacc.documents.parts import rounded, texts
 from robacc.geometry import quaternion_from_rotation
-from robacc.quantities import number_text
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics
@@ -377,30 +376,29 @@ def corrected_poses(result: Correction, given: Measurements) -> Measurements:
 
 def per_target_csv(result: Correction, given: Measurements) -> str:
     """Return a CSV row for each target: its line and ids, the command, the correction and the expected errors."""
-    targets = result.targets
-    _, command = framed_poses(result)
-    columns: dict[str, Iterable[str]] = {"line": (str(given.line(i)) for i in range(given.n))}
-    for name, ids in (("pose", given.pose), ("target", given.target)):
-        if ids is not None:
-            columns[name] = (csv_cell(str(value)) for value in ids)
-    columns["corrected"] = ("yes" if refusal is None else "no" for refusal in targets.refusals)
-    vectors = {
-        ("command_x_m", "command_y_m", "command_z_m"): command.translation,
-        ("command_qw", "command_qx", "command_qy", "command_qz"): quaternion_from_rotation(command.rotation),
-        ("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"): targets.correction,
+    targets, (_, command) = result.targets, framed_poses(result)
+    stages = {"before": result.before, "after": result.after}
+    columns: dict[str, Iterable[Any] | None] = {
+        "line": map(given.line, range(given.n)),
+        "pose": given.pose,
+        "target": given.target,
+        "corrected": ["yes" if refusal is None else "no" for refusal in targets.refusals],
     }
-    numbers = {name: row for names, rows in vectors.items() for name, row in zip(names, rows, strict=True)}
-    for stage, errors in (("before", result.before), ("after", result.after)):
-        numbers[f"{stage}_m"], numbers[f"{stage}_rad"] = errors.position, errors.orientation
-        numbers[f"{stage}_rms_m"] = errors.position_rms
-        if errors.orientation_is_known:
-            numbers[f"{stage}_rms_rad"] = errors.orientation_rms
-        for unit, bound in (("m", errors.position_bound), ("rad", errors.orientation_bound)):
-            if bound is not None:
-                numbers[f"{stage}_bound95_{unit}"] = bound
-    columns |= {name: map(number_text, values.tolist()) for name, values in numbers.items()}
-    for stage, errors in (("before", result.before), ("after", result.after)):
-        if errors.grades is not None:
-            columns[f"{stage}_grade"] = errors.grades
-    columns["reason"] = ("" if refusal is None else csv_cell(refusal.reason) for refusal in targets.refusals)
+    for names, values in (
+        (("command_x_m", "command_y_m", "command_z_m"), command.translation),
+        (("command_qw", "command_qx", "command_qy", "command_qz"), quaternion_from_rotation(command.rotation)),
+        (("dx_m", "dy_m", "dz_m", "drx_rad", "dry_rad", "drz_rad"), targets.correction),
+    ):
+        columns |= dict(zip(names, values, strict=True))
+    for stage, errors in stages.items():
+        columns |= {
+            f"{stage}_m": errors.position,
+            f"{stage}_rad": errors.orientation,
+            f"{stage}_rms_m": errors.position_rms,
+            f"{stage}_rms_rad": _orientation_rms(errors),
+            f"{stage}_bound95_m": errors.position_bound,
+            f"{stage}_bound95_rad": errors.orientation_bound,
+        }
+    columns |= {f"{stage}_grade": errors.grades for stage, errors in stages.items()}
+    columns["reason"] = ["" if refusal is None else refusal.reason for refusal in targets.refusals]
     return csv_text(columns)

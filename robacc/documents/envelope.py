@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import PurePath
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.documents.keys import Later
+from robacc.documents.keys import Key, Kind, Later, array, constant, count, part, table, text
+from robacc.documents.parts import INPUT
 from robacc.io.dialect import for_spreadsheet
 from robacc.poses.reading import PoseFile
-from robacc.quantities import SIGNIFICANT_DIGITS, significant
+from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
 from robacc.version import __version__
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
@@ -33,7 +35,7 @@ def significant_document(value: Any) -> Any:
     if isinstance(value, str | int | None):
         return value
     if isinstance(value, np.ndarray):
-        return significant_array(value) if value.dtype.kind == "f" else value
+        return _significant_array(value) if value.dtype.kind == "f" else value
     if isinstance(value, Later):
         return value.map(significant_document)
     if isinstance(value, Mapping):
@@ -43,7 +45,7 @@ def significant_document(value: Any) -> Any:
     return value
 
 
-def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
+def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
 
     An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
@@ -68,15 +70,17 @@ def significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
 # CSV text from columns.
 
 
-def csv_text(columns: Mapping[str, Iterable[str]]) -> str:
-    """Return a header and a line for each row of columns by name; their cells stand as they are."""
-    rows = zip(*columns.values(), strict=True)
-    return "\n".join([",".join(columns), *(",".join(row) for row in rows)]) + "\n"
+def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
+    """Return a header and a line for each row of columns by name; a column that is None is left out."""
+    present = {name: map(_cell, column) for name, column in columns.items() if column is not None}
+    return "".join(f"{','.join(row)}\n" for row in (present, *zip(*present.values(), strict=True)))
 
 
-def csv_cell(text: str) -> str:
-    """Return the text as a cell, in quotes where a reader would split it; a spreadsheet does not run it."""
-    text = for_spreadsheet(text)
+def _cell(value: Any) -> str:
+    """Return a number as in results, or a text, in quotes where a reader would split it; a spreadsheet runs none."""
+    if isinstance(value, float):
+        return number_text(float(value))
+    text = for_spreadsheet(str(value))
     return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
 
 
@@ -144,4 +148,59 @@ def envelope(
         "inputs": [file.document() for file in inputs],
         "seed": seed,
         **significant_document(payload),
+    }
+
+
+# The JSON Schema of a result, made from the declarations of its keys.
+
+MODULES = {
+    "calibrate": "fit",
+    "check": "gate",
+    "compare": "compare",
+    "compare-paired": "compare",
+    "correct": "correct",
+    "effects": "descriptions",
+    "estimate": "estimate",
+    "estimate-many": "estimate",
+    "export": "descriptions",
+    "iso9283": "iso9283",
+    "iso9283-poses": "iso9283",
+    "plan": "plan",
+    "predict": "predict",
+    "robots": "descriptions",
+    "show": "descriptions",
+    "simulate": "descriptions",
+    "trace": "fit",
+}
+"""Module of :mod:`robacc.documents` that declares a result, by the result's name, which is the declaration's too."""
+
+
+def result_kind(name: str) -> Kind:
+    """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
+    own = part({})
+    if name in MODULES:
+        own = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
+    envelope = {
+        "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
+        "robacc": Key(text, "Version of robacc that made the result."),
+        "command": Key(constant(name), "Command that made the result."),
+        "options": Key(table(), "Options that the figures depend on, by their names on the command line with _ for -."),
+        "inputs": Key(array(INPUT), "Every input file."),
+        "seed": Key(count | None, "Seed of all random numbers; null if there are none."),
+    }
+    return part({**envelope, **(own.keys or {})}, about=own.about)
+
+
+def result_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a result."""
+    kind, version = result_kind(name), schema_version(name)
+    shared: dict[str, Any] = {}
+    schema = kind.schema(shared)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:robacc:schema:{name}:{version}",
+        "title": f"robacc.{name}/{version}",
+        "description": f"{kind.about} Lengths in m, angles in rad; missing numbers are null. Keys may be added.",
+        **schema,
+        "$defs": shared,
     }

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.documents.envelope import csv_cell, csv_text, significant_document
+from robacc.documents.envelope import csv_text, significant_document
 from robacc.documents.gate import GATE_KEY, GATE_RESULT
 from robacc.documents.keys import (
     LEFT_OUT,
@@ -44,12 +44,10 @@ from robacc.documents.parts import (
     rounded,
 )
 from robacc.io.json_text import json_text
-from robacc.quantities import number_text
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import EstimateResult
     from robacc.accuracy.pose_errors import ErrorFrame, FrameStatistics
-    from robacc.geometry import Array
     from robacc.measurements import Measurements
     from robacc.outcomes import FileOutcome
     from robacc.robots.description import Robot
@@ -361,61 +359,30 @@ def pose_payload(
 
 def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
     """Return a CSV row for each pose: its line, its ids, the error vector and its length, in m and rad."""
-    columns: dict[str, Iterable[str]] = {"line": (str(data.line(i)) for i in range(data.n))}
-    for name in ("pose", "cycle", "visit", "target"):
-        ids = getattr(data, name)
-        if ids is not None:
-            columns[name] = (csv_cell(str(value)) for value in ids)
-    columns |= _error_columns(("dx_m", "dy_m", "dz_m", "error_m"), result.errors.position)
-    if result.errors.rotation is not None:
-        columns |= _error_columns(("rx_rad", "ry_rad", "rz_rad", "error_rad"), result.errors.rotation)
+    columns: dict[str, Iterable[Any] | None] = {"line": map(data.line, range(data.n))}
+    columns |= {name: getattr(data, name) for name in ("pose", "cycle", "visit", "target")}
+    for prefix, unit, errors in (("d", "m", result.errors.position), ("r", "rad", result.errors.rotation)):
+        if errors is not None:
+            columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", errors, strict=True)}
+            columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", errors, errors))
     return csv_text(columns)
 
 
-def _error_columns(names: tuple[str, ...], errors: Array) -> dict[str, Iterable[str]]:
-    size = np.sqrt(np.einsum("in,in->n", errors, errors))
-    return {name: map(number_text, values.tolist()) for name, values in zip(names, (*errors, size), strict=True)}
-
-
-def many_pieces(head: Mapping[str, Any], entries: Iterable[tuple[Mapping[str, Any], str | None]]) -> Iterator[str]:
-    """Yield the document's text in pieces, so that memory holds no more than a line of a file's result.
+def many_pieces(head: Mapping[str, Any], outcomes: Iterable[tuple[FileOutcome, str | None]]) -> Iterator[str]:
+    """Yield the document's text in pieces, so that memory holds one file's result at a time.
 
     Args:
         head: Keys about all files; their ``results`` follow.
-        entries: Keys about each file, and the path of its JSON result, which becomes its key ``result``.
+        outcomes: Outcome of each file, and the path of its JSON result, which becomes its key ``result``.
     """
     yield json_text(head).removesuffix("\n}\n") + ',\n  "results": ['
-    separator = "\n"
-    for entry, path in entries:
-        text = json_text(entry).removesuffix("\n}\n")
-        yield separator + _indented(text, "    ")
-        separator = ",\n"
+    separator = "\n    "
+    for outcome, path in outcomes:
+        text = json_text(significant_document(_ENTRY.write(outcome))).removesuffix("\n}\n")
+        yield separator + text.replace("\n", "\n    ")
+        separator = ",\n    "
         if path is not None:
-            yield ',\n      "result": '
-            with Path(path).open(encoding="utf-8") as lines:
-                yield from _nested(lines, "      ")
+            result = Path(path).read_text(encoding="utf-8").removesuffix("\n")
+            yield ',\n      "result": ' + result.replace("\n", "\n      ")
         yield "\n    }"
     yield "\n  ]\n}\n"
-
-
-def totals(outcomes: Sequence[FileOutcome]) -> dict[str, Any]:
-    """Return the number of files, and the number of files that failed."""
-    return {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
-
-
-def _indented(text: str, indent: str) -> str:
-    return indent + text.replace("\n", f"\n{indent}")
-
-
-def _nested(lines: Iterable[str], indent: str) -> Iterator[str]:
-    """Yield a document's lines without the last line end; all lines but the first are indented."""
-    ending = ""
-    for line in lines:
-        yield ending + (indent if ending else "") + line.rstrip("\n")
-        ending = "\n"
-
-
-def entry(outcome: FileOutcome) -> Document:
-    """Return the keys about one file other than its result."""
-    document: Document = significant_document(_ENTRY.write(outcome))
-    return document

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,13 +51,12 @@ from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics
+    from robacc.accuracy.pose_errors import ErrorMetrics
     from robacc.accuracy.stages import Residuals, Stage
     from robacc.calibration.calibrating import Calibration
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
-    from robacc.tracing.findings import Finding
     from robacc.tracing.judging import Judged
     from robacc.tracing.trace import Trace
 
@@ -465,13 +464,6 @@ CALIBRATE = part(
 )
 
 
-def _change(finding: Finding) -> Document | None:
-    if finding.change is None:
-        return None
-    unit = "s" if "from_time_s" in finding.settings else "line"
-    return dict(zip(("at", "low", "high"), finding.change, strict=True), unit=unit)
-
-
 FINDING = part(
     {
         "effect": Key(text, "Name of the effect."),
@@ -586,18 +578,20 @@ FINDING = part(
                     "at": Key(
                         number,
                         "Time of the step, or line of the first pose after it.",
+                        lambda finding: finding.change[0],
                     ),
-                    "low": Key(number, "First place of the 95 % interval."),
-                    "high": Key(number, "Last place of the 95 % interval."),
+                    "low": Key(number, "First place of the 95 % interval.", lambda finding: finding.change[1]),
+                    "high": Key(number, "Last place of the 95 % interval.", lambda finding: finding.change[2]),
                     "unit": Key(
                         choice("s", "line"),
                         "Unit of the three: s, or line for the line (or row) of the file.",
+                        lambda finding: "s" if "from_time_s" in finding.settings else "line",
                     ),
                 }
             )
             | None,
             "Place of a step in the sequence of poses; null for every other effect.",
-            _change,
+            lambda finding: None if finding.change is None else finding,
         ),
         "validity": Key(
             table(array(number, 2)),
@@ -824,46 +818,36 @@ TRACE = part(
 
 # Stages of a fit: the metrics of each stage with their intervals.
 
-
-class ErrorRows(NamedTuple):
-    """Residuals behind the metrics of a stage."""
-
-    residual: Array
-    """``(3 or 6, N)`` m, rad"""
-    used: NDArray[np.bool_]
-    """``(N,)`` mask of the rows that are not outliers."""
-    groups: NDArray[np.int64]
-    """``(N,)`` number of each row's commanded pose; intervals are over poses, repetitions staying together."""
+ErrorRows = tuple[Array, NDArray[np.bool_], NDArray[np.int64]]
+"""Residuals ``(3 or 6, N)`` m, rad; mask ``(N,)`` of the rows that are not outliers; number ``(N,)`` of each row's
+commanded pose: intervals are over poses, repetitions staying together."""
 
 
-def stage_document(stage: Stage, fitted: ErrorRows, held_out: ErrorRows | None, seed: int) -> Document:
-    """Return the metrics of one stage on calibration poses, and on held-out poses if there are any.
+def _stage(stage: Stage, rows: Mapping[str, ErrorRows | None], seed: int) -> Document:
+    """Return the metrics of one stage on the sets of poses ``rows``: ``fitted``, and ``held_out`` if there are any.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
 
-    def figures(metrics: PoseMetrics | None, errors: ErrorRows | None, *, every: bool) -> Document | None:
-        if metrics is None or errors is None:
+    def figures(name: str) -> Document | None:
+        metrics, own = getattr(stage, name), rows[name.removesuffix("_inliers")]
+        if metrics is None or own is None:
             return None
-        used = np.ones_like(errors.used) if every else errors.used
+        errors, used, groups = own
+        shown = used | (not name.endswith("inliers"))
         return {
-            name: None if own is None else _figures(own, errors.residual[rows, used], errors.groups[used], unit, seed)
-            for (unit, name), rows, own in zip(
-                QUANTITIES, (slice(0, 3), slice(3, 6)), (metrics.position, metrics.orientation), strict=True
-            )
+            "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
+            "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
         }
 
-    return STAGE.write(
-        {
-            "fitted": figures(stage.fitted, fitted, every=True),
-            "fitted_inliers": figures(stage.fitted_inliers, fitted, every=False),
-            "held_out": figures(stage.held_out, held_out, every=True),
-            "held_out_inliers": figures(stage.held_out_inliers, held_out, every=False),
-        }
-    )
+    return STAGE.write({name: figures(name) for name in STAGE.keys or ()})
 
 
-def _figures(metrics: ErrorMetrics, errors: Array, groups: NDArray[np.int64], unit: str, seed: int) -> Document:
+def _figures(
+    metrics: ErrorMetrics | None, errors: Array, groups: NDArray[np.int64], unit: str, seed: int
+) -> Document | None:
+    if metrics is None:
+        return None
     intervals: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
     if errors.shape[1]:
         (intervals,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
@@ -886,27 +870,21 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
         seed: Seed of the resampling behind intervals.
     """
     residuals, holdout = result.residuals, result.holdout
-    groups, used = places(data), result.fit.inliers
-    fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
-    held_out: tuple[Array | None, ...] = (
-        residuals.unregistered,
-        residuals.held_out_nominal,
-        residuals.held_out_before,
-        residuals.held_out_after,
-    )
-    held_out_groups, held_out_used = groups, used
+    inner = residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after
+    fitted = held_out = (result.fit.inliers, places(data))
+    of_held_out: tuple[Array | None, ...] = (residuals.unregistered, *inner)
     if holdout is not None and apart is not None:
-        held_out = (holdout.unregistered, holdout.nominal, holdout.before, holdout.after)
-        held_out_groups, held_out_used = places(apart), np.ones(apart.n, dtype=bool)
+        of_held_out = holdout.unregistered, holdout.nominal, holdout.before, holdout.after
+        held_out = np.ones(apart.n, dtype=bool), places(apart)
+    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     stages = {
-        name: stage_document(
+        name: _stage(
             getattr(result, name),
-            ErrorRows(errors, used, groups),
-            None if held_out_errors is None else ErrorRows(held_out_errors, held_out_used, held_out_groups),
+            {"fitted": (own, *fitted), "held_out": None if other is None else (other, *held_out)},
             seed,
         )
-        for name, errors, held_out_errors in zip(
-            ("nominal_unregistered", "nominal", "before", "after"), fitted, held_out, strict=True
+        for name, own, other in zip(
+            ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
         )
     }
 
@@ -918,7 +896,7 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
         "n_poses": data.n,
         "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
         "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
-        "poses": poses(data, residuals, used),
+        "poses": poses(data, residuals, result.fit.inliers),
         "poses_apart": None if apart is None or holdout is None else poses(apart, holdout, None),
     }
 

@@ -17,36 +17,26 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
         InputError: A file cannot be read, has an unknown key or a value that is not one line of text.
         UsageError: A text has an unknown key.
     """
+    from robacc.io.files import read_text
+    from robacc.io.yaml_nodes import Source, compose, nearest
+
     identity: dict[str, str] = {}
     for source in sources:
-        key, sign, value = source.partition("=")
-        if sign and not os.path.isfile(source):
-            identity |= _pair(key.strip(), value.strip())
+        key, sign, value = (word.strip() for word in source.partition("="))
+        if not sign or os.path.isfile(source):
+            file = Source(source)
+            top = file.section(compose(read_text(source), source), "", tuple(IDENTITY))
+            stated = {} if top is None else read_section(top)
+            file.finish()
+            if not stated:
+                fix = f"write at least one of {', '.join(IDENTITY)}"
+                raise InputError(Problem("names nothing of what was tested", source, fix=fix))
+            identity |= stated
+        elif key not in IDENTITY:
+            fix = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
+            raise UsageError(f"`identity`: unknown key {key!r}; {fix}")
+        elif not value or not value.isprintable():
+            raise UsageError(f"`identity`: expected one line of text for {key}, found {value!r}")
         else:
-            identity |= _file(source)
+            identity[key] = value
     return {key: identity[key] for key in IDENTITY if key in identity}
-
-
-def _pair(key: str, value: str) -> dict[str, str]:
-    from robacc.io.yaml_nodes import nearest
-
-    if key not in IDENTITY:
-        fix = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
-        raise UsageError(f"`identity`: unknown key {key!r}; {fix}")
-    if not value or not value.isprintable():
-        raise UsageError(f"`identity`: expected one line of text for {key}, found {value!r}")
-    return {key: value}
-
-
-def _file(path: str) -> dict[str, str]:
-    from robacc.io.files import read_text
-    from robacc.io.yaml_nodes import Source, compose
-
-    source = Source(path)
-    top = source.section(compose(read_text(path), path), "", tuple(IDENTITY))
-    identity = {} if top is None else read_section(top)
-    source.finish()
-    if not identity:
-        fix = f"write at least one of {', '.join(IDENTITY)}"
-        raise InputError(Problem("names nothing of what was tested", path, fix=fix))
-    return identity

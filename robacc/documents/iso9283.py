@@ -8,7 +8,7 @@ with its interval under ``intervals``, so that a gate's ``iso9283.RP.max`` finds
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
@@ -29,18 +29,10 @@ from robacc.documents.keys import (
 from robacc.documents.parts import ALIGNMENT, INTERVAL, OUTSIDE_KEY, WARNINGS, texts
 from robacc.geometry import quaternion_from_rotation
 
-if TYPE_CHECKING:
-    pass
-
 
 def _each(figures: str, name: str) -> Callable[[Any], Any]:
     """Return a source: the attribute ``name`` of each of the figures of a place; None without figures."""
-
-    def values(place: Any) -> Any:
-        own = getattr(place, figures)
-        return None if own is None else [getattr(figure, name) for figure in own]
-
-    return values
+    return lambda place: getattr(place, figures) and [getattr(figure, name) for figure in getattr(place, figures)]
 
 
 def _symbol(symbol: str) -> Callable[[Any], Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING, Any, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -51,10 +51,6 @@ _COVARIANCE_DIGITS = 8
 """Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
-@overload
-def rounded(values: Array) -> Array: ...
-@overload
-def rounded(values: Array | None) -> Array | None: ...
 def rounded(values: Array | None) -> Array | None:
     """Return rounded values with poses first, the order of a document; None without values."""
     return None if values is None else np.round(values, _DECIMALS).T
@@ -451,29 +447,33 @@ _POSES = {
 }
 _ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
 POSES = part(_POSES, "poses", _ABOUT_POSES)
+
+
+def _errors(stage: str, axes: slice) -> Callable[[Residuals], Any]:
+    """Return a source: the rows ``axes`` of the residuals of a stage."""
+    return lambda residuals: None if getattr(residuals, stage) is None else rounded(getattr(residuals, stage)[axes])
+
+
 _STAGE_ERRORS = {
     unit: part(
         {
-            "nominal_unregistered": Key(
+            key: Key(
                 rows3 | None,
-                f"Errors of the nominal model as it stands in the robot file, {unit}; null if there are none.",
-            ),
-            "nominal": Key(rows3 | None, f"Errors of the nominal model, registered, {unit}; null if there are none."),
-            "before": Key(rows3 | None, f"Errors of the baseline, {unit}; null if there are none."),
-            "after": Key(rows3 | None, f"Errors of the extended model, {unit}; null if there are none."),
-            "held_out_nominal": Key(
-                rows3 | None,
-                f"Errors of the nominal model registered without the pose, {unit}; null if there are none.",
-            ),
-            "held_out_before": Key(
-                rows3 | None, f"Errors of the baseline fitted without the pose, {unit}; null if there are none."
-            ),
-            "held_out_after": Key(
-                rows3 | None, f"Errors of the extended model fitted without the pose, {unit}; null if there are none."
-            ),
+                f"Errors of {about}, {unit}; null if there are none.",
+                _errors(key.removeprefix("nominal_"), axes),
+            )
+            for key, about in (
+                ("nominal_unregistered", "the nominal model as it stands in the robot file"),
+                ("nominal", "the nominal model, registered"),
+                ("before", "the baseline"),
+                ("after", "the extended model"),
+                ("held_out_nominal", "the nominal model registered without the pose"),
+                ("held_out_before", "the baseline fitted without the pose"),
+                ("held_out_after", "the extended model fitted without the pose"),
+            )
         }
     )
-    for unit, _ in QUANTITIES
+    for unit, axes in (("m", slice(0, 3)), ("rad", slice(3, 6)))
 }
 FITTED_POSES = part(
     {
@@ -505,22 +505,10 @@ def pose_document(
     columns = {key: given.get(key) or partial(entry.value, key, data) for key, entry in _POSES.items()}
     if residuals is None:
         return Later(columns)
-    by_stage = {
-        "nominal_unregistered": residuals.unregistered,
-        "nominal": residuals.nominal,
-        "before": residuals.before,
-        "after": residuals.after,
-        "held_out_nominal": residuals.held_out_nominal,
-        "held_out_before": residuals.held_out_before,
-        "held_out_after": residuals.held_out_after,
-    }
-    for name, part_of in (("errors_m", slice(0, 3)), ("errors_rad", slice(3, 6))):
-        errors = {
-            stage: partial(rounded, None if residual is None else residual[part_of])
-            for stage, residual in by_stage.items()
-        }
-        stages = Later(errors) if part_of.start < len(residuals.nominal) else None
-        columns[name] = partial(lambda stages: stages, stages)
+    for unit, errors in _STAGE_ERRORS.items():
+        sources = {key: partial(entry.value, key, residuals) for key, entry in (errors.keys or {}).items()}
+        stages = Later(sources) if unit == "m" or len(residuals.nominal) > 3 else None
+        columns[f"errors_{unit}"] = partial(lambda stages: stages, stages)
     return Later(columns)
 
 

@@ -53,26 +53,14 @@ _POINT = part(
 
 def _visits(plan: CampaignPlan) -> Document:
     visits = plan.visits()
-    assert visits.direction is not None
-    assert visits.speed is not None
     return {
         "pose": texts(visits.pose),
         "role": list(plan.route.roles),
         "q": rounded(plan.q),
-        "direction": visits.direction.T.astype(int),
+        "direction": None if visits.direction is None else visits.direction.T.astype(int),
         "speed": rounded(visits.speed),
         "payload_kg": plan.payload_kg,
         "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
-    }
-
-
-def _validation(plan: CampaignPlan) -> Document | None:
-    if plan.validation is None:
-        return None
-    return {
-        "q": rounded(plan.validation),
-        "payload_kg": plan.validation_payload,
-        "target_in_base_m": rounded(targets_in_base(plan.robot, plan.validation)),
     }
 
 
@@ -230,20 +218,26 @@ PLAN = part(
         "validation": Key(
             part(
                 {
-                    "q": Key(array(array(number)), "Joint variables of each pose, rad or m."),
+                    "q": Key(
+                        array(array(number)),
+                        "Joint variables of each pose, rad or m.",
+                        lambda plan: rounded(plan.validation),
+                    ),
                     "payload_kg": Key(
                         array(number) | None,
                         "Payload of each pose, kg; null where no payload was given.",
+                        "validation_payload",
                     ),
                     "target_in_base_m": Key(
                         array(array(number)),
                         "Nominal position of the target in the base frame, m; the mean of several targets.",
+                        lambda plan: rounded(targets_in_base(plan.robot, plan.validation)),
                     ),
                 }
             )
             | None,
             "Validation poses in order; null without.",
-            _validation,
+            lambda plan: None if plan.validation is None else plan,
         ),
         "instrument_in_base_m": Key(
             array(number) | None,

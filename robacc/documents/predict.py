@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robacc.documents.envelope import csv_text
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
     Document,
@@ -30,7 +31,6 @@ from robacc.documents.keys import (
 )
 from robacc.documents.parts import OUTSIDE_KEY, QUANTITIES, REGISTERED_PARAMETER, ROBOT, robot_document, rounded
 from robacc.prediction.predicting import warranty_map
-from robacc.quantities import number_text
 from robacc.robots.arm import build_chain
 
 if TYPE_CHECKING:
@@ -479,9 +479,8 @@ def payload(
     """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
     covered: Document | None = None
     if coverage:
-        shares: Document = {item.quantity: COVERED.write(item) for item in coverage}
-        first = coverage[0]
-        covered = {"probability": first.probability, "registered": first.registered, "orientation": None, **shares}
+        covered = {"probability": coverage[0].probability, "registered": coverage[0].registered, "orientation": None}
+        covered |= {item.quantity: COVERED.write(item) for item in coverage}
     return _PREDICTION.write(prediction, allocation=allocation, against=comparison, coverage=covered)
 
 
@@ -505,17 +504,11 @@ def pose_payload(prediction: Prediction, robot: Robot) -> Document:
 def per_pose_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
     """Return a CSV row for each pose: its label, joint variables and predicted errors (m, rad, tool frame)."""
     configurations = prediction.configurations
-    header = ["pose", *joint_names]
-    columns: list[list[str]] = [[configurations.label(i) for i in range(configurations.n)]]
-    columns += [[number_text(value) for value in row] for row in configurations.q.tolist()]
+    columns: dict[str, Iterable[Any] | None] = {"pose": map(configurations.label, range(configurations.n))}
+    columns |= dict(zip(joint_names, configurations.q, strict=True))
     for errors in (prediction.position, prediction.orientation):
         unit = errors.unit
-        header += [f"rms_{unit}", f"radius95_{unit}"]
-        rows = [errors.pose_rms, errors.pose_radius95]
-        for i, first in enumerate("xyz"):
-            for j, second in list(enumerate("xyz"))[i:]:
-                header.append(f"v_{first}{second}_{unit}2")
-                rows.append(errors.covariance[i, j])
-        columns += [[number_text(value) for value in row.tolist()] for row in rows]
-    lines = [",".join(header), *(",".join(row) for row in zip(*columns, strict=True))]
-    return "\n".join(lines) + "\n"
+        columns |= {f"rms_{unit}": errors.pose_rms, f"radius95_{unit}": errors.pose_radius95}
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            columns[f"v_{'xyz'[i]}{'xyz'[j]}_{unit}2"] = errors.covariance[i, j]
+    return csv_text(columns)

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.documents.envelope import InputFile, schema_version
+from robacc.documents.envelope import InputFile, result_kind, schema_version
 from robacc.documents.keys import shortened
-from robacc.documents.schemas import result_kind
 from robacc.errors import InputError, Problem
 from robacc.io.files import read_text, sha256_of
 
@@ -120,10 +119,9 @@ def _refused(constant: str) -> float:
 
 
 def _finite(text: str) -> float:
-    number = float(text)
-    if not math.isfinite(number):
+    if not math.isfinite(float(text)):
         raise ValueError(f"the number {text[:40]} is too large")
-    return number
+    return float(text)
 
 
 def _whole(text: str) -> int:
@@ -178,28 +176,16 @@ def pose_columns(document: Document) -> Columns:
         columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses["q"], dtype=float).T)}
     for prefix, key in (("cmd_", "commanded_m"), ("", "attained_m")):
         columns |= _vector(f"{prefix}{{}}_m", poses.get(key))
-    for unit in ("m", "rad"):
-        columns |= _errors(document, poses.get(f"errors_{unit}"), unit)
-    return columns
-
-
-def _errors(document: Document, stages: object, unit: str) -> Columns:
-    """Return the errors of each stage of a fit, or the errors of an estimate."""
-    if isinstance(stages, Mapping):
-        columns: Columns = {}
-        for stage, errors in stages.items():
-            columns |= _with_length(f"{stage}_error", errors, unit)
-        return columns
-    quantity = document.get("position" if unit == "m" else "orientation")
-    errors = quantity.get(f"errors_{unit}") if isinstance(quantity, Mapping) else None
-    return _with_length("error" if unit == "m" else "turn", errors, unit)
-
-
-def _with_length(name: str, errors: object, unit: str) -> Columns:
-    if errors is None:
-        return {}
-    columns = _vector(f"{name}_{{}}_{unit}", errors)
-    columns[f"{name}_{unit}"] = np.linalg.norm(np.asarray(errors, dtype=float), axis=1)
+    for unit, quantity, name in (("m", "position", "error"), ("rad", "orientation", "turn")):
+        stages = poses.get(f"errors_{unit}")
+        if isinstance(stages, Mapping):
+            errors = {f"{stage}_error": rows for stage, rows in stages.items()}
+        else:
+            errors = {name: (document.get(quantity) or {}).get(f"errors_{unit}")}
+        for own, rows in errors.items():
+            columns |= _vector(f"{own}_{{}}_{unit}", rows)
+            if rows is not None:
+                columns[f"{own}_{unit}"] = np.linalg.norm(np.asarray(rows, dtype=float), axis=1)
     return columns
 
 

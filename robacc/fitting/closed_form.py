@@ -56,7 +56,7 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     inliers = np.ones(data.n, dtype=bool)
     registered = robot
     for _ in range(2):
-        registered = _register(robot, data.subset(inliers), base, tool)
+        registered = _register(robot, data.subset(np.flatnonzero(inliers)), base, tool)
         error = np.linalg.norm(data.position - predict(registered, data).translation, axis=0)
         trimmed = error <= _TRIM * np.median(error)
         if trimmed.all() or trimmed.sum() < max(needed, data.n // 2):

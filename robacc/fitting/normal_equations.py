@@ -168,8 +168,9 @@ class WhitenedRows:
 
     def gram(self, components: slice) -> Array:
         """Return ``(K + 1, K + 1)`` the Gram matrix of all columns and the residual, of some of their M components."""
-        rows = self.rows.swapaxes(0, 1)[components]
-        built: Array = np.sum(rows @ rows.swapaxes(1, 2), axis=0)
+        rows = self.rows[:, components]
+        flat = rows.reshape(len(rows), -1)
+        built: Array = flat @ flat.T
         if not self.profiles:
             return built
         size = self.places.size + sum(profile.places.size for profile in self.profiles)
@@ -178,7 +179,7 @@ class WhitenedRows:
         result[np.ix_(at, at)] = built
         for i, profile in enumerate(self.profiles):
             column = profile.column[components]
-            cross = np.einsum("mkn,mn->kn", rows, column) @ profile.factors.T
+            cross = np.einsum("kmn,mn->kn", rows, column) @ profile.factors.T
             result[np.ix_(at, profile.places)], result[np.ix_(profile.places, at)] = cross, cross.T
             scaled = profile.factors * np.sqrt(np.einsum("mn,mn->n", column, column))
             result[np.ix_(profile.places, profile.places)] = scaled @ scaled.T
@@ -303,15 +304,15 @@ class PoseEquations:
 
     def _summed(self, theta: Array, white: Whitening) -> tuple[PredictedPoses, NormalEquations, list[WhitenedRows]]:
         """Predict, and sum the normal equations over the blocks; return the whitened rows of the last block too."""
-        # Gram matrices of positions and of orientations, with the residual as the last column.
+        # Gram matrices of all components and, beside orientations, of positions, with the residual as the last column.
         grams = np.zeros((self.rows // 3, self.columns.size + 1, self.columns.size + 1))
         residual, parts = np.empty((self.rows, self.data.n)), list[WhitenedRows]()
         for index, white_block in enumerate(self._block_maps(white)):
             residual[:, self._slices[index]], parts = self._whitened(theta, white_block, index)
             for rows in parts:
-                for kind, total in enumerate(grams):
-                    total += rows.gram(slice(3 * kind, 3 * kind + 3))
-        gram, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
+                for total, components in zip(grams, (slice(None), slice(3)), strict=False):
+                    total += rows.gram(components)
+        gram, of_position = grams[0], grams[-1, :-1, :-1]
         cost = float(gram[-1, -1])
         normal = NormalEquations(theta[self.columns], gram[:-1, :-1], of_position, gram[:-1, -1], cost)
         return PredictedPoses(theta, residual), normal, parts
@@ -325,8 +326,14 @@ class PoseEquations:
         """
         _, normal, parts = self._summed(theta, white)
         if len(self._slices) == 1:
-            columns = [rows.flat[np.searchsorted(rows.places, free)] for rows in parts]
-            return np.asarray(np.linalg.qr(np.concatenate(columns, axis=1).T, mode="r")), normal
+            columns = [rows.flat[np.append(np.searchsorted(rows.places, free), rows.places.size)] for rows in parts]
+            triangle = np.asarray(np.linalg.qr(np.concatenate(columns, axis=1).T, mode="r"))
+            if free.size == self.columns.size:
+                gram = triangle.T @ triangle
+                normal = dataclasses.replace(
+                    normal, gram=gram[:-1, :-1], gradient=gram[:-1, -1], cost=float(gram[-1, -1])
+                )
+            return triangle[:, :-1], normal
         gram = normal.gram[np.ix_(free, free)]
         length = np.sqrt(np.diag(gram))
         scale = np.where(length > 0.0, length, 1.0)

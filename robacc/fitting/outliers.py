@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BLOCK
+from robacc.fitting.whitening import sum_of_squares
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise, NoiseSource, weights
@@ -35,11 +37,14 @@ def estimate(
     ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
     leverages of their residuals (restricted maximum likelihood at given weights).
     """
-    residual = residual if inliers.all() else residual[:, inliers]
-    position = _misfit(residual[:3], _position_variance(data, inliers), used[0])
+    rows = slice(None) if data.n > BLOCK and inliers.all() else inliers  # of many rows without a copy
+    known = data.position_variance
+    variance = 0.0 if known is None else np.broadcast_to(known, (3, data.n))[:, inliers]
+    position = _misfit(residual[:3, rows], variance, used[0])
     if residual.shape[0] == 3:
         return position, 0.0
-    return position, _misfit(residual[3:], _variance(data.sigma_rotation, inliers), used[1])
+    turned = 0.0 if data.sigma_rotation is None else np.square(data.sigma_rotation[inliers])
+    return position, _misfit(residual[3:, rows], turned, used[1])
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
@@ -59,7 +64,7 @@ def inlier_mask(
     ``tolerance`` multiplies the limit of the length.
     """
     rows, n = residual.shape
-    distance = np.einsum("mn,mn,mn,mn->n", residual, residual, weight, weight) / rows
+    distance = np.square(residual * weight).mean(axis=0)
     scale = float(np.median(distance)) / _MEDIAN[rows]
     if scale <= 0:
         return inliers
@@ -85,20 +90,11 @@ def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) ->
     return Noise.of_variances(np.mean(position, axis=1) + misfit[0] ** 2, turned, source)
 
 
-def _position_variance(data: Measurements, inliers: NDArray[np.bool_]) -> Array | float:
-    variance = data.position_variance
-    return 0.0 if variance is None else np.broadcast_to(variance, (3, data.n))[:, inliers]
-
-
-def _variance(column: Array | None, inliers: NDArray[np.bool_]) -> Array | float:
-    return 0.0 if column is None else np.square(column[..., inliers])
-
-
 def _misfit(residual: Array, known: Array | float, used: float) -> float:
     """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
     dof = max(residual.size - used, _LEAST_DOF * residual.size)
     if isinstance(known, float):
-        return float(np.sqrt(np.einsum("mn,mn->", residual, residual) / dof))
+        return float(np.sqrt(sum_of_squares(residual) / dof))
     square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0
@@ -194,7 +190,8 @@ def _quantities(data: Measurements, names: tuple[str, ...]) -> Iterator[tuple[st
             )
     for name, values in zip("xyz", data.position, strict=True):
         columns.append((name, "m", values))
-    columns.append(("the distance from the centre of the poses", "m", _from_centre(data.position)))
+    from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
+    columns.append(("the distance from the centre of the poses", "m", from_centre))
     columns.append(("time", "s", data.time))
     columns.append(("temperature", "°C", data.temperature))
     columns.append(("payload", "kg", data.payload))
@@ -202,12 +199,6 @@ def _quantities(data: Measurements, names: tuple[str, ...]) -> Iterator[tuple[st
     for name, unit, column in columns:
         if column is not None and np.ptp(column) > 0:
             yield name, unit, column
-
-
-def _from_centre(position: Array) -> Array:
-    centre = np.median(position, axis=1, keepdims=True)
-    distance: Array = np.linalg.norm(position - centre, axis=0)
-    return distance
 
 
 def _by_chance(values: Array, outliers: NDArray[np.bool_]) -> float:

@@ -27,42 +27,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 
-# Weights of the residuals in one fit: noise and misfit, and scatter of the joints.
-
-
-class FitWeights:
-    """Reciprocal standard deviations ``row`` ``(M, N)`` of the noise, and whitening with them."""
-
-    def __init__(
-        self, data: Measurements, options: Options, joint_columns: Array | None, misfit: tuple[float, float]
-    ) -> None:
-        """Weight ``data`` for a ``misfit`` of position (m) and orientation (rad).
-
-        ``joint_columns`` ``(M, J, N)`` are those of the joint variables; None without scatter.
-        """
-        self._data, self._columns, self._scatter = data, joint_columns, options.scatter
-        self._visits = visit_numbers(data)
-        self._latest: Whitening | None = None
-        self.set_misfit(misfit)
-
-    def set_misfit(self, misfit: tuple[float, float]) -> None:
-        """Weight for another misfit."""
-        self.row: Array = row_weights(self._data, misfit)
-
-    def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
-        """Return the whitening of the inliers, or of all rows if ``inliers`` is None."""
-        weight = self.row if inliers is None or inliers.all() else self.row * inliers
-        if self._latest is None or not (self._latest.weight is weight or np.array_equal(self._latest.weight, weight)):
-            self._latest = self._whitening(weight)
-        return self._latest
-
-    def _whitening(self, weight: Array) -> Whitening:
-        noise = self._data.correlated_noise
-        if self._columns is not None and self._scatter is not None:
-            return whitening(weight, self._columns, self._scatter, self._visits, noise)
-        return Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
-
-
 # Gauss-Newton with exact Jacobians, re-linearised to convergence: the sum of whitened squares and of Gaussian priors.
 #
 # Residual and Jacobian of a step are one evaluation; the last step needs the residual alone. A step that would raise
@@ -316,8 +280,9 @@ class _Solver:
         start = np.zeros(len(terms)) if options.start is None else options.start.copy()
         self.predicted = self.equations.predict(start, ahead=not start.any())
         self.misfit = options.misfit or outliers.estimate(data, self.predicted.residual, self.inliers, (0.0, 0.0))
-        columns = self.equations.joint_columns(model) if self._has_scatter else None
-        self.weights = FitWeights(data, options, columns, self.misfit)
+        self.joint_columns = self.equations.joint_columns(model) if self._has_scatter else None
+        self.row = row_weights(data, self.misfit)
+        self.latest: Whitening | None = None
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
@@ -325,6 +290,17 @@ class _Solver:
     @property
     def _has_scatter(self) -> bool:
         return self.options.scatter is not None and bool(self.options.scatter.any())
+
+    def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
+        """Return the whitening of the inliers, or of all rows if ``inliers`` is None; the latest is kept."""
+        weight = self.row if inliers is None or inliers.all() else self.row * inliers
+        if self.latest is None or not (self.latest.weight is weight or np.array_equal(self.latest.weight, weight)):
+            noise, scatter = self.data.correlated_noise, self.options.scatter
+            if self.joint_columns is not None and scatter is not None:
+                self.latest = whitening(weight, self.joint_columns, scatter, visit_numbers(self.data), noise)
+            else:
+                self.latest = Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
+        return self.latest
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.
@@ -342,7 +318,7 @@ class _Solver:
         if not at_nominal:
             self.equations.columns = np.array(free, dtype=np.int64)
         independent = np.searchsorted(self.equations.columns, free)
-        triangle, normal = self.equations.factorise(nominal, self.weights.whitening(), independent)
+        triangle, normal = self.equations.factorise(nominal, self.whitening(), independent)
         identified = identify_terms(triangle, [terms[i] for i in free], self.data.n)
         measured = self.equations.rows * self.data.n
         if identified.columns.size >= measured and terms:
@@ -387,7 +363,7 @@ class _Solver:
 
     def _minimise(self) -> NormalEquations:
         precision, tolerance = self.priors.precision, self.options.tolerance
-        white = self.weights.whitening(self.inliers)
+        white = self.whitening(self.inliers)
         minimum = minimise(self.equations, self.predicted, self.normal, white, precision, tolerance)
         self.predicted = minimum.predicted
         self.steps += minimum.steps
@@ -404,7 +380,7 @@ class _Solver:
         previous = self.misfit
         used = self._effective(linear)
         self.misfit = outliers.estimate(self.data, self.predicted.residual, self.inliers, used)
-        self.weights.set_misfit(self.misfit)
+        self.row = row_weights(self.data, self.misfit)
         self.normal = None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
@@ -423,7 +399,7 @@ class _Solver:
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
-        weight, count = self.weights.whitening().row_weight, self.equations.columns.size
+        weight, count = self.whitening().row_weight, self.equations.columns.size
         inliers = outliers.inlier_mask(self.predicted.residual, weight, self.inliers, count)
         if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
@@ -440,8 +416,8 @@ class _Solver:
         """Return the fit; ``linear`` is the last linearisation."""
         equations, predicted = self.equations, self.predicted
         columns, prior = equations.columns, self.priors.precision[equations.columns]
-        white = self.weights.whitening()
-        chi_square = self.weights.whitening(self.inliers).cost(predicted.residual)
+        white = self.whitening()
+        chi_square = self.whitening(self.inliers).cost(predicted.residual)
         components = float(np.count_nonzero(self.inliers) * equations.rows)
         dof = components - self.priors.effective(linear, columns)
         count = len(equations.terms)

@@ -24,6 +24,15 @@ _MOST_NUMBERS = 2**21
 """Numbers of which copies are made at a time."""
 
 
+def sum_of_squares(values: Array, weight: Array | None = None) -> float:
+    """Return the sum of the squares of ``(M, N)``, times ``weight`` ``(M, N)`` if given, a part at a time."""
+    total = 0.0
+    for start in range(0, values.shape[1], _MOST_NUMBERS // 32):
+        part = slice(start, start + _MOST_NUMBERS // 32)
+        total += float(np.sum(np.square(values[:, part] if weight is None else values[:, part] * weight[:, part])))
+    return total
+
+
 @dataclass(frozen=True, slots=True)
 class BlockFactor:
     """Whitening factors of the visits with a given number of rows."""
@@ -80,8 +89,8 @@ class Whitening:
     def cost(self, values: Array) -> float:
         """Return the sum of the squares of ``(M, N)`` whitened."""
         if self.blocks:
-            return float(np.sum(np.square(self.apply(values))))
-        return float(np.einsum("mn,mn,mn,mn->", values, values, self.weight, self.weight))
+            return sum_of_squares(self.apply(values))
+        return sum_of_squares(values, self.weight)
 
     def apply_transposed(self, values: Array) -> Array:
         """Return ``(..., M, N)`` multiplied by the transposed map."""

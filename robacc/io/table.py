@@ -115,6 +115,8 @@ class Table:
         self.skip_gaps = skip_gaps
         self.remarks: list[str] = []
         """How the table differs from the documented form, and how it came to be, for a message."""
+        self.doubts: list[str] = []
+        """Warnings of the table as a whole, once the body was read."""
         self.gaps: set[int] = set()
         """Lines or rows that are left out because a value is missing."""
         if len(names) > MAX_COLUMNS:
@@ -250,7 +252,7 @@ class TextTable(Table):
             for problem in self._reader.not_text:
                 self.log.add(problem.message, problem.line, fix=problem.fix)
         if cut := self._cut(last):
-            self.log.warn(cut, of_file=True)
+            self.doubts.append(cut)
         self.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._reader.encoding == "UTF-8" else self._reader.encoding,
@@ -305,9 +307,7 @@ class TextTable(Table):
         kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
         dtype = np.dtype(float) if only_numbers else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
         dialect = self.dialect
-        if (texts and (dialect.decimal_comma or any('"' in line for line in lines))) or (
-            dialect is not PLAIN and any('"' in line for line in lines)
-        ):
+        if (texts and dialect.decimal_comma) or ((texts or dialect is not PLAIN) and '"' in "".join(lines)):
             return None
         if dialect.decimal_comma:
             if any("." in line for line in lines):  # a point may separate thousands: field by field it is refused
@@ -338,7 +338,7 @@ class TextTable(Table):
         if not np.isfinite(values).all():
             return None
         columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
-        if any(not 0 < len(text) <= MAX_TEXT for column in columns for text in column):
+        if any(column and not 0 < min(map(len, column)) <= max(map(len, column)) <= MAX_TEXT for column in columns):
             return None
         arrays = tuple(np.array(column, dtype=str) for column in columns)
         return TableBody(values, arrays, np.arange(values.shape[1], dtype=np.int64))

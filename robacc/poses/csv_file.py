@@ -179,7 +179,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
     }
     count, listed = len(table.gaps), ", ".join(map(str, sorted(table.gaps)[:6])) + " …" * (len(table.gaps) > 6)
     left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
-    for remark in (Note(table.description()), left_out * bool(count)):
+    for remark in (Note(table.description()), left_out * bool(count), *table.doubts):
         if remark:
             log.warn(remark, of_file=True)
     numbers = body.numbers

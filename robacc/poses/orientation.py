@@ -61,10 +61,12 @@ def conventions(
     layout, log, n = values.layout, values.log, values.lines.size
     orientations = {prefix: keys for prefix in ("", "cmd_") if (keys := layout.orientation(prefix)) is not None}
     stated: dict[str, str | None] = {}
-    for prefix in orientations:
+    for prefix, keys in orientations.items():
         named = layout.angles.get(prefix, ())
-        of_quaternion = reading.angles in _OPTIONS[QUATERNION[0]] and not named and reading.columns is None
-        stated[prefix] = named[0] if len(named) == 1 else None if of_quaternion else reading.angles
+        # The order of a quaternion is no statement on angles, nor on names that say the order.
+        is_open = keys[0] == prefix + QUATERNION[0] and (named or reading.columns is not None)
+        angles = reading.angles if is_open or reading.angles not in _OPTIONS[QUATERNION[0]] else None
+        stated[prefix] = named[0] if len(named) == 1 else angles
     chosen = {prefix: _convention(keys, stated[prefix]) for prefix, keys in orientations.items()}
     rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
     is_sound = n > 0 and not log.total  # without sound numbers a trial shows nothing
@@ -91,10 +93,10 @@ def conventions(
         if stated[prefix] or is_quaternion or not is_sound:
             continue
         options = open_names or _OPTIONS[keys[0].removeprefix("cmd_")]
-        known, angles = known_orientations(prefix), values.column_set(keys)
-        trial = None if known is None or angles is None else try_conventions(angles[:, rows], known, options)
-        columns = [layout.columns[key].name for key in keys]
-        names, doubt = ", ".join(columns), ""
+        known, columns = known_orientations(prefix), values.column_set(keys)
+        trial = None if known is None or columns is None else try_conventions(columns[:, rows], known, options)
+        names = [layout.columns[key].name for key in keys]
+        listed, doubt = ", ".join(names), ""
         if open_names is not None:
             if trial is None or sum(not is_ruled_out(name, trial) for name in trial) > 1:
                 doubt = "may be angles of several conventions"
@@ -102,14 +104,14 @@ def conventions(
             continue
         elif keys[0] == prefix + ROTATION_VECTOR[0]:
             doubt = "are documented as a rotation vector, which they do not fit"
-        elif any(map(is_documented, columns)):
+        elif any(map(is_documented, names)):
             doubt = "are documented as about fixed axes, which they do not fit"
         if doubt:
-            log.add(f"these {doubt}{_sizes(trial)}", values.header, names, f"give `angles`: {_listed(options)}")
+            log.add(f"these {doubt}{_sizes(trial)}", values.header, listed, f"give `angles`: {_listed(options)}")
         elif trial is not None:
             best, worse, *_ = sorted(trial, key=trial.__getitem__)
             fits = f"it fits the known orientations to {_degrees(trial[best])}, others miss by {_degrees(trial[worse])}"
-            log.warn(Note(f"{names} taken as {best}: {fits}"), of_file=True)
+            log.warn(Note(f"{listed} taken as {best}: {fits}"), of_file=True)
             chosen[prefix] = best
     return chosen
 

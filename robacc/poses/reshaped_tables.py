@@ -304,7 +304,8 @@ class ReshapedTable(Table):
         """
         self._kept = [i for i in range(len(table.names)) if i not in used]
         super().__init__(table.file, [*(table.names[i] for i in self._kept), *new], table.line)
-        self.log, self.dialect, self.remarks, self.gaps = table.log, table.dialect, table.remarks, table.gaps
+        self.log, self.dialect, self.gaps = table.log, table.dialect, table.gaps
+        self.remarks, self.doubts = table.remarks, table.doubts
         self.remarks.append(remark)
         units = enumerate([*self._kept, *new.values()])
         self.cell_units = {i: unit for i, old in units if old is not None and (unit := table.cell_units.get(old))}

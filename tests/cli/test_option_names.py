@@ -22,7 +22,7 @@ PACKAGE = Path(robacc.__file__).parent
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 SHOWS_COMMANDS = {
     "render/html/page.py",  # the command that makes a result again
-    "render/html/headline.py",  # the command that comes next
+    "render/views/estimate.py",  # the command that comes next
     "render/views/fit.py",  # the same
     "simulation/templates.py",  # comments of files that `robacc init` writes
     "poses/column_proposal.py",  # the same

@@ -27,7 +27,7 @@ CONFIGS = PROJECT / "configs" / "robots"
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
-    return "\n".join(line.text for line in lines_of(robot_view(summarise(robot)), width))
+    return "\n".join(line for line, _ in lines_of(robot_view(summarise(robot)), width))
 
 
 def row(text: str, heading: str, name: str) -> list[str]:

@@ -156,7 +156,7 @@ def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
         assert np.count_nonzero(inside) == voxels["configurations"][i]
         assert bound[inside].max() == pytest.approx(voxels["bound95_m"][i], rel=1e-9)
     chart = chart_of(json.loads(prediction.to_json()), "warranty")
-    assert sum(len(trace["x"]) for trace in chart.scene.traces) == len(voxels["grade"])
+    assert sum(len(trace["x"]) for trace in chart.scene["traces"]) == len(voxels["grade"])
     assert f"of {len(voxels['grade'])} voxels" in chart.caption
     assert "grade" in as_part(chart.draw, chart.size, "x")
 

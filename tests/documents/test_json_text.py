@@ -26,7 +26,7 @@ def test_reads_back_as_it_was(document: dict[str, object]) -> None:
     assert json.loads(json_text(document)) == document
 
 
-@pytest.mark.parametrize("shape", [(0,), (3,), (0, 3), (2, 3), (9000, 3), (2, 3, 3)])
+@pytest.mark.parametrize("shape", [(0,), (3,), (9000,), (0, 3), (2, 3), (9000, 3), (2, 3, 3)])
 def test_arrays_read_back_exactly(shape: tuple[int, ...]) -> None:
     array = np.random.default_rng(0).normal(size=shape)
     read = json.loads(json_text({"a": {"b": array, "c": 1}}))["a"]
@@ -49,6 +49,8 @@ def test_what_is_not_a_number_is_null() -> None:
         "c": [[1.0, None], [None, 2.0]],
         "d": None,
     }
+    many = json_text({"a": np.array([[1.0, np.nan], [-np.inf, 2.0]] * 3000)})
+    assert json.loads(many, parse_constant=pytest.fail) == {"a": [[1.0, None], [None, 2.0]] * 3000}
 
 
 def test_layout_is_one_row_a_line() -> None:

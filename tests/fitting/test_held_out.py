@@ -129,3 +129,19 @@ def test_validation_poses_are_predicted_by_the_fit_itself() -> None:
     (error,) = how.residuals(found)
     assert error is not None
     np.testing.assert_allclose(error, apart.position - found.predict(apart).translation, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("orientation", [False, True])
+def test_blocks_of_many_poses_are_held_out_as_one(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = measured(400, orientation=orientation)
+    found = fitted(data, robust=False)
+    groups = np.random.default_rng(0).permutation(data.n)
+    (whole,) = held_out_poses(found, data, groups)
+    monkeypatch.setattr("robacc.fitting.held_out._MOST_NUMBERS", 20_000)
+    for exact in (False, True):
+        (parts,) = held_out_poses(found, data, groups, exact=exact)
+        assert whole is not None
+        assert parts is not None
+        # The normal matrix of the last step is exact to the square of a residual, 1e-8.
+        change = np.abs(whole.translation - data.position + found.residual[:3]).max()
+        np.testing.assert_allclose(parts.translation, whole.translation, rtol=0, atol=1e-6 * change)

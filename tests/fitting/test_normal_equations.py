@@ -216,3 +216,14 @@ def test_steps_end_where_rounding_begins(n: int) -> None:
     error = np.sqrt(np.diag(found.covariance))[again.columns]
     gradient = normal.gradient - found.precision * normal.theta
     assert np.abs(np.linalg.solve(normal.gram + np.diag(found.precision), gradient) / error).max() < 1e-6
+
+
+@pytest.mark.parametrize("orientation", ORIENTATION)
+def test_the_same_coefficients_are_identifiable_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    data = measured(200, orientation=orientation)
+    whole = fit(model(data, *EVERY_KIND), data).identifiability
+    monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", 64)
+    parts = fit(model(data, *EVERY_KIND), data).identifiability
+    np.testing.assert_array_equal(parts.columns, whole.columns)
+    # The root of the normal matrix has half of the digits: 1e-8 over the smallest singular value.
+    np.testing.assert_allclose(parts.singular_values, whole.singular_values, rtol=0, atol=1e-8)

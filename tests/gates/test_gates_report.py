@@ -260,8 +260,8 @@ def test_the_schemas_rules_see_faults() -> None:
     for wrong, fault in (
         (good.replace(' id="0"', ""), "testsuite without id"),
         (good.replace('tests="4"', 'tests="four"'), "testsuite tests='four'"),
-        (good.replace("<properties/>", ""), "testsuite without properties"),
-        (good.replace("<properties/>", "<extra/>"), "element extra"),
+        (good.replace("<properties />", ""), "testsuite without properties"),
+        (good.replace("<properties />", "<extra/>"), "element extra"),
         (re.sub(r' type="\w+"', "", good), "failure without type"),
         (good.replace("<testsuites>", "<testsuites>text"), "text in testsuites"),
     ):

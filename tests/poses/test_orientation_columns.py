@@ -84,3 +84,14 @@ def test_a_matrix_that_is_no_rotation_is_refused_with_its_line(tmp_path: Path) -
     with pytest.raises(InputError, match="not those of a rotation matrix") as caught:
         read(written(tmp_path, [f"r{i}{j}" for i in range(1, 4) for j in range(1, 4)], entries))
     assert caught.value.problems[0].line == 4
+
+
+@pytest.mark.parametrize("names", ["Rx [deg],Ry [deg],Rz [deg]", "rx,ry,rz", "roll_deg,pitch_deg,yaw_deg"])
+def test_the_order_of_a_quaternion_says_nothing_of_three_angles(tmp_path: Path, names: str) -> None:
+    rows = "".join(f"{i / 10},0,0,{i / 10},0.2,{-i / 10},{i / 10},0,0\n" for i in range(1, 4))
+    (tmp_path / "poses.csv").write_text(f"x,y,z,{names},cmd_x,cmd_y,cmd_z\n{rows}", encoding="utf-8")
+    try:
+        assert robacc.read_poses(tmp_path / "poses.csv", angles="wxyz").n == 3
+    except InputError as error:
+        (problem,) = error.problems
+        assert "these may be angles of several conventions" in problem.message

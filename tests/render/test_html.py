@@ -24,9 +24,9 @@ from pages import Element, parsed
 from typer.testing import CliRunner
 
 from robacc.cli.main import app
-from robacc.render.html.headline import headline_of
 from robacc.render.html.page import command_line, render, script_json
 from robacc.render.plots.catalogue import charts_of
+from robacc.render.views.results import headline_of
 
 COMMANDS = tuple(results.CALLS)
 LIMIT = 6_000_000
@@ -168,6 +168,7 @@ def test_a_comparison_shows_its_ranking_and_every_difference(tmp_path: Path) -> 
     report = parsed(render([document], ["compare"]))
     assert document["ranking"]["text"][0] in report.text
     assert report.all("figure")[0].all("h2")[0].text == "position.rms of each result"
+    assert all(listing.all("li") for listing in report.all("ul"))
     known = set(numbers(document))
     values = [float(cell.attributes["value"]) for cell in report.all("data")]
     assert len(values) > 20

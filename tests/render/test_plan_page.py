@@ -32,7 +32,7 @@ def test_the_charts_show_what_the_document_has(calibration: dict[str, object]) -
     poses = charts["planned-poses"]
     assert len(poses.table.rows) == calibration["n_visits"]
     assert poses.scene is not None
-    traces = {trace["name"]: trace for trace in poses.scene.traces}
+    traces = {trace["name"]: trace for trace in poses.scene["traces"]}
     assert len(traces["validation poses"]["x"]) == 3
     assert traces["instrument"]["x"] == [2.0]
     # Every pose has one mark: once, twice or as a check.
@@ -69,7 +69,7 @@ def test_the_page_says_what_to_do(calibration: dict[str, object]) -> None:
 
 def test_a_trace_with_payloads() -> None:
     trace = document(purpose="trace", poses=14, payload=[0, 4], candidates=60)
-    names = [entry["name"] for entry in charts_of(trace)[0].scene.traces]  # type: ignore[union-attr]
+    names = [entry["name"] for entry in charts_of(trace)[0].scene["traces"]]  # type: ignore[union-attr]
     assert "poses with 0 kg" in names
     assert "poses with 4 kg" in names
     page = page_of_document(trace)

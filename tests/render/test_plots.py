@@ -21,7 +21,7 @@ from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_pa
 from robacc.render.plots.catalogue import chart_of, charts_of
 from robacc.render.plots.errors import SHARES, error_axis, stages_of
 from robacc.render.plots.results import comparison_charts, operating_curve_charts
-from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit, length_unit
+from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit
 from robacc.render.views.elements import Grid
 from robacc.statistics.distributions import chi2_cdf
 
@@ -79,8 +79,8 @@ def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
 
 
 def test_units_follow_the_size() -> None:
-    assert length_unit(1e-5).name == "µm"
-    assert length_unit(1e-5, 1e-3).name == "mm"
+    assert error_unit("m", 1e-5).name == "µm"
+    assert error_unit("m", 1e-5, 1e-3).name == "mm"
     # Charts and tables have one unit for angles, whatever their size.
     assert {error_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
     assert error_unit("m", 1e-3).name == "mm"
@@ -105,8 +105,8 @@ def test_errors_of_poses_make_the_figures_of_the_result() -> None:
         by_stage = stages_of(document, "m")
         assert by_stage is not None
         assert by_stage.held_out
-        for stage, key in zip(by_stage.stages, ("nominal", "before", "after"), strict=True):
-            rms = math.sqrt(float(np.mean(np.square(stage.sizes))))
+        for (_, _, sizes), key in zip(by_stage.sizes(), ("nominal", "before", "after"), strict=True):
+            rms = math.sqrt(float(np.mean(np.square(sizes))))
             assert rms == pytest.approx(document[key]["held_out"]["position"]["rms_m"], rel=1e-6)
         fitted = np.array(document["poses"]["errors_m"]["after"])
         rms = math.sqrt(float(np.mean(np.sum(np.square(fitted), axis=1))))

@@ -47,4 +47,4 @@ def compare(
         deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), call.args), stream))
         return
     result = call()
-    deliver(outlets, result, lambda stream: draw(comparison_view(result.payload()), stream))
+    deliver(outlets, result, lambda stream: draw(comparison_view(result.payload(), "full"), stream))

@@ -40,7 +40,7 @@ def correct(
     from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.reading import is_program
     from robacc.render.text.console import warnings_below
-    from robacc.render.views.correct import correction_view
+    from robacc.render.views.correct import correction_text
     from robacc.render.views.elements import draw
 
     output, given = outlets.output, call.keywords
@@ -63,7 +63,7 @@ def correct(
         with warnings_below(corrected.warnings):
             write_bytes(output, corrected.data)
             parts = [part.payload() for part in corrected.corrections]
-            draw(correction_view(parts, len(corrected.program.targets), names, output), sys.stdout)
+            draw(correction_text(parts, len(corrected.program.targets), names, output), sys.stdout)
             sys.stdout.flush()
         return
     if frames:
@@ -81,5 +81,5 @@ def correct(
     deliver(
         outlets,
         result,
-        lambda stream: draw(correction_view([result.payload()], result.n_targets, names, output), stream),
+        lambda stream: draw(correction_text([result.payload()], result.n_targets, names, output), stream),
     )

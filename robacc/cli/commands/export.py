@@ -75,8 +75,8 @@ def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
     from robacc.api.inputs import load_robot
     from robacc.cli.output import write
+    from robacc.documents.descriptions import urdf_payload
     from robacc.documents.envelope import envelope
-    from robacc.documents.export import urdf_payload
     from robacc.errors import UsageError
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of

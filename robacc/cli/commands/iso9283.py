@@ -24,8 +24,9 @@ def iso9283(
     Example: robacc iso9283 cycles.csv --robot robot.yaml
     """
     from robacc.cli.output import deliver
-    from robacc.render.views.elements import draw
+    from robacc.render.views.elements import Form, draw
     from robacc.render.views.iso9283 import iso9283_view
 
     result, robot = call(), call.keywords["robot"]
-    deliver(outlets, result, lambda stream: draw(iso9283_view(result.payload(), robot, full), stream))
+    form: Form = "full" if full else "short"
+    deliver(outlets, result, lambda stream: draw(iso9283_view(result.payload(), robot, form), stream))

@@ -32,13 +32,14 @@ def plan(
     from robacc.errors import UsageError
     from robacc.io.files import write_text
     from robacc.render.text.console import warnings_below
-    from robacc.render.views.elements import draw
+    from robacc.render.views.elements import Form, draw
     from robacc.render.views.plan import plan_view
 
     outlets.check()
     if (validation_output is None) != (call.keywords["validation"] == 0):
         raise UsageError("--validation N and --validation-output FILE belong together")
     result = call()
+    form: Form = "full" if full else "short"
     with warnings_below(result.warnings):
         programs = {} if program is None else result.programs(program)
         if validation_output is not None:
@@ -51,6 +52,6 @@ def plan(
         write_plan(
             outlets,
             result.csv(),
-            lambda stream: draw(plan_view(result.document(), *names, full), stream),
+            lambda stream: draw(plan_view(result.document(), form, *names), stream),
             result.document,
         )

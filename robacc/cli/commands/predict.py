@@ -39,4 +39,4 @@ def predict(
     if per_pose is not None:
         write_text(per_pose, result.per_pose_csv())
     source = "" if result.comparison is None else result.comparison.source
-    deliver(outlets, result, lambda stream: draw(prediction_view(result.payload(), source), stream))
+    deliver(outlets, result, lambda stream: draw(prediction_view(result.payload(), source, "full"), stream))

@@ -1,4 +1,4 @@
-"""The HTML page of one result or of several side by side: what was tested, and how to reproduce it."""
+"""Results as HTML: a page of one or of several side by side, and a few lines for a notebook."""
 
 from __future__ import annotations
 
@@ -8,27 +8,53 @@ import json
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from html import escape
+from itertools import chain
 from types import MappingProxyType
 from typing import Any
 
-from robacc.render.html.headline import headline_of
-from robacc.render.plots.canvas import DARK, LIGHT, Chart, as_part, css_variables, need
+from robacc.render.plots.canvas import DARK, LIGHT, as_part, css_variables, need
 from robacc.render.plots.catalogue import charts_of
 from robacc.render.text.layout import Document
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.compare import comparison_page
-from robacc.render.views.correct import correction_page
-from robacc.render.views.elements import Block, Cell, Command, Grid, Listing, ReportHeadline, Section, Text
-from robacc.render.views.estimate import estimate_page
-from robacc.render.views.fit import calibration_page, trace_page
+from robacc.render.views.elements import Cell, Grid, Listing, ReportHeadline, Section, Text, shown
 from robacc.render.views.gate import gate_section
-from robacc.render.views.iso9283 import iso9283_sections
-from robacc.render.views.plan import plan_page
-from robacc.render.views.predict import prediction_sections
+from robacc.render.views.results import headline_of, sections_of
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
+
+# A result in a few lines for a notebook or a Python shell; no library is needed.
+
+
+def notebook_html(document: Document) -> str:
+    """Return the headline of a result as HTML: title, summary, key figures and facts."""
+    headline = headline_of(document)
+    badges = "".join(f" <small>[{escape(text)}]</small>" for text, _ in headline.badges)
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(value)}</td>"
+        f"<td style='text-align:left'>{escape(note)}</td></tr>"
+        for label, value, note in _figures(headline)
+    )
+    return (
+        f"<div><strong>{escape(headline.title)}</strong>{badges}<p>{escape(headline.summary)}</p>"
+        f"<table>{cells}</table></div>"
+    )
+
+
+def notebook_text(document: Document) -> str:
+    """Return the headline of a result as lines of text."""
+    headline = headline_of(document)
+    title = " ".join((headline.title, *(f"[{text}]" for text, _ in headline.badges)))
+    rows = [(label, "  ".join(filter(None, texts))) for label, *texts in _figures(headline)]
+    return "\n".join((title, headline.summary, *(line for line, _ in Grid(("", ""), rows, left=(0, 1)).lines(0))))
+
+
+def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
+    """Return label, value and interval of each figure, then the facts."""
+    tiles = ((tile.label, str(tile.value), tile.interval) for tile in headline.tiles)
+    return [*tiles, *((name, text, "") for name, text in headline.facts)]
+
 
 # Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
 
@@ -45,10 +71,9 @@ def identity_rows(
     for key, label in IDENTITY.items():
         texts = list(_stated(documents, names, key)) if key not in identity else [("", identity[key])]
         distinct = list(dict.fromkeys(text for _, text in texts))
-        if len(distinct) == 1:
-            rows.append((label, distinct[0]))
-        elif distinct:
-            rows.append((label, "; ".join(f"{name}: {text}" for name, text in texts)))
+        if distinct:
+            many = "; ".join(f"{name}: {text}" for name, text in texts)
+            rows.append((label, distinct[0] if len(distinct) == 1 else many))
     return rows
 
 
@@ -83,30 +108,26 @@ _FIRST = {"predict": "robot", "plan": "robot"}
 
 def reproduce(document: Document) -> Section:
     """Return the last section of a result."""
-    blocks: list[Block] = [
-        Text(
-            f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the "
-            "same files gives the same bytes."
-        ),
-        Command(command_line(document)),
-    ]
-    if document["inputs"]:
-        rows = [[record["kind"], record["name"], record["sha256"]] for record in document["inputs"]]
-        blocks.append(Grid(("input", "file", "SHA-256"), rows, is_text=True))
-    return Section("How to reproduce this result", blocks)
+    rows = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
+    origin = Text(
+        f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
+        "files gives the same bytes."
+    )
+    command = Text(command_line(document), kind="command")
+    return Section(
+        "How to reproduce this result", [origin, command, Grid(("input", "file", "SHA-256"), rows, is_text=True)]
+    )
 
 
 def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
-    arguments = ["robacc", document["command"]]
     files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
-    first = _FIRST.get(document["command"], "poses")
-    arguments += [record["name"] for record in document["inputs"] if record["kind"] in (first, "result")]
+    leading = (_FIRST.get(document["command"], "poses"), "result")
+    arguments = ["robacc", document["command"]]
+    arguments += [record["name"] for record in document["inputs"] if record["kind"] in leading]
     for kind, name in files.items():
-        if kind not in (first, "result"):
-            arguments += [f"--{kind}", name]
-    arguments += _options(document, set(files))
-    arguments += _reading(document)
+        arguments += [] if kind in leading else [f"--{kind}", name]
+    arguments += (*_options(document, set(files)), *_reading(document))
     if document["seed"] is not None and document["command"] in _SEEDED:
         arguments += ["--seed", str(document["seed"])]
     return " ".join(shlex.quote(argument) for argument in arguments)
@@ -116,29 +137,25 @@ def _reading(document: Document) -> Iterator[str]:
     """Yield the options that were stated on the names of the poses' file."""
     stated: dict[str, object] = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
     for name, value in stated.items():
-        if name == "commanded_sha256":
-            continue
-        yield f"--{name.replace('_', '-')}"
-        if value is not True:
-            yield "columns.yaml" if name == "columns" else f"{value}"
+        if name != "commanded_sha256":
+            yield f"--{name.replace('_', '-')}"
+            yield from () if value is True else ("columns.yaml" if name == "columns" else f"{value}",)
 
 
 def _options(document: Document, files: set[str]) -> Iterator[str]:
     for name, value in document["options"].items():
         flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
-        if name in files or value is None or value == [] or value == "":
+        if name in files or value in (None, [], ""):
             continue
         if name in _SWITCHES:
-            if value is False:
-                yield _SWITCHES[name]
+            words = [] if value else [_SWITCHES[name]]
+        elif isinstance(value, bool):
+            words = [flag] * value
         elif name in _REPEATED:
-            for each in value:
-                yield from (flag, str(each))
-        elif value is True:
-            yield flag
-        elif value is not False:
-            yield flag
-            yield ",".join(map(str, value)) if isinstance(value, list) else f"{value}"
+            words = [word for each in value for word in (flag, str(each))]
+        else:
+            words = [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
+        yield from words
 
 
 # Several results in one table, one column per result.
@@ -148,77 +165,27 @@ _SAME = ("poses", "robot", "holdout")
 
 def side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
     """Return outcome, key figures and facts of each result, with warnings about different inputs."""
-    rows: list[Sequence[Cell]] = [
-        ["command", *(str(document["command"]) for document in documents)],
-        ["outcome", *(", ".join(badge.text for badge in headline.badges) or "–" for headline in headlines)],
+    rows: dict[str, Sequence[Cell]] = {
+        "command": [str(document["command"]) for document in documents],
+        "outcome": [", ".join(text for text, _ in headline.badges) or "–" for headline in headlines],
+    }
+    for figures in (
+        [{tile.label: tile.value for tile in headline.tiles} for headline in headlines],
+        [dict(headline.facts) for headline in headlines],
+    ):
+        rows |= {label: [own.get(label, "–") for own in figures] for label in chain.from_iterable(figures)}
+    rows["made by"] = [f"robacc {document['robacc']}" for document in documents]
+    rows["call"] = [command_line(document) for document in documents]
+    warnings = [
+        f"the results were not made from the same {kind} file"
+        for kind in _SAME
+        if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
     ]
-    labels = dict.fromkeys(tile.label for headline in headlines for tile in headline.tiles)
-    for label in labels:
-        cells: list[Cell] = [label]
-        for headline in headlines:
-            tile = next((tile for tile in headline.tiles if tile.label == label), None)
-            cells.append("–" if tile is None else tile.value)
-        rows.append(cells)
-    for term in dict.fromkeys(term for headline in headlines for term, _ in headline.facts):
-        rows.append([term, *(dict(headline.facts).get(term, "–") for headline in headlines)])
-    rows.append(["made by", *(f"robacc {document['robacc']}" for document in documents)])
-    rows.append(["call", *(command_line(document) for document in documents)])
-    blocks = [Grid(("", *names), rows, is_text=True)]
-    return Section("Side by side", [*blocks, *_differences(documents)])
-
-
-def _differences(documents: Sequence[Document]) -> list[Listing]:
-    """Return warnings about differences in inputs and versions."""
-    warnings = []
-    for kind in _SAME:
-        hashes = {
-            tuple(record["sha256"] for record in document["inputs"] if record["kind"] == kind) for document in documents
-        }
-        if len(hashes) > 1:
-            warnings.append(f"the results were not made from the same {kind} file")
     if len({document["robacc"] for document in documents}) > 1:
         warnings.append("the results were made by different versions of robacc")
-    return [Listing(warnings, "warning")] if warnings else []
-
-
-_SECTIONS: dict[str, Callable[[Document], Iterator[Section]]] = {
-    "trace": trace_page,
-    "calibrate": calibration_page,
-    "estimate": estimate_page,
-    "predict": prediction_sections,
-    "iso9283": iso9283_sections,
-    "compare": comparison_page,
-    "correct": correction_page,
-    "plan": plan_page,
-}
-
-
-@dataclass(frozen=True, slots=True)
-class PageChart:
-    """A chart laid out for the page."""
-
-    id: str
-    chart: Chart
-    svg: str
-    scene: str | None
-    """JSON of its view in three dimensions, safe within a script element."""
-    starts: bool
-    """True if the page opens with the interactive 3-D view of this chart."""
-
-
-@dataclass(frozen=True, slots=True)
-class ResultSection:
-    """One result laid out for the page."""
-
-    id: str
-    headline: ReportHeadline
-    charts: Sequence[PageChart]
-    """The first stands next to the headline."""
-    sections: Sequence[Section]
-    """The command's tables and texts."""
-    leading: Sequence[Section]
-    """Sections that come first: the gate, warnings and notes."""
-    reproduce: Section
+    table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
+    (section,) = shown([Section("Side by side", [table, Listing(warnings, "warning")])])
+    return section
 
 
 def render(
@@ -239,7 +206,7 @@ def render(
 
 
 def page_of(
-    results: Sequence[ResultSection],
+    results: Sequence[Mapping[str, Any]],
     documents: Sequence[Document],
     names: Sequence[str],
     identity: Mapping[str, str] = MappingProxyType({}),
@@ -247,7 +214,7 @@ def page_of(
     """Return the page of results that :func:`result_of` has laid out."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    interactive = any(chart.scene for result in results for chart in result.charts)
+    interactive = any(chart["scene"] for result in results for chart in result["charts"])
     loader = PackageLoader("robacc.render.html")
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -260,11 +227,11 @@ def page_of(
         library, script = get_plotlyjs(), environment.get_template("scenes.js").render()
     is_multiple = len(results) > 1
     return environment.get_template("page.html").render(
-        title=f"{len(results)} results side by side" if is_multiple else results[0].headline.title,
+        title=f"{len(results)} results side by side" if is_multiple else results[0]["headline"].title,
         results=results,
         names=names,
         identity=identity_rows(documents, names, identity),
-        overview=side_by_side(documents, [result.headline for result in results], names) if is_multiple else None,
+        overview=side_by_side(documents, [result["headline"] for result in results], names) if is_multiple else None,
         library=b64encode(gzip.compress(library.encode(), 6, mtime=0)).decode() if interactive else "",
         script=script,
         policy=_policy([library, script] if interactive else []),
@@ -279,47 +246,42 @@ def _with_minus_signs(text: str) -> str:
     return re.sub(r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
-def result_of(document: Document, place: int) -> ResultSection:
-    """Return one result laid out, the ``place``-th of its page.
+def result_of(document: Document, place: int) -> dict[str, Any]:
+    """Return the parts of one result as the templates take them, the ``place``-th of its page.
 
     Raises:
         UsageError: the extra ``report`` is not installed.
     """
     need("matplotlib", "plotly", "jinja2")
     number = f"r{place}"
-    gate = gate_section(document)
-    make = _SECTIONS.get(document["command"])
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    notes = [*document.get("notes", ()), *document.get("input_notes", ())]
-    blocks = [*([Listing(warnings, "warning")] if warnings else []), *([Listing(notes)] if notes else [])]
-    return ResultSection(
-        number,
-        headline_of(document),
-        [
-            PageChart(
-                f"{number}p{i}",
-                chart,
-                as_part(chart.draw, chart.size, f"{number}p{i}"),
-                None if chart.scene is None else script_json(chart.scene._asdict()),
-                chart.kind in ("poses", "corrections", "planned-poses"),
-            )
+    lists = [Listing(warnings, "warning"), Listing([*document.get("notes", ()), *document.get("input_notes", ())])]
+    return {
+        "id": number,
+        "headline": headline_of(document),
+        "charts": [
+            {
+                "id": f"{number}p{i}",
+                "chart": chart,
+                "svg": as_part(chart.draw, chart.size, f"{number}p{i}"),
+                "scene": None if chart.scene is None else script_json(chart.scene),
+                "starts": chart.kind in ("poses", "corrections", "planned-poses"),
+            }
             for i, chart in enumerate(charts_of(document), 1)
         ],
-        [] if make is None else [*make(document)],
-        [*([gate] if gate is not None else []), *([Section("Warnings and notes", blocks)] if blocks else [])],
-        reproduce(document),
-    )
+        "sections": sections_of(document),
+        "leading": [*shown((*gate_section(document), Section("Warnings and notes", lists)))],
+        "how": reproduce(document),
+    }
 
 
 def script_json(value: Any) -> str:
     """Return JSON that cannot end a script element, whatever its strings contain."""
     text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    for sign in "<>&\u2028\u2029":
-        text = text.replace(sign, f"\\u{ord(sign):04x}")
-    return text
+    return re.sub("[<>&\u2028\u2029]", lambda sign: f"\\u{ord(sign[0]):04x}", text)
 
 
 def _policy(scripts: Sequence[str]) -> str:

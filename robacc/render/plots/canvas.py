@@ -14,9 +14,9 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from html import escape
 from importlib.util import find_spec
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,14 +148,8 @@ class Panel:
     """True if both axes have one scale."""
 
 
-class Scene(NamedTuple):
-    """A view that turns: traces of plotly, whose colours are written as ``role:before``, and titles of the axes."""
-
-    traces: Sequence[dict[str, Any]]
-    axes: Sequence[str]
-    note: str
-
-
+Scene = dict[str, Any]
+"""A view that turns: ``traces`` of plotly, whose colours are written as ``role:before``, titles ``axes``, ``note``."""
 WIDE = (4.9, 3.2)
 """Inches; fills half of a page on a screen and stays readable on a phone."""
 CUBE = (4.9, 4.3)
@@ -184,22 +178,19 @@ class Chart:
 
     def draw(self, figure: Figure) -> None:
         """Draw the chart with matplotlib."""
-        drawn = []
-        count = -(-len(self.panels) // self.columns)
+        drawn: list[Any] = []
+        rows = -(-len(self.panels) // self.columns)
         for place, panel in enumerate(self.panels, 1):
             if panel is not None:
                 projection = "3d" if len(panel.axes) == 3 else None
-                axes: Any = figure.add_subplot(count, self.columns, place, projection=projection)
-                _draw_panel(axes, panel)
-                drawn.append(axes)
-        named: dict[str, Any] = {}
-        for axes in drawn:
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
-                named.setdefault(label, handle)
+                drawn.append(figure.add_subplot(rows, self.columns, place, projection=projection))
+                _draw_panel(drawn[-1], panel)
         if self.scale:
-            figure.colorbar(
-                drawn[-1].collections[0], ax=drawn, location="bottom", shrink=0.8, aspect=30, label=self.scale
-            )
+            cells = drawn[-1].collections[0]
+            figure.colorbar(cells, ax=drawn, location="bottom", shrink=0.8, aspect=30, label=self.scale)
+        named = {
+            label: handle for axes in drawn for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
         if named:
             ncols = len(named) if sum(map(len, named)) + 7 * len(named) < _LEGEND else -(-len(named) // 2)
             figure.legend([*named.values()], [*named], loc="outside upper center", ncols=ncols, columnspacing=1.2)
@@ -259,8 +250,7 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     line.set_label_text(axis.title)
     if axis.is_log:
         getattr(axes, f"set_{name}scale")("log")
-        ends = [value for value in (axis.low, axis.high) if value is not None]
-        is_long = len(ends) == 2 and ends[1] / ends[0] > _MAX_DECADES
+        is_long = bool(axis.low and axis.high and axis.high / axis.low > _MAX_DECADES)
         line.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 2.0, 5.0)))
         # The style does not parse formulas, so labels are plain numbers.
         line.set_major_formatter("{x:g}")
@@ -270,8 +260,7 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
         limit(axis.low, axis.high)
     if axis.names:
         count = len(axis.names)
-        longest = max(map(len, axis.names))
-        is_tilted = name == "x" and count * longest > _TICK_SIGNS
+        is_tilted = name == "x" and count * max(map(len, axis.names)) > _TICK_SIGNS
         line.set_ticks(range(axis.first, axis.first + count), axis.names, rotation=60 if is_tilted else 0)
         line.set_tick_params(length=0)
         axes.grid(visible=False, axis=name)
@@ -280,21 +269,21 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     low, high = sorted(getattr(axes, f"get_{name}lim")())
     for value, label in axis.rules:
         if low <= value <= high:
-            rule, place, shift, looks = {
-                "x": (axes.axvline, (value, 1.0), (0, 3), {"ha": "center", "va": "bottom"}),
-                "y": (axes.axhline, (1.0, value), (0, 2), {"ha": "right", "va": "bottom"}),
+            rule, place, shift, side = {
+                "x": (axes.axvline, (value, 1.0), (0, 3), "center"),
+                "y": (axes.axhline, (1.0, value), (0, 2), "right"),
             }[name]
             rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=_DASHED)
-            ends = getattr(axes, f"get_{name}axis_transform")()
             axes.annotate(
                 short(label, 24),
                 place,
                 shift,
-                ends,
+                getattr(axes, f"get_{name}axis_transform")(),
                 textcoords="offset points",
                 fontsize=8,
                 annotation_clip=False,
-                **looks,
+                ha=side,
+                va="bottom",
             )
 
 
@@ -350,25 +339,33 @@ _SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "di
 
 def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
-    traces: list[dict[str, Any]] = []
+    traces = []
     for one in series:
         points = np.array(one.at, dtype=np.float64)
-        shown = np.round(points, 4) if unit == "m" else points
-        trace: dict[str, Any] = {"type": "scatter3d", "name": one.label or "route"}
-        for name, column in zip("xyz", shown.tolist(), strict=True):
-            trace[name] = [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
+        columns = (np.round(points, 4) if unit == "m" else points).tolist()
         modes = [mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]
         colour = f"role:{one.role}"
-        trace |= {"mode": "+".join(modes), "line": {"color": colour, "width": 3 * one.width}}
-        trace["marker"] = {"size": one.size, "color": colour, "symbol": _SYMBOLS.get(one.marker, "circle")}
         # plotly interprets some tags and entities.
-        texts = [
-            text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace("\n", "<br>")
-            for text in one.texts
-        ]
-        trace |= {"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}
-        traces.append(trace)
-    return Scene(traces, [f"{name}, {unit}" for name in "xyz"], f"Drag to rotate, scroll to zoom{note}.")
+        texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
+        traces.append(
+            {
+                "type": "scatter3d",
+                "name": one.label or "route",
+                **{
+                    name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
+                    for name, column in zip("xyz", columns, strict=True)
+                },
+                "mode": "+".join(modes),
+                "line": {"color": colour, "width": 3 * one.width},
+                "marker": {"size": one.size, "color": colour, "symbol": _SYMBOLS.get(one.marker, "circle")},
+                **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
+            }
+        )
+    return {
+        "traces": traces,
+        "axes": [f"{name}, {unit}" for name in "xyz"],
+        "note": f"Drag to rotate, scroll to zoom{note}.",
+    }
 
 
 # Selection of the poses that a chart shows, reproducible and including the extremes.
@@ -384,14 +381,12 @@ def thinned(most: int, *columns: Array) -> Rows:
     if n <= most:
         return np.arange(n)
     each = max(1, most // (8 * len(columns)))
-    extreme: set[int] = set()
-    for column in columns:
-        order = np.argsort(np.where(np.isfinite(column), column, np.nanmedian(column)), kind="stable")
-        extreme.update(order[:each].tolist())
-        extreme.update(order[-each:].tolist())
-    remaining = np.setdiff1d(np.arange(n), np.array(sorted(extreme)))
-    evenly = remaining[np.linspace(0, remaining.size - 1, most - len(extreme)).round().astype(np.int64)]
-    return np.sort(np.concatenate((np.array(sorted(extreme), dtype=np.int64), evenly)))
+    filled = (np.where(np.isfinite(column), column, np.nanmedian(column)) for column in columns)
+    orders = np.array([np.argsort(column, kind="stable") for column in filled])
+    extreme = np.unique((orders[:, :each], orders[:, -each:]))
+    remaining = np.setdiff1d(np.arange(n), extreme)
+    evenly = remaining[np.linspace(0, remaining.size - 1, most - extreme.size).round().astype(np.int64)]
+    return np.sort(np.concatenate((extreme, evenly)))
 
 
 def thinning_note(count: int, total: int) -> str:
@@ -492,16 +487,19 @@ def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str
     ``salt`` makes its ids unique on the page.
     """
     text = _saved(draw, size, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.DOTALL)
-    # Groups lose their ids, which repeat from chart to chart; nothing refers to them.
-    text = re.sub(r'<g id="[^"]*"', "<g", text)
-    text = re.sub(r'(<svg[^>]*?) width="[^"]*"', r"\1", text, count=1)
-    text = re.sub(r'(<svg[^>]*?) height="[^"]*"', r"\1", text, count=1)
-    text = text.replace(f"'{FONT}'", "var(--font)")
-    for role, colour in LIGHT.items():
-        text = text.replace(colour, f"var(--c-{role})")
-    return re.sub(r"\n\s*", "\n", text).strip()
+    text = text[text.index("<svg") :].strip()
+    for pattern, new in (
+        (r"(?s)<metadata>.*?</metadata>\s*", ""),
+        # Groups lose their ids, which repeat from chart to chart; nothing refers to them.
+        (r'<g id="[^"]*"', "<g"),
+        (r'^(<svg[^>]*?) width="[^"]*"', r"\1"),
+        (r'^(<svg[^>]*?) height="[^"]*"', r"\1"),
+        (f"'{FONT}'", "var(--font)"),
+        *((colour, f"var(--c-{role})") for role, colour in LIGHT.items()),
+        (r"\n\s*", "\n"),
+    ):
+        text = re.sub(pattern, new, text)
+    return text
 
 
 def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
@@ -509,29 +507,25 @@ def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str
     return _saved(draw, size, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
 
 
-def as_figure(
-    draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any] = MappingProxyType(_WHITE)
-) -> Figure:
-    """Return the chart as a figure, with a white background unless ``overrides`` of the style say otherwise."""
-    from matplotlib.figure import Figure
-
-    with _style(overrides):
-        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
-        draw(figure)
-    return figure
+def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
+    """Return the chart as a figure with a white background."""
+    with _drawn(draw, size, _WHITE) as figure:
+        return figure
 
 
 def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _style(overrides):
-        as_figure(draw, size, overrides).savefig(buffer, format=form, metadata=dates.get(form))
+    with _drawn(draw, size, overrides) as figure:
+        figure.savefig(buffer, format=form, metadata=dates.get(form))
     return buffer.getvalue()
 
 
 @contextmanager
-def _style(overrides: Mapping[str, Any]) -> Iterator[None]:
+def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any]) -> Iterator[Figure]:
+    """Yield the drawn chart, within the style."""
     import matplotlib
+    from matplotlib.figure import Figure
 
     style: Any = {**_STYLE, **overrides}
     with matplotlib.rc_context(style), warnings.catch_warnings():
@@ -539,4 +533,6 @@ def _style(overrides: Mapping[str, Any]) -> Iterator[None]:
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        yield
+        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
+        draw(figure)
+        yield figure

@@ -8,9 +8,21 @@ from robacc.errors import UsageError
 from robacc.render.plots.canvas import Chart
 from robacc.render.plots.effects import candidate_charts, effect_charts
 from robacc.render.plots.errors import distribution_charts, ellipsoid_charts, error_over_time_charts
-from robacc.render.plots.plan import plan_charts
-from robacc.render.plots.results import budget_charts, comparison_charts, iso9283_charts, operating_curve_charts
-from robacc.render.plots.workspace import correction_charts, warranty_charts, workspace_3d_charts, workspace_charts
+from robacc.render.plots.results import (
+    budget_charts,
+    comparison_charts,
+    detection_limit_charts,
+    expected_accuracy_charts,
+    iso9283_charts,
+    operating_curve_charts,
+)
+from robacc.render.plots.workspace import (
+    correction_charts,
+    planned_poses_charts,
+    warranty_charts,
+    workspace_3d_charts,
+    workspace_charts,
+)
 from robacc.render.text.layout import Document
 
 _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
@@ -28,7 +40,9 @@ _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     error_over_time_charts,
     workspace_charts,
 )
-_OF_COMMAND: Mapping[str, Sequence[Callable[[Document], Iterator[Chart]]]] = {"plan": (plan_charts,)}
+_OF_COMMAND: Mapping[str, Sequence[Callable[[Document], Iterator[Chart]]]] = {
+    "plan": (planned_poses_charts, expected_accuracy_charts, detection_limit_charts)
+}
 """Charts of commands whose results have no measured poses."""
 
 

@@ -44,9 +44,10 @@ Curve = Mapping[str, Any]
 
 def effect_charts(document: Document) -> Iterator[Chart]:
     """Return the residuals of each finding or fitted effect that is not constant, and the spectra of periodic ones."""
-    findings = document.get("findings", ())
     curves = [
-        (each["effect"], each["joints"], curve) for each in findings for curve in each.get("partial_residuals", ())
+        (finding["effect"], finding["joints"], curve)
+        for finding in document.get("findings", ())
+        for curve in finding.get("partial_residuals", ())
     ]
     curves += [(curve["name"], curve["joints"], curve) for curve in document.get("partial_residuals", ())]
     for effect, joints, curve in curves:
@@ -58,19 +59,18 @@ def effect_charts(document: Document) -> Iterator[Chart]:
 
 
 def _residual_chart(document: Document, name: str, curve: Curve) -> Chart:
-    before, after = numbers(curve["residual_before"]), numbers(curve["residual_after"])
-    sd, x = numbers(curve["sd"]), numbers(curve["x"])
+    x, sd, before, after = (numbers(curve[key]) for key in ("x", "sd", "residual_before", "residual_after"))
     usable = np.flatnonzero(np.isfinite(sd) & (sd <= _MAX_RELATIVE_STD * np.nanmedian(sd)))
     rows = usable[thinned(_POINTS, x[usable], before[usable])]
-    largest = float(np.quantile(np.abs(before[usable]), 0.99)) if usable.size else 0.0
-    unit, x_unit = error_unit(curve["unit"], largest), _driver_unit(curve["driver_unit"])
+    unit = error_unit(curve["unit"], float(np.quantile(np.abs(before[usable]), 0.99)) if usable.size else 0.0)
+    x_unit = Unit(1.0, "m") if curve["driver_unit"] == "m" else table_unit(curve["driver_unit"])
     if curve["driver"] == "predicted":
         x_unit = unit
     quantity = f"error of {curve['joint']}" if curve["joint"] else "error along the effect"
     driver = _DRIVER_LABELS.get(curve["driver"], str(curve["driver"])).replace("{joint}", str(curve["joint"]))
     fitted = "the line is the fitted effect" if curve["curve"] is not None else "crosses are the fitted effect"
     omitted = x.size - usable.size
-    omitted_note = f" {omitted} poses that determine this error too weakly are omitted." if omitted else ""
+    omitted_note = f" {omitted} poses that determine this error too weakly are omitted." * (omitted > 0)
     rms = [root_mean_square(residual[usable]) if usable.size else None for residual in (before, after)]
     return Chart(
         "effect",
@@ -83,11 +83,6 @@ def _residual_chart(document: Document, name: str, curve: Curve) -> Chart:
         [_residual_panel(curve, rows, unit, x_unit, short(quantity, 30), short(driver, 44))],
         _residual_table(document, curve, usable, unit, x_unit, driver),
     )
-
-
-def _driver_unit(unit: str) -> Unit:
-    """Return the unit of a driver's axis: degrees, metres, or the unit itself."""
-    return Unit(1.0, "m") if unit == "m" else table_unit(unit)
 
 
 def _residual_table(document: Document, curve: Curve, usable: Rows, unit: Unit, x_unit: Unit, driver: str) -> Grid:
@@ -107,9 +102,8 @@ def _residual_table(document: Document, curve: Curve, usable: Rows, unit: Unit, 
 
 
 def _residual_panel(curve: Curve, rows: Rows, unit: Unit, x_unit: Unit, quantity: str, driver: str) -> Panel:
-    x, before, after, effect = (
-        numbers(curve[key])[rows] for key in ("x", "residual_before", "residual_after", "effect")
-    )
+    keys = ("x", "residual_before", "residual_after", "effect")
+    x, before, after, effect = (numbers(curve[key])[rows] for key in keys)
     before, after = before * unit.factor, after * unit.factor
     is_direction = curve["driver"] == "direction"
     # Poses of one direction are spread in their order to stay visible.
@@ -207,17 +201,13 @@ def _candidates_chart(number: int, ranked: Mapping[str, Mapping[str, Any]], chos
     runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
     outcome = "No effect was added."
     if chosen is not None:
-        added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
-        outcome = f"{added} was added to the model."
+        outcome = f"{'It' if chosen == names[0] else f'{chosen}, which has a higher prior,'} was added to the model."
     count = min(len(names), _BARS)
     bars = []
     for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", "")):
         own = [i for i in range(count) if (names[i] == chosen) == (role == "after")]
-        values = [evidence[i] for i in own]
-        texts = [fixed(value, 1) for value in values]
-        bars.append(
-            Series(([max(value, 0.0) for value in values], own), role, label, kind="bars", size=0.62, texts=texts)
-        )
+        sizes, texts = [max(evidence[i], 0.0) for i in own], [fixed(evidence[i], 1) for i in own]
+        bars.append(Series((sizes, own), role, label, kind="bars", size=0.62, texts=texts))
     high = 1.16 * max(*evidence, 1e-9)
     return Chart(
         "candidates",

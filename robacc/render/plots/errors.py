@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,9 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text.layout import Document, Unit, error_unit, length_unit
+from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
+from robacc.render.views.fit import SHORT_STAGES
 
 # Charts of the errors and of the ellipsoids of their covariance, in the tool frame and in the measuring frame.
 
@@ -53,7 +54,7 @@ def ellipsoid_charts(document: Document) -> Iterator[Chart]:
 def _ellipsoids_chart(frame: str, part: Mapping[str, Any], errors: Array, mean: Array, key: str) -> Chart:
     covariance = vectors(part[key])
     sd = np.sqrt(np.maximum(np.linalg.eigvalsh(covariance)[::-1], 0.0))
-    unit = length_unit(float(max(np.abs(errors).max(initial=0.0), SHARES[1][1] * sd[0])))
+    unit = error_unit("m", float(max(np.abs(errors).max(initial=0.0), SHARES[1][1] * sd[0])))
     where, meaning = _FRAMES[frame]
     rows = thinned(_ELLIPSOID_POINTS, *errors.T) if len(errors) else np.zeros(0, dtype=np.int64)
     subject = "Predicted errors" if key.startswith("mean") else "Errors"
@@ -139,74 +140,50 @@ def _ellipsoids_table(part: Mapping[str, Any], key: str, unit: Unit) -> Grid:
 
 # The errors of a result's poses by stage: nominal model, baseline, extended model.
 
-STAGE_LABELS = {
-    command: {"nominal": "nominal, registered", "before": "baseline", "after": after}
-    for command, after in (("trace", "extended model"), ("calibrate", "calibrated"))
-}
+Curve = tuple[str, str, Array]
+"""Role, which is its colour, label and values."""
 STAGE_MEANINGS = {
     "trace": "baseline: declared effects fitted; extended model: findings added",
     "calibrate": "baseline: base and tool fitted; calibrated: all named effects fitted",
 }
 
 
-@dataclass(frozen=True, slots=True)
-class StageErrors:
-    """The errors of one stage."""
-
-    role: str
-    """``nominal``, ``before`` or ``after``: its colour."""
-    label: str
-    errors: Array
-    """``(N, 3)`` m or rad."""
-
-    @property
-    def sizes(self) -> Array:
-        """Return the lengths ``(N,)`` of the errors."""
-        return lengths(self.errors)
-
-
-@dataclass(frozen=True, slots=True)
-class ErrorsByStage:
-    """The stages of one result, of the same poses."""
+class Stages(NamedTuple):
+    """The errors of one result by stage, of the same poses."""
 
     poses: Mapping[str, Any]
     """Columns of the poses, with as many rows as the errors."""
     used: Array
     """``(N,)``, 1 for inliers and 0 for outliers."""
-    stages: tuple[StageErrors, ...]
-    held_out: bool
+    errors: Sequence[Curve]
+    """Role (``nominal``, ``before`` or ``after``: its colour), label, and ``(N, 3)`` m or rad of each stage."""
+    held_out: bool = False
     """True if the models of baseline and extended model were fitted without the pose."""
 
-    @property
-    def last(self) -> StageErrors:
-        """Return the last stage of the result."""
-        return self.stages[-1]
+    def sizes(self, mask: Any = slice(None)) -> Sequence[Curve]:
+        """Return role, label, and the lengths ``(N,)`` of the errors of each stage, of the rows in ``mask``."""
+        return [(role, label, lengths(errors[mask])) for role, label, errors in self.errors]
 
 
-def stages_of(document: Document, unit: str) -> ErrorsByStage | None:
+def stages_of(document: Document, unit: str) -> Stages | None:
     """Return the errors in ``m`` or ``rad``, None if the result has none."""
     poses = document.get("poses_apart") or document.get("poses")
+    part = document.get("position" if unit == "m" else "orientation")
     if poses is None or document["command"] == "predict":
         return None
-    if "errors_m" in poses:
-        return _of_fit(document, poses, unit)
-    part = document.get("position" if unit == "m" else "orientation")
-    if part is None or f"errors_{unit}" not in part:
-        return None
-    errors = vectors(part[f"errors_{unit}"])
-    return ErrorsByStage(poses, np.ones(len(errors)), (StageErrors("after", "measured", errors),), False)
-
-
-def _of_fit(document: Document, poses: Mapping[str, Any], unit: str) -> ErrorsByStage | None:
-    columns = poses[f"errors_{unit}"]
+    if "errors_m" not in poses:
+        if part is None or f"errors_{unit}" not in part:
+            return None
+        errors = vectors(part[f"errors_{unit}"])
+        return Stages(poses, np.ones(len(errors)), [("after", "measured", errors)])
+    columns, is_apart = poses[f"errors_{unit}"], document.get("poses_apart") is not None
     if columns is None:
         return None
     held_out = columns["held_out_after"] is not None
-    lead, labels = "held_out_" * held_out, STAGE_LABELS[document["command"]]
+    labels = [*SHORT_STAGES[document["command"]].items()][: 2 if document.get("findings") == [] else 3]
+    stages = [(role, label, vectors(columns[f"{'held_out_' * held_out}{role}"])) for role, label in labels]
     used = np.array(poses["used"] or np.ones(len(columns["nominal"])), dtype=np.float64)
-    roles = list(labels)[: 2 if document.get("findings") == [] else 3]
-    stages = tuple(StageErrors(role, labels[role], vectors(columns[f"{lead}{role}"])) for role in roles)
-    return ErrorsByStage(poses, used, stages, held_out or document.get("poses_apart") is not None)
+    return Stages(poses, used, stages, held_out or is_apart)
 
 
 # Cumulative distributions of the errors by stage, with the limits.
@@ -216,9 +193,6 @@ _QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
 _WIDE_RANGE = 12.0
 """Ratio of the largest error to the smallest median from which the scale is logarithmic."""
 
-Curves = Sequence[tuple[str, str, Array]]
-"""Role, label, sizes."""
-
 
 def distribution_charts(document: Document) -> Iterator[Chart]:
     """Return the distribution of position errors, and of orientation errors if measured."""
@@ -227,19 +201,17 @@ def distribution_charts(document: Document) -> Iterator[Chart]:
             yield _distribution_chart(document, name, unit, curves)
 
 
-def _curves(document: Document, unit: str) -> Curves:
+def _curves(document: Document, unit: str) -> Sequence[Curve]:
     if document["command"] == "predict":
         part = document["position" if unit == "m" else "orientation"]
         named = (("after", "predicted rms", "pose_rms"), ("before", "predicted 95 % radius", "pose_radius95"))
         present = [each for each in named if f"{each[2]}_{unit}" in part]
         return [(role, f"{label} by pose", numbers(part[f"{key}_{unit}"])) for role, label, key in present]
-    errors = stages_of(document, unit)
-    if errors is None:
-        return ()
-    return [(stage.role, stage.label, stage.sizes[errors.used > 0]) for stage in errors.stages]
+    stages = stages_of(document, unit)
+    return () if stages is None else stages.sizes(stages.used > 0)
 
 
-def _distribution_chart(document: Document, name: str, si_unit: str, curves: Curves) -> Chart:
+def _distribution_chart(document: Document, name: str, si_unit: str, curves: Sequence[Curve]) -> Chart:
     unit = error_unit(si_unit, max(float(sizes.max()) for _, _, sizes in curves))
     limits = limits_of(document, si_unit)
     errors, meaning = stages_of(document, "m"), STAGE_MEANINGS.get(document["command"], "")
@@ -304,10 +276,10 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     if x.size < 2:
         return
     # The errors of the nominal model are much larger.
-    stages = [stage for stage in errors.stages if stage.role != "nominal"]
-    sizes = [stage.sizes for stage in stages]
+    stages = [stage for stage in errors.sizes() if stage[0] != "nominal"]
+    labels, sizes = [label for _, label, _ in stages], [own for _, _, own in stages]
     rows, listed = thinned(_TIME_POINTS, x, *sizes), thinned(_ROWS, x, sizes[-1])
-    unit = error_unit("m", float(max(stage_sizes.max() for stage_sizes in sizes)))
+    unit = error_unit("m", float(np.max(sizes)))
     over = "time, s" if timed else "line of the file"
     order = "" if timed else " The order of the lines is the order of time only if the file was written so."
     worst = int(np.argmax(sizes[-1]))
@@ -315,11 +287,11 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     used = errors.used > 0
     # All inliers are in the chart; outliers off scale stand at its upper edge.
     inliers = rows[used[rows]] if used[rows].any() else rows
-    top = 1.08 * max(float(stage_sizes[inliers].max()) for stage_sizes in sizes) * unit.factor or 1.0
+    top = 1.08 * float(np.array(sizes)[:, inliers].max()) * unit.factor or 1.0
     looks: dict[str, Any] = {"after": {"size": 2.8}, "before": {"size": 3.4, "hollow": True, "width": 0.8}}
     series = [
-        Series((x[rows], stage.sizes[rows] * unit.factor), stage.role, stage.label, marker="o", **looks[stage.role])
-        for stage in stages
+        Series((x[rows], own[rows] * unit.factor), role, label, marker="o", **looks[role])
+        for role, label, own in stages
     ]
     beyond = sizes[-1] * unit.factor > top
     for mark, chosen, label in (("x", ~used & ~beyond, "outlier"), ("^", ~used & beyond, "outlier, off scale")):
@@ -329,16 +301,13 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     yield Chart(
         "time",
         f"Position error over {'time' if timed else 'the lines of the file'}",
-        f"Each pose's error ({' and '.join(stage.label for stage in stages)}) over {over}. The largest is at {at}, "
+        f"Each pose's error ({' and '.join(labels)}) over {over}. The largest is at {at}, "
         f"{largest}.{order}{thinning_note(rows.size, x.size)}",
         f"Scatter of position error in {unit.name} over {over}; largest {largest} at {at}",
         [Panel((Axis(over), Axis(f"position error, {unit.name}", 0, top)), series)],
         Grid(
-            ("pose", over, *(stage.label for stage in stages)),
-            [
-                [place(errors.poses, int(i)), f"{x[i]:g}", *(unit.text(float(stage_sizes[i])) for stage_sizes in sizes)]
-                for i in listed
-            ],
+            ("pose", over, *labels),
+            [[place(errors.poses, int(i)), f"{x[i]:g}", *(unit.text(float(own[i])) for own in sizes)] for i in listed],
             note=f"{listed.size} of {x.size} poses; the JSON result has all of them." * (listed.size < x.size),
         ),
         (4.9, 2.9),

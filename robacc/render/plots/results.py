@@ -1,4 +1,4 @@
-"""Charts of error budgets, comparisons, gates and evaluations after ISO 9283."""
+"""Charts of error budgets, comparisons, gates, evaluations after ISO 9283, and what a plan expects."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text.layout import Document, Unit, error_unit, length_unit
-from robacc.render.views.elements import Grid
+from robacc.render.text.layout import Document, Unit, error_unit
+from robacc.render.views.elements import Grid, effect_families
 
 # Charts of the error budget of a prediction.
 
@@ -122,8 +122,7 @@ def intervals(
 def _comparison_chart(
     statistic: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseline: str | None, ranks: bool
 ) -> Chart:
-    ends = [value[name] for value in values for name in ("value", "lower", "upper") if value[name] is not None]
-    signed = min(ends) < 0.0
+    signed = any((value[name] or 0.0) < 0.0 for value in values for name in ("value", "lower", "upper"))
     unit = error_unit(statistic["unit"], *(value["value"] for value in values))
     best = min(values, key=lambda value: abs(float(value["value"])))
     confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
@@ -249,14 +248,17 @@ def iso9283_charts(document: Document) -> Iterator[Chart]:
 
 def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
     names = [*dict.fromkeys(str(place["pose"]) for part in criteria.values() for place in part["poses"])]
-    figures = {}
-    for key, part in criteria.items():
-        bounds = [place["intervals"]["position_m"] for place in part["poses"]]
-        value = numbers(place["position_m"] for place in part["poses"])
-        figures[key] = value, *(numbers(each[end] for each in bounds) for end in ("lower", "upper"))
+    last = [*criteria][-1]
+    figures = {
+        key: (
+            numbers(place["position_m"] for place in part["poses"]),
+            *(numbers(place["intervals"]["position_m"][end] for place in part["poses"]) for end in ("lower", "upper")),
+        )
+        for key, part in criteria.items()
+    }
     # Values without an upper limit stand for themselves.
-    unit = length_unit(
-        max(float(np.nanmax(np.append(figure[[0, 2]], 0.0))) for figure in map(np.array, figures.values()))
+    unit = error_unit(
+        "m", max(float(np.nanmax(np.append(figure[[0, 2]], 0.0))) for figure in map(np.array, figures.values()))
     )
     maxima = [
         f"{key} is largest at {part['max_at']}, {unit.text(part['max_m'])}"
@@ -268,10 +270,10 @@ def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
         Panel(
             (
                 Axis(
-                    "commanded pose" if key == [*criteria][-1] else "",
+                    "commanded pose" if key == last else "",
                     -0.6,
                     len(names) - 0.4,
-                    names=[short(name, 10) for name in names] if key == [*criteria][-1] else [""] * len(names),
+                    names=[short(name, 10) * (key == last) for name in names],
                 ),
                 Axis(f"{key}, {unit.name}", 0),
             ),
@@ -307,19 +309,21 @@ def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
 
 def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
     attained, centre = vectors(visits["attained_m"]), numbers(visits["barycentre_m"])
-    commanded = visits["commanded_m"]
-    origin = centre if commanded is None else numbers(commanded)
+    is_known = visits["commanded_m"] is not None
+    origin = numbers(visits["commanded_m"]) if is_known else centre
     offsets, centre = attained - origin, centre - origin
-    repeatability = (
-        place["position_m"]
-        for place in document["iso9283"]["RP"]["poses"]
-        if (place["pose"], place["file"]) == (visits["pose"], visits["file"])
+    radius = next(
+        (
+            place["position_m"]
+            for place in document["iso9283"]["RP"]["poses"]
+            if (place["pose"], place["file"]) == (visits["pose"], visits["file"])
+        ),
+        None,
     )
-    radius = next(repeatability, None)
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
-    unit = length_unit(reach)
+    unit = error_unit("m", reach)
     rows, limit = thinned(_VISITS, *offsets.T), 1.08 * reach * unit.factor or 1.0
-    zero = "the commanded pose" if commanded is not None else "the barycentre because the commanded pose is unknown"
+    zero = "the commanded pose" if is_known else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""
     around, shown = np.linspace(0.0, 2 * np.pi, 97), offsets[rows] * unit.factor
     panels = []
@@ -353,4 +357,93 @@ def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
         ),
         (4.9, 2.9),
         columns=2,
+    )
+
+
+# Charts of a plan: the predicted error over the number of poses, and detection limits.
+
+
+def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
+    """Return the chart of the error that a plan predicts, if it is known for several numbers of poses."""
+    accuracy = document["accuracy"]
+    if accuracy is None or len(accuracy["curve"]) < 2:
+        return
+    points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
+    unit = error_unit("m", *(point["total_rms_m"] for point in points))
+    ending = "Ten more poses still reduce it by more than 10 %."
+    if knee is not None:
+        ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+    n = numbers(point["n_poses"] for point in points)
+    series = [
+        Series(
+            (n, unit.factor * numbers(point[key] for point in points)), role, label, marker=marker, line=line, size=3.4
+        )
+        for key, label, role, line, marker in (
+            ("total_rms_m", "with repeatability", "nominal", "-", "s"),
+            ("random_rms_m", "random poses", "before", "--", "^"),
+            ("rms_m", "planned poses", "after", "-", "o"),
+        )
+    ]
+    at_plan = ""
+    if planned is not None:
+        at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
+        y = [planned["rms_m"] * unit.factor]
+        series.append(Series(([planned["n_poses"]], y), "ink", "this plan", marker="o", size=8, hollow=True))
+    rules = [] if knee is None else [(knee, f"knee, {knee} poses")]
+    yield Chart(
+        "expected-accuracy",
+        "Predicted error over the number of poses",
+        f"Predicted rms position error of the calibrated model over the task, for planned and random poses.{at_plan}"
+        f" The upper line adds what no fit removes: repeatability and unexplained error. {ending}",
+        f"Predicted error in {unit.name} over the number of poses, planned below random; knee at {knee or 'none'}",
+        [Panel((Axis("number of poses", rules=rules), Axis(f"predicted error, {unit.name}", 0)), series)],
+        Grid(
+            ("poses", "rms", "random poses, rms", "worst", "with repeatability, rms"),
+            [
+                [str(point["n_poses"])]
+                + [unit.text(point[key]) for key in ("rms_m", "random_rms_m", "worst_m", "total_rms_m")]
+                for point in points
+            ],
+        ),
+        (4.9, 3.0),
+    )
+
+
+def detection_limit_charts(document: Document) -> Iterator[Chart]:
+    """Return the chart of the effects that a trace of planned poses can find, the likeliest first."""
+    families = sorted(effect_families(document), key=lambda family: -family.power)
+    if not families:
+        return
+    detectable = [family for family in families if family.known]
+    sure = sum(family.power >= 0.5 for family in families)
+    series, rows = [], []
+    for place, family in enumerate(detectable):
+        role = "after" if family.power >= 0.5 else "before"
+        ends = numbers(family.known[end]["limit"] for end in (0, -1)) / family.entries[0]["usual_size"]
+        series.append(
+            Series((ends, [place] * 2), role, marker="o", line="-", size=4, width=1.6, hollow=role == "before")
+        )
+    for family in families:
+        limits = [f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)]
+        first = family.entries[0]
+        usual, power = f"{first['usual_size']:.1e}", f"{100 * family.power:.0f} %"
+        rows.append([family.name, *limits, first["unit"], usual, power])
+    yield Chart(
+        "detection-limits",
+        "Detection limits",
+        "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line joins "
+        f"the most and the least visible joint. Left of 1, the usual size is found. {sure} of {len(families)} effects "
+        "are found at their usual size with a mean probability of at least 1/2.",
+        f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
+        [
+            Panel(
+                (
+                    Axis("detection limit over the usual size", is_log=True, rules=[(1.0, "usual size")]),
+                    Axis("", names=[family.name for family in detectable]),
+                ),
+                series,
+            )
+        ],
+        Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+        (4.9, 1.0 + 0.24 * max(len(detectable), 3)),
     )

@@ -1,4 +1,4 @@
-"""Charts over the workspace: maps of errors and grades, magnified error vectors, targets of a correction."""
+"""Charts over the workspace: maps of errors and grades, magnified error vectors, corrected targets, planned poses."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from robacc.render.plots.canvas import (
     Panel,
     Rows,
     Series,
+    lengths,
     numbers,
     place,
     root_mean_square,
@@ -25,8 +26,8 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.plots.errors import StageErrors, stages_of
-from robacc.render.text.layout import Document, Unit, length_unit
+from robacc.render.plots.errors import Curve, stages_of
+from robacc.render.text.layout import Document, Unit, error_unit
 from robacc.render.views.elements import Grid
 
 _MIN_POSES = 80
@@ -41,13 +42,14 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         values = numbers(values)
     elif poses is not None and errors is not None:
         used = errors.used > 0
-        at, values = vectors(errors.poses["commanded_m"])[used], errors.stages[-1].sizes[used]
-        label = f"Position error, {errors.stages[-1].label}," if len(errors.stages) > 1 else "Position error"
+        _, stage, values = errors.sizes(used)[-1]
+        at = vectors(errors.poses["commanded_m"])[used]
+        label = f"Position error, {stage}," if len(errors.errors) > 1 else "Position error"
     else:
         return
     if values.size < _MIN_POSES:
         return
-    unit, quantity = length_unit(float(values.max())), label.rstrip(",")
+    unit, quantity = error_unit("m", float(values.max())), label.rstrip(",")
     worst, radius = int(np.argmax(values)), np.hypot(at[:, 0], at[:, 1])
     views = (
         ("from the side", "distance from axis, m", "height z, m", radius, at[:, 2]),
@@ -98,17 +100,14 @@ _VECTOR = 0.12
 def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     """Return the chart of a result with poses and errors in the measuring frame."""
     by_stage = stages_of(document, "m")
-    if by_stage is None:
+    if by_stage is None or not by_stage.poses["commanded_m"]:
         return
-    stages: Sequence[StageErrors] = [stage for stage in by_stage.stages if stage.role != "nominal"]
+    stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
     if "position_by_frame" in document:
-        errors = vectors(document["position_by_frame"]["base"]["errors_m"])
-        stages = [StageErrors("after", "measured", errors)]
+        stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+    start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
     at = vectors(by_stage.poses["commanded_m"])
-    if len(at):
-        names = " and ".join(f"{stage.label}" for stage in stages)
-        start = f"Commanded target positions and their errors ({names})"
-        yield _errors_in_space(document, by_stage.poses, at, stages, "poses", "Pose errors in space", start)
+    yield _errors_in_space(document, by_stage.poses, at, stages, "poses", "Pose errors in space", start)
 
 
 def correction_charts(document: Document) -> Iterator[Chart]:
@@ -117,7 +116,7 @@ def correction_charts(document: Document) -> Iterator[Chart]:
         return
     targets: Mapping[str, Any] = document["targets"]
     stages = [
-        StageErrors(role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
+        (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
         for role, name in (("before", "nominal"), ("after", "corrected"))
     ]
     count = f"{sum(targets['corrected'])} of {len(targets['corrected'])} targets are corrected"
@@ -130,7 +129,7 @@ def _errors_in_space(
     document: Document,
     poses: Mapping[str, Any],
     at: Array,
-    stages: Sequence[StageErrors],
+    stages: Sequence[Curve],
     kind: str,
     title: str,
     caption: str,
@@ -141,22 +140,22 @@ def _errors_in_space(
         document: The result, whose robot is drawn at a typical pose.
         poses: Columns that name the points.
         at: Points, m.
-        stages: Errors of the same points; the first decides the magnification.
+        stages: Role, label and errors of the same points; the first decides the magnification.
         kind: Kind of the chart.
         title: Its title.
         caption: First sentence of its caption, without its full stop.
     """
-    sizes = [stage.sizes for stage in stages]
-    unit = length_unit(float(max(stage_sizes.max() for stage_sizes in sizes)))
+    sizes, labels = [lengths(errors) for _, _, errors in stages], [label for _, label, _ in stages]
+    unit = error_unit("m", float(np.max(sizes)))
     scale = _magnification(at, sizes[0])
     still, turned = thinned(_STILL, *sizes), thinned(_TURNED, *sizes)
     order = np.argsort(-sizes[-1], kind="stable")[:_ROWS]
-    largest, arm = unit.text(float(sizes[-1].max())), arm_of(document)
+    largest, arm = unit.text(float(sizes[-1].max())), _arm(document)
     texts = [
         "\n".join(
             [
                 place(poses, i),
-                *(f"{s.label}: {unit.text(float(size[i]))}" for s, size in zip(stages, sizes, strict=True)),
+                *(f"{label}: {unit.text(float(size[i]))}" for label, size in zip(labels, sizes, strict=True)),
             ]
         )
         for i in map(int, turned)
@@ -164,10 +163,10 @@ def _errors_in_space(
 
     def series(rows: Rows, texts: Sequence[str]) -> list[Series]:
         shown = [Series(at[rows].T, "ink", "commanded", marker="o", size=2.0, texts=texts)]
-        for stage in stages:
-            gaps = np.full((rows.size, 3), np.nan)
-            ends = np.stack((at[rows], at[rows] + scale * stage.errors[rows], gaps), axis=1).reshape(-1, 3)
-            shown.append(Series(ends.T, stage.role, stage.label, line="-", width=1.0))
+        gaps = np.full((rows.size, 3), np.nan)
+        for role, label, errors in stages:
+            ends = np.stack((at[rows], at[rows] + scale * errors[rows], gaps), axis=1).reshape(-1, 3)
+            shown.append(Series(ends.T, role, label, line="-", width=1.0))
         return [*arm, *shown]
 
     return Chart(
@@ -179,10 +178,10 @@ def _errors_in_space(
         f"magnified; largest {largest}",
         [Panel(SPACE, series(still, ()))],
         Grid(
-            ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *(stage.label for stage in stages)),
+            ("pose", "x, m", "y, m", "z, m", "error x", "error y", "error z", *labels),
             [
                 [place(poses, int(i)), *(f"{value:.3f}" for value in at[i])]
-                + [unit.text(float(value)) for value in (*stages[-1].errors[i], *(size[i] for size in sizes))]
+                + [unit.text(float(value)) for value in (*stages[-1][2][i], *(size[i] for size in sizes))]
                 for i in order
             ],
             note=f"The {len(order)} poses with the largest errors of {len(at)}; the JSON result has all of them."
@@ -208,7 +207,7 @@ def _magnification(at: Array, sizes: Array) -> float:
     return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
 
 
-def arm_of(document: Document) -> list[Series]:
+def _arm(document: Document) -> list[Series]:
     """Return the line of the arm at a typical pose, if the result has it."""
     outline = (document.get("robot") or {}).get("outline")
     if outline is None:
@@ -243,7 +242,7 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     known = [*document["grade"]["share_of_poses_meeting"]]
     present = [name for name in known if name in grades] + sorted({*grades.tolist()} - {*known})
     shares = ", ".join(f"{name} in {np.count_nonzero(grades == name)}" for name in present)
-    unit, edge = length_unit(float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
+    unit, edge = error_unit("m", float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
     order = np.argsort(-bound, kind="stable")[:_ROWS]
     x, y, z = at[order[0]]
     rows = thinned(_DRAWN, bound)
@@ -276,3 +275,76 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
         CUBE,
         scene=scene(series, ", point at a voxel"),
     )
+
+
+# The poses of a plan in space, by their role, with the route of the visits.
+
+_VISITS = 80
+"""Visits that the table lists."""
+_PAYLOAD_ROLES = ("after", "third", "fourth", "before", "nominal")
+
+
+def planned_poses_charts(document: Document) -> Iterator[Chart]:
+    """Return the chart of the visits in the base frame."""
+    visits = document["visits"]
+    at = vectors(visits["target_in_base_m"])
+    groups, arm = list(_groups(document, at)), _arm(document)
+    series = [Series(at.T, "muted", line="-", width=0.5, alpha=0.6), *arm, *groups]
+    counts = ", ".join(
+        f"{len(group.at[0])} {group.label[:-1] if len(group.at[0]) == 1 and group.label[-1] == 's' else group.label}"
+        for group in groups
+        if group.label != "instrument"
+    )
+    payloads = visits["payload_kg"]
+    rows = [
+        [str(i + 1), name, visits["role"][i], *([] if payloads is None else [f"{payloads[i]:g}"])]
+        + [f"{value:.3f}" for value in at[i]]
+        for i, name in enumerate(visits["pose"][:_VISITS])
+    ]
+    yield Chart(
+        "planned-poses",
+        "Planned poses in space",
+        f"Target positions in the base frame: {counts}. The thin line is the route of the {len(at)} visits"
+        f"{', the grey line the arm at a typical pose' if arm else ''}.",
+        f"Points of {counts} in x, y, z in m of the base frame, joined by the route",
+        [Panel(SPACE, series)],
+        Grid(
+            ("visit", "pose", "role", *(("payload, kg",) * (payloads is not None)), "x, m", "y, m", "z, m"),
+            rows,
+            note=f"The first {_VISITS} of {len(at)} visits; the CSV has all of them." * (len(at) > _VISITS),
+        ),
+        CUBE,
+        scene=scene(series, ", point at a pose to see its visit"),
+    )
+
+
+def _groups(document: Document, at: Array) -> Iterator[Series]:
+    """Yield the poses by role and payload: each pose has one mark."""
+    visits, blocks, validation = document["visits"], document["payloads"], document["validation"]
+    names, roles = np.array(visits["pose"]), np.array(visits["role"])
+    texts = np.array([f"visit {i}: {name}, {role}" for i, (name, role) in enumerate(zip(names, roles, strict=True), 1)])
+    is_single = (roles == "pose") & ~np.isin(names, names[roles == "repeat"])
+    chosen: list[tuple[str, str, str, Any]] = [("poses", _PAYLOAD_ROLES[0], "o", is_single)]
+    if len(blocks) > 1:
+        payloads = np.array(visits["payload_kg"])
+        chosen = [
+            (f"poses with {kg:g} kg", colour, "o", is_single & (payloads == kg))
+            for kg, colour in zip((block["payload_kg"] for block in blocks), _PAYLOAD_ROLES, strict=False)
+        ]
+    for role, label, colour, marker in (
+        ("repeat", "poses visited twice", "before", "s"),
+        ("check", "drift check poses", "limit", "D"),
+    ):
+        first = np.flatnonzero(roles == role)[np.unique(names[roles == role], return_index=True)[1]]
+        chosen.append((label, colour, marker, np.isin(np.arange(names.size), first)))
+    groups = [(label, colour, marker, at[rows], texts[rows]) for label, colour, marker, rows in chosen]
+    if validation is not None:
+        points = vectors(validation["target_in_base_m"])
+        labels = [f"validation pose {i + 1}" for i in range(len(points))]
+        groups.append(("validation poses", "nominal", "^", points, labels))
+    if document["instrument_in_base_m"] is not None:
+        groups.append(("instrument", "ink", "*", vectors([document["instrument_in_base_m"]]), ["instrument"]))
+    for label, colour, marker, points, labels in groups:
+        if len(points):
+            size, is_hollow = 8.0 if marker == "*" else 4.5, marker != "o"
+            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=labels, width=1.0)

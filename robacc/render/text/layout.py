@@ -1,66 +1,14 @@
-"""Texts of reports: lines in columns, numbers with the digits that their uncertainty supports, units and names.
-
-rich only styles the lines on a terminal: laying out its tables takes longer than estimating 100 poses.
-"""
+"""Numbers with the digits that their uncertainty supports, units, and names of effects, as texts."""
 
 from __future__ import annotations
 
 import math
-import textwrap
-from collections.abc import Iterable, Mapping, Sequence
-from itertools import zip_longest
-from typing import Any, Literal, NamedTuple
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 Document = Mapping[str, Any]
 """A JSON result."""
-Style = Literal["", "bold", "dim", "green", "bold red", "bold yellow"]
-
-
-class TextLine(NamedTuple):
-    """One line and its style."""
-
-    text: str
-    style: Style = ""
-
-
-BLANK = TextLine("")
-
-
-def heading(text: str) -> TextLine:
-    """Return the heading of a section."""
-    return TextLine(text, "bold")
-
-
-def columns(
-    header: Sequence[str], rows: Iterable[Sequence[str]], gap: int = 2, left: Sequence[int] = (0,)
-) -> list[TextLine]:
-    """Return a table without rules, its columns at the places ``left`` aligned left and the others right.
-
-    Rows may be shorter than the header. A header of empty cells is omitted.
-    """
-    table = [header, *rows]
-    widths = [max(map(len, cells)) for cells in zip_longest(*table, fillvalue="")]
-    lines = []
-    for number, row in enumerate(table):
-        cells = (f"{cell:{'<' if place in left else '>'}{widths[place]}}" for place, cell in enumerate(row))
-        lines.append(TextLine((" " * gap).join(cells).rstrip(), "dim" if number == 0 else ""))
-    return lines if any(header) else lines[1:]
-
-
-def items(texts: Iterable[str], width: int) -> list[TextLine]:
-    """Return each text with a dash, wrapped to ``width`` columns with a hanging indent."""
-    lines = []
-    for text in texts:
-        lines += textwrap.wrap(text, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False)
-    return [TextLine(text) for text in lines]
-
-
-def wrapped(text: str, width: int) -> list[TextLine]:
-    """Return a paragraph wrapped to ``width`` columns, all of its lines indented like its first."""
-    indent = text[: len(text) - len(text.lstrip())]
-    lines = textwrap.wrap(text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-    return [TextLine(line) for line in lines]
-
 
 # Numbers as text: as many digits as the uncertainty supports.
 
@@ -171,7 +119,7 @@ class Unit(NamedTuple):
 
 MILLIMETRE = Unit(IN_MM, "mm")
 DEGREE = Unit(IN_DEGREES, "°")
-_LEADING = {"m": MILLIMETRE, "rad": DEGREE}
+_OF_SIZE = re.compile("(m|rad)([/ ].*)?")
 
 
 def table_unit(unit: str) -> Unit:
@@ -179,14 +127,11 @@ def table_unit(unit: str) -> Unit:
 
     ``rad/(N m)`` becomes ``°/(N m)``: only the unit before the first slash or space is that of an effect's size.
     """
-    if unit == "1":
-        return Unit(1.0, "")
-    for separator in ("/", " "):
-        head, sign, others = unit.partition(separator)
-        if head in _LEADING:
-            factor, name = _LEADING[head]
-            return Unit(factor, f"{name}{sign}{others}")
-    return Unit(1.0, unit)
+    match = _OF_SIZE.fullmatch(unit)
+    if match is None:
+        return Unit(1.0, "" if unit == "1" else unit)
+    factor, name = MILLIMETRE if match[1] == "m" else DEGREE
+    return Unit(factor, name + (match[2] or ""))
 
 
 def error_unit(unit: str, *sizes: float) -> Unit:
@@ -195,11 +140,6 @@ def error_unit(unit: str, *sizes: float) -> Unit:
         return DEGREE
     is_small = max((abs(size) for size in sizes if math.isfinite(size)), default=0.0) < 2e-5
     return Unit(1e6, "µm") if is_small else MILLIMETRE
-
-
-def length_unit(*sizes: float) -> Unit:
-    """Return the unit of lengths, m."""
-    return error_unit("m", *sizes)
 
 
 def with_table_unit(number: str, name: str) -> str:
@@ -229,11 +169,7 @@ def effect_label(effect: str, joints: Sequence[str], settings: Mapping[str, Any]
 
     Masses that are fitted too are named: the same effect with the file's masses may be another finding.
     """
-    masses = settings.get("masses", "known")
-    if masses != "known":
-        return f"{effect_label(effect, joints, {**settings, 'masses': 'known'})} with {masses} masses"
-    part = settings.get("part")
-    if joints and part != "payload":
-        return f"{effect}[{','.join(joints)}]"
-    where = settings.get("target") or part
-    return f"{effect}[{where}]" if where else effect
+    part, masses = settings.get("part"), settings.get("masses", "known")
+    where = ",".join(joints) if joints and part != "payload" else settings.get("target") or part
+    label = f"{effect}[{where}]" if where else effect
+    return label if masses == "known" else f"{label} with {masses} masses"

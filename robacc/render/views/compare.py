@@ -7,7 +7,19 @@ from typing import Any
 
 from robacc.comparison.reading import split_key
 from robacc.render.text.layout import IN_MM, Document, chance, decimals, fixed, p_value, table_unit, three_digits
-from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, number, percent
+from robacc.render.views.elements import (
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Tile,
+    amount,
+    number,
+    percent,
+)
 
 _STATISTICS = {
     "rms": "rms",
@@ -41,30 +53,30 @@ _MAX_NAME = 24
 """Largest number of columns for a result's name."""
 
 
-def comparison_view(document: Document) -> Iterator[Section]:
-    """Return the text of a comparison."""
-    baseline = _short(document["baseline"])
-    yield Section(f"{len(document['results'])} results compared; baseline: {baseline}", [_results(document)])
-    yield from comparison_sections(document, complete=False)
-    if document["notes"]:
-        yield Section("Limitations", [Listing(document["notes"])])
+def comparison_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``compare``."""
+    names, ranking = [result["name"] for result in document["results"]], document["ranking"]
+    summary, tiles = "", []
+    if ranking is not None:
+        summary = f"By {ranking['by']}: {'; '.join(ranking['text'])}."
+        tiles = [
+            Tile(entry["name"], amount(entry["value"], ranking["unit"]), f"group {entry['letters']}")
+            for entry in ranking["order"][:3]
+            if ranking["unit"] in ("m", "rad")
+        ]
+    facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
+    return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
 
 
-def comparison_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page: every difference, and how each result was made."""
-    yield from comparison_sections(document, complete=True)
-    results = document["results"]
-    keys = dict.fromkeys(key for result in results for key in result["made"])
-    rows: list[Sequence[Cell]] = [
-        *([key, *(str(result["made"].get(key, "–")) for result in results)] for key in keys),
-        ["SHA-256", *(result["sha256"] for result in results)],
-    ]
-    made = Grid(("", *(result["name"] for result in results)), rows, is_text=True)
-    yield Section("Compared results", [_results(document), made])
+def comparison_view(document: Document, form: Form = "page") -> Iterator[Section]:
+    """Return ranking, grades and statistics, with the methods of the differences.
 
-
-def comparison_sections(document: Document, complete: bool) -> Iterator[Section]:
-    """Return ranking, grades and statistics, with the methods of the differences; ``complete`` for all of them."""
+    A page has every difference, and how each result was made.
+    """
+    results, complete = document["results"], form == "page"
+    if not complete:
+        title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
+        yield Section(title, [_results(document)])
     yield _ranking(document["ranking"])
     if document["grade"] is not None:
         yield _grade(document["grade"])
@@ -84,8 +96,20 @@ def comparison_sections(document: Document, complete: bool) -> Iterator[Section]
         for difference in row["differences"]:
             name = _label(row["key"]) if row["key"].startswith(_ISO9283) else _statistic(row["key"])
             methods.setdefault(difference["why"] or difference["method"], {})[name] = None
-    if methods:
-        yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
+    yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
+    if not complete:
+        yield Section("Limitations", [Listing(document["notes"])])
+        return
+    keys = dict.fromkeys(key for result in results for key in result["made"])
+    made = Grid(
+        ("", *(result["name"] for result in results)),
+        [
+            *((key, *(str(result["made"].get(key, "–")) for result in results)) for key in keys),
+            ("SHA-256", *(result["sha256"] for result in results)),
+        ],
+        is_text=True,
+    )
+    yield Section("Compared results", [_results(document), made])
 
 
 def _short(name: str) -> str:
@@ -93,12 +117,11 @@ def _short(name: str) -> str:
 
 
 def _results(document: Document) -> Grid:
-    paired = {match["second"]: match["paired"] for match in document["pairing"]}
+    paired = {match["second"]: "same poses" if match["paired"] else "different poses" for match in document["pairing"]}
     rows = []
     for result in document["results"]:
-        is_paired = None if result["command"] in _WITHOUT_ERRORS else paired.get(result["name"])
-        poses = "" if is_paired is None else "same poses" if is_paired else "different poses"
         cells = (result["name"], result["command"], result["robot"] or "–", result["n_poses"], result["grade"] or "–")
+        poses = "" if result["command"] in _WITHOUT_ERRORS else paired.get(result["name"], "")
         rows.append([*(_short(str(cell)) for cell in cells), poses])
     return Grid(("result", "command", "robot", "poses", "grade", ""), rows)
 
@@ -111,11 +134,12 @@ def _ranking(ranking: Mapping[str, Any]) -> Section:
     description = name if stage is None else f"{name} ({stage})"
     pairs = {(pair["better"], pair["worse"]): pair for pair in ranking["pairs"]}
     names = [entry["name"] for entry in ranking["order"]]
-    rows: list[Sequence[Cell]] = []
+    rows = []
     for entry, following in zip(ranking["order"], [*names[1:], ""], strict=True):
-        pair = pairs.get((entry["name"], following))
-        cells = ["", ""] if pair is None else [_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])]
-        rows.append([_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], *cells])
+        cells: list[Cell] = [_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], "", ""]
+        if (pair := pairs.get((entry["name"], following))) is not None:
+            cells[3:] = _difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])
+        rows.append(cells)
     is_grouped = any(entry["letters"] for entry in ranking["order"])
     header = ("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs")
     title = f"Ranking by {description}, {table_unit(unit)[1]}"
@@ -123,25 +147,24 @@ def _ranking(ranking: Mapping[str, Any]) -> Section:
 
 
 def _grade(grade: Mapping[str, Any]) -> Section:
-    rows: list[Sequence[Cell]] = []
-    reasons, later = [], []
-    for status in grade["results"]:
-        rows.append(
-            [
-                _short(status["name"]),
-                _VERDICTS[status["verdict"]],
-                status["grade"],
-                "–" if status["probability"] is None else chance(status["probability"]),
-                *(_bounded(status, quantity, unit) for quantity, unit in (("position", "m"), ("orientation", "rad"))),
-            ]
+    results, quantities = grade["results"], (("position", "m"), ("orientation", "rad"))
+    rows = [
+        (
+            _short(each["name"]),
+            _VERDICTS[each["verdict"]],
+            each["grade"],
+            "–" if each["probability"] is None else chance(each["probability"]),
+            *(_bounded(each, quantity, unit) for quantity, unit in quantities),
         )
-        if status["why"]:
-            reasons.append(f"{status['name']}: {status['why']}")
-        if status["poses_to_demonstrate"] is not None:
-            later.append(
-                f"{status['name']}: if the estimate does not change, {status['poses_to_demonstrate']} poses in total "
-                "would probably confirm it"
-            )
+        for each in results
+    ]
+    reasons = [f"{each['name']}: {each['why']}" for each in results if each["why"]]
+    later = [
+        f"{each['name']}: if the estimate does not change, {each['poses_to_demonstrate']} poses in total would "
+        "probably confirm it"
+        for each in results
+        if each["poses_to_demonstrate"] is not None
+    ]
     header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
     return Section(f"Grade {grade['wanted']} (scale: {grade['scale']})", [Grid(header, rows), Listing(reasons + later)])
 

@@ -5,8 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_digits
-from robacc.render.views.elements import Cell, Grid, Listing, Number, Section, Text, number
+from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, table_unit, three_digits, with_table_unit
+from robacc.render.views.elements import (
+    Cell,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    number,
+)
 
 _CAUSES = {
     "unreached": "not reached by the nominal robot",
@@ -26,7 +37,24 @@ _PARTS = (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-
 Part = Mapping[str, Any]
 
 
-def correction_view(
+def correction_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``correct``."""
+    before, after = (document["expected"][stage]["position"] or {} for stage in ("before", "after"))
+    now, then = (amount(part.get("expected_rms_m")) for part in (before, after))
+    count = f"{document['n_corrected']} of {document['n_targets']} targets"
+    return ReportHeadline(
+        f"Correction by {document['model']}",
+        f"{count} have a corrected command. The position error to expect falls from {now} to {then} rms.",
+        [
+            Tile("expected error before, rms", now),
+            Tile("expected error after, rms", then),
+            Tile("95 % bound after, largest", amount(after.get("largest_bound95_m"))),
+        ],
+        [(f"{count} corrected", "open" if document["n_refused"] else "good")],
+    )
+
+
+def correction_text(
     parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str
 ) -> Iterator[Section]:
     """Return the text of a correction, of each kind of targets in turn.
@@ -43,7 +71,7 @@ def correction_view(
         count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
         yield Section(f"{title}: {count}", [Text(f"The commands are in {output}.", wraps=False)])
         for part in parts:
-            yield from correction_sections(part)
+            yield from _errors_to_expect(part)
         ahead = (
             f"load {output}, measure the same targets again, and compare with the measurement before: "
             f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
@@ -52,21 +80,16 @@ def correction_view(
     yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
 
 
-def correction_page(document: Document) -> Iterator[Section]:
+def correction_view(document: Document) -> Iterator[Section]:
     """Return the sections of a page, which lists the targets that are not corrected."""
-    yield from correction_sections(document)
-    targets = document["targets"]
-    rows = [
-        (str(line), reason)
-        for line, reason in zip(targets["line"], targets["reason"], strict=True)
-        if reason is not None
-    ]
-    if rows:
-        more = [Text(f"The first {_ROWS} of {len(rows)}.")] if len(rows) > _ROWS else []
-        yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), *more])
+    yield from _errors_to_expect(document)
+    targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
+    rows = [(str(line), reason) for line, reason in targets if reason is not None]
+    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
+    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
 
 
-def correction_sections(document: Document) -> Iterator[Section]:
+def _errors_to_expect(document: Document) -> Iterator[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
     correction, expected = document["correction"], document["expected"]
     if document["n_corrected"]:
@@ -92,9 +115,8 @@ def correction_sections(document: Document) -> Iterator[Section]:
         yield Section(
             f"Errors to expect at {count}", [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)]
         )
-    if document["refused"]:
-        refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-        yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
+    refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
+    yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
 
 
 def _is_none(correction: Part) -> bool:
@@ -115,29 +137,36 @@ def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:
     return cells
 
 
+# Table of ``robacc export``, at most 80 columns.
+
 _LEAST = 1e-4
-"""Smallest error of an export that is shown as a number, mm or degrees: below it, the digits of the file decide."""
+"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
 
 
-def export_view(result: Document) -> Iterator[Section]:
-    """Return what the file of an export holds, the error that remains in it, and the tool to set."""
-    remaining, tool = result["remaining_error"], result["tool"]
-    place = ", ".join(fixed(IN_MM * value, 4) for value in tool["xyz_m"])
-    turn = ", ".join(fixed(IN_DEGREES * value, 5) for value in tool["rpy_rad"])
+def export_view(document: Document) -> Iterator[Section]:
+    """Return what the file holds, the error that remains in it, and the tool to set."""
+    remaining, tool = document["remaining_error"], document["tool"]
+    sizes = [
+        "{} rms, {} largest".format(*(_size(remaining[name][f"{key}_{unit}"], unit) for key in ("rms", "max")))
+        for name, unit in (("position", "m"), ("orientation", "rad"))
+    ]
+    # Adding zero after rounding removes the sign of "-0.0000".
+    place = ", ".join(f"{round(IN_MM * value, 4) + 0.0:.4f}" for value in tool["xyz_m"])
+    turn = ", ".join(f"{round(IN_DEGREES * value, 5) + 0.0:.5f}" for value in tool["rpy_rad"])
     rows = [
-        ("fitted again to", ", ".join(result["refitted"])),
-        ("not in the format", ", ".join(result["not_carried"])),
-        ("remaining error", f"position {_sizes(remaining['position'], 'm', IN_MM, ' mm')};"),
-        ("", f"orientation {_sizes(remaining['orientation'], 'rad', IN_DEGREES, '°')};"),
+        ("fitted again to", ", ".join(document["refitted"])),
+        ("not in the format", ", ".join(document["not_carried"])),
+        ("remaining error", f"position {sizes[0]};"),
+        ("", f"orientation {sizes[1]};"),
         ("", f"over {remaining['n_poses']} poses within the joint limits"),
         ("tool to set", f"x, y, z {place} mm"),
         ("", f"roll, pitch, yaw {turn}°"),
     ]
-    arm = f" of {result['arm']}" if result["arm"] else ""
-    yield Section(f"Export as {result['format']}{arm}", [Grid(("", ""), [row for row in rows if row[1]], is_text=True)])
+    title = f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}"
+    yield Section(title, [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)])
 
 
-def _sizes(errors: Mapping[str, float], unit: str, factor: float, name: str) -> str:
-    sizes = (errors[f"{key}_{unit}"] * factor for key in ("rms", "max"))
-    rms, largest = (three_digits(size) if size >= _LEAST else f"< {_LEAST:g}" for size in sizes)
-    return f"{rms}{name} rms, {largest}{name} largest"
+def _size(error: float, unit: str) -> str:
+    factor, name = table_unit(unit)
+    text = three_digits(error * factor) if error * factor >= _LEAST else f"< {_LEAST:g}"
+    return with_table_unit(text, name)

@@ -8,28 +8,20 @@ from __future__ import annotations
 import statistics
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import zip_longest
 from types import MappingProxyType
-from typing import Any, TextIO
+from typing import Any, Literal, TextIO
 
-from robacc.render.text.console import width_of, write_lines
+from robacc.render.text.console import PLAIN_WIDTH, Style, width_of, write_lines
 from robacc.render.text.layout import (
-    BLANK,
-    DEGREE,
     Document,
-    Style,
-    TextLine,
-    Unit,
-    columns,
     decimals,
     error_unit,
     fixed,
-    items,
-    length_unit,
     table_unit,
     three_digits,
     with_table_unit,
-    wrapped,
 )
 
 
@@ -46,6 +38,9 @@ class Number:
 
 
 Cell = str | Number
+Line = tuple[str, Style]
+Form = Literal["short", "full", "page"]
+"""Form of a view: one screen of text, all of the text, or a page, which has charts, names and notes of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +59,29 @@ class Grid:
     """True if a text has a rule below the header."""
     kind: str = "grid"
 
+    def lines(self, width: int) -> Iterator[Line]:
+        """Yield the table as text, the last column of texts wrapped; nothing without a row."""
+        table = [[*map(str, row)] for row in (self.header, *self.rows)] if self.rows else []
+        widths = [max(map(len, cells)) for cells in zip_longest(*table, fillvalue="")]
+        lines: list[Line] = []
+        for row in filter(any, table):
+            *cells, last = (
+                f"{cell:{'<' if self.is_text or place in self.left else '>'}{widths[place]}}"
+                for place, cell in enumerate(row)
+            )
+            label, texts = "".join(f"{cell}{' ' * (3 if self.is_ruled else 2)}" for cell in cells), [last]
+            if self.is_text:
+                texts = textwrap.wrap(row[-1], max(width - len(label), 30), break_long_words=False) or [""]
+            for text in texts:
+                lines.append((f"{label}{text}".rstrip(), "dim" if row is table[0] else ""))
+                label = " " * len(label)
+        if not (self.is_ruled and lines):
+            yield from lines
+            return
+        rule = " " + "─" * max(len(text) for text, _ in lines)
+        yield from (("", ""), (f" {lines[0][0]}", "bold"), (rule, ""))
+        yield from ((f" {text}", "") for text, _ in lines[1:])
+
 
 @dataclass(frozen=True, slots=True)
 class Listing:
@@ -73,6 +91,12 @@ class Listing:
     tone: str = ""
     """``warning`` for items that need attention."""
     kind: str = "listing"
+
+    def lines(self, width: int) -> Iterator[Line]:
+        """Yield the texts with dashes, each with a hanging indent."""
+        for text in self.items:
+            wrapped = textwrap.wrap(text, width, initial_indent="- ", subsequent_indent="  ", break_long_words=False)
+            yield from ((line, "") for line in wrapped)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,17 +109,20 @@ class Text:
     wraps: bool = True
     """False if it stays in one line, as names of files do."""
     kind: str = "text"
+    """``command`` for a shell command."""
+
+    def lines(self, width: int) -> Iterator[Line]:
+        """Yield the paragraph, all of its lines indented like its first."""
+        indent = self.text[: len(self.text) - len(self.text.lstrip())]
+        lines = [self.text]
+        if self.wraps:
+            lines = textwrap.wrap(
+                self.text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+            )
+        yield from ((line, "dim" if self.is_note else "") for line in lines)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
-    """A shell command."""
-
-    text: str
-    kind: str = "command"
-
-
-Block = Grid | Listing | Text | Command
+Block = Grid | Listing | Text
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,50 +169,28 @@ def draw(sections: Iterable[Section], stream: TextIO) -> None:
     write_lines(lines_of(sections, width_of(stream)), stream)
 
 
-def lines_of(sections: Iterable[Section], width: int) -> Iterator[TextLine]:
+def shown(sections: Iterable[Section]) -> Iterator[Section]:
+    """Yield the sections that have a line besides their heading, or no more than a heading."""
+    for section in sections:
+        blocks = [*section.blocks]
+        filled = [block for block in blocks if any(block.lines(PLAIN_WIDTH))]
+        if filled or not blocks:
+            yield replace(section, blocks=filled)
+
+
+def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
     """Return sections as lines; running text is wrapped to ``width`` columns."""
-    for number, section in enumerate(sections):
+    for number, section in enumerate(shown(sections)):
         if number:
-            yield BLANK
+            yield "", ""
         if section.title:
-            yield TextLine(section.title, section.style)
-        after_table = False
+            yield section.title, section.style
+        previous: Block | None = None
         for block in section.blocks:
-            if after_table and isinstance(block, Grid):
-                yield BLANK
-            yield from _lines(block, width)
-            after_table = isinstance(block, Grid)
-
-
-def _lines(block: Block, width: int) -> Iterator[TextLine]:
-    if isinstance(block, Listing):
-        yield from items(block.items, width)
-    elif isinstance(block, Grid):
-        rows = [[str(cell) for cell in row] for row in block.rows]
-        if block.is_ruled:
-            head, *lines = columns(block.header, rows, 3, block.left)
-            rule = "─" * max(len(line.text) for line in (head, *lines))
-            yield from (BLANK, TextLine(f" {head.text}", "bold"), TextLine(f" {rule}"))
-            yield from (TextLine(f" {line.text}") for line in lines)
-        elif rows:
-            texts = _texts_in_columns([block.header, *rows], width)
-            yield from texts if block.is_text else columns(block.header, rows, left=block.left)
-    elif isinstance(block, Text) and block.wraps:
-        yield from (TextLine(line.text, "dim" if block.is_note else "") for line in wrapped(block.text, width))
-    else:
-        yield TextLine(block.text)
-
-
-def _texts_in_columns(rows: Sequence[Sequence[str]], width: int) -> Iterator[TextLine]:
-    """Return a table aligned left, its last column wrapped."""
-    widths = [max(map(len, cells)) for cells in zip(*(row[:-1] for row in rows), strict=True)]
-    for number, row in enumerate(rows):
-        if not any(row):
-            continue
-        label = "".join(f"{cell:<{longest}}  " for cell, longest in zip(row, widths, strict=False))
-        for text in textwrap.wrap(row[-1], max(width - len(label), 30), break_long_words=False) or [""]:
-            yield TextLine(f"{label}{text}".rstrip(), "" if number else "dim")
-            label = " " * len(label)
+            if isinstance(previous, Grid) and isinstance(block, Grid):
+                yield "", ""
+            yield from block.lines(width)
+            previous = block
 
 
 # Numbers of tables, in mm and degrees: their heads name the unit, and their digits follow the interval.
@@ -198,7 +203,7 @@ def number(value: float | None, factor: float = 1.0, bounds: Mapping[str, Any] =
     low, high = bounds.get("lower"), bounds.get("upper")
     if low is None or high is None:
         return Number(three_digits(value * factor), value)
-    return Number(fixed(value * factor, _places(value, low, high, factor)), value)
+    return Number(fixed(value * factor, decimals(value * factor, low * factor, high * factor)), value)
 
 
 def interval(value: float | None, factor: float, bounds: Mapping[str, Any]) -> str:
@@ -208,7 +213,8 @@ def interval(value: float | None, factor: float, bounds: Mapping[str, Any]) -> s
         return "–"
     if high is None:
         return f"at least {three_digits(low * factor)}"
-    return " … ".join(fixed(end * factor, _places(value, low, high, factor)) for end in (low, high))
+    places = decimals(value * factor, low * factor, high * factor)
+    return f"{fixed(low * factor, places)} … {fixed(high * factor, places)}"
 
 
 def measured_cells(value: float | None, factor: float, bounds: Mapping[str, Any]) -> tuple[Number, str]:
@@ -216,19 +222,14 @@ def measured_cells(value: float | None, factor: float, bounds: Mapping[str, Any]
     return number(value, factor, bounds), interval(value, factor, bounds)
 
 
-def with_unit(value: float, unit: str) -> Number:
+def with_unit(value: float, unit: str = "m") -> Number:
     """Return a value of an SI unit in mm or degrees with its unit, three digits."""
-    factor, name = table_unit(unit)
-    return Number(with_table_unit(three_digits(value * factor), name), value)
+    return Number(table_unit(unit).text(value), value)
 
 
 def percent(confidence: float) -> str:
     """Return ``95 % interval``, the head of a column."""
     return f"{100 * confidence:g} % interval"
-
-
-def _places(value: float, low: float, high: float, factor: float) -> int:
-    return decimals(value * factor, low * factor, high * factor)
 
 
 # Numbers with their units, for headlines and sentences.
@@ -245,60 +246,37 @@ class Tile:
 
 
 @dataclass(frozen=True, slots=True)
-class Badge:
-    """A short outcome with its colour."""
-
-    text: str
-    tone: str
-    """``good``, ``bad``, ``open`` or ``plain``."""
-
-
-@dataclass(frozen=True, slots=True)
 class ReportHeadline:
     """The first screen of a result: title, summary, key figures, facts."""
 
     title: str
     summary: str
     tiles: Sequence[Tile]
-    badges: Sequence[Badge] = ()
+    badges: Sequence[tuple[str, str]] = ()
+    """Short outcomes, with their tones: ``good``, ``bad``, ``open`` or ``plain``."""
     facts: Sequence[tuple[str, str]] = field(default_factory=tuple)
 
 
-def length(value: float | None) -> Number:
-    """Return a length in mm, or in µm if it is small."""
-    return _quantity(value, length_unit(*(() if value is None else (value,))), {})
-
-
-def angle(value: float | None) -> Number:
-    """Return an angle in degrees."""
-    return _quantity(value, DEGREE, {})
+def amount(value: float | None, unit: str = "m", bounds: Mapping[str, Any] = MappingProxyType({})) -> Number:
+    """Return a length in mm, or in µm if it is small, or an angle (``rad``) in degrees."""
+    shown = error_unit(unit, value or 0.0)
+    cell = number(value, shown.factor, bounds)
+    return cell if value is None else Number(with_table_unit(cell.text, shown.name), value)
 
 
 def tile(label: str, value: float, unit: str, bounds: Mapping[str, Any], note: str = "") -> Tile:
     """Return the tile of a figure in ``m`` or ``rad`` with its interval, then ``note``."""
-    shown, low, high = error_unit(unit, value), bounds.get("lower"), bounds.get("upper")
-    text = ""
-    if low is not None and high is not None:
+    shown, text = error_unit(unit, value), ""
+    if bounds.get("lower") is not None and bounds.get("upper") is not None:
         ends = interval(value, shown.factor, bounds)
         text = f"{with_table_unit(ends, shown.name)} ({100 * bounds['confidence']:g} %)"
-    return Tile(label, _quantity(value, shown, bounds), "; ".join(part for part in (text, note) if part))
-
-
-def _quantity(value: float | None, unit: Unit, bounds: Mapping[str, Any]) -> Number:
-    shown = number(value, unit.factor, bounds)
-    return shown if value is None else Number(with_table_unit(shown.text, unit.name), value)
+    return Tile(label, amount(value, unit, bounds), "; ".join(part for part in (text, note) if part))
 
 
 # The robot of a result in titles.
 
 
-def robot_name(document: Document) -> str | None:
-    """Return the robot's name from its file, None without a robot."""
-    robot = document.get("robot")
-    return None if robot is None else str(robot["name"])
-
-
 def of_robot(document: Document) -> str:
-    """Return ``of`` and the robot's name, to follow a title; empty without a robot."""
-    name = robot_name(document)
-    return "" if name is None else f" of {name}"
+    """Return ``of`` and the robot's name from its file, to follow a title; empty without a robot."""
+    robot = document.get("robot")
+    return "" if robot is None else f" of {robot['name']}"

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
-from robacc.outcomes import FileOutcome
+from robacc.outcomes import EstimateHeadline, FileOutcome
 from robacc.render.text.layout import (
     IN_DEGREES,
     IN_MM,
@@ -21,17 +22,23 @@ from robacc.render.text.parameter_names import as_options
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
+    ReportHeadline,
     Section,
     Text,
+    amount,
     measured_cells,
     number,
+    of_robot,
     percent,
+    tile,
+    with_unit,
 )
 from robacc.render.views.fit import parameter_tables
-from robacc.render.views.gate import OUTCOME_LABELS, annotation, sentence, title
+from robacc.render.views.gate import LOOKS, annotation, sentence, title
 from robacc.statistics.confidence_curves import ASSURANCE
 
 _MIN_PROBABILITY = 0.005
@@ -53,52 +60,66 @@ _TESTS = {
 Part = Mapping[str, Any]
 
 
-def estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
-    """Return the full text of an estimate; ``poses`` and ``robot`` are file names."""
-    opening = _opening(document, poses, robot)
-    yield Section(opening.title, [*opening.blocks, Text(_FRAMES[document["frame"]], wraps=False)])
-    yield from estimate_sections(document)
-    limits = [document["position"]["pose_structure"]["text"], *document["notes"]]
-    yield Section("Limitations", [Listing(limits)])
-
-
-def estimate_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, which shows the notes elsewhere."""
-    yield from estimate_sections(document)
-    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"]])])
-
-
-def short_estimate_view(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
-    """Return the grade, the size of the errors and the worst poses, in about fifteen lines."""
-    yield _opening(document, poses, robot)
-    grade = document["grade"]
-    texts = grade["reason"].split(". ")
-    # The last sentence says why a grade is not confirmed.
-    unconfirmed = [] if grade["demonstrated"] else [*texts[1:][-1:], *_confirming(grade, "it")]
-    yield _grade(grade, [Listing([texts[0], *unconfirmed])])
-    parts = [(document[name], unit, factor) for name, _, unit, factor in _QUANTITIES if document[name] is not None]
-    heads = [
-        head for name, sign, _, _ in _QUANTITIES for head in (f"{name}, {sign}", percent(parts[0][0]["confidence"]))
-    ]
-    rows = [
-        (label, *(cell for part, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
-        for label, key in _FIGURES
-    ]
-    yield Section("", [Grid(("error", *heads[: 2 * len(parts)]), rows)])
-    yield from _targets(document)
-    worst = []
-    for pose in document["worst_poses"]["by_position"][:_MAX_WORST]:
-        name = "" if pose["pose"] is None else f" (pose {pose['pose']})"
-        worst.append(f"{_place(pose)}{name} {three_digits(pose['error_m'] * IN_MM)} mm")
-    ahead = f"robacc trace {poses} --robot {robot or 'ROBOT'} finds the causes of the error"
-    yield Section(
-        "",
-        [Text(f"largest errors: {', '.join(worst)}"), Text(f"next: {ahead}"), Text(_MORE, is_note=True)],
+def estimate_headline(document: Document) -> ReportHeadline:
+    """Return the first screen of an estimate."""
+    grade, robot = document["grade"], document.get("robot") or {}
+    confirmed = confirmation(grade["demonstrated"], grade["confidence"])
+    why, alignment = grade["reason"].split(". "), document["alignment"]
+    is_modelled = robot.get("effects") or robot.get("fitted_to")
+    reference = "model's predictions" if is_modelled else "commanded positions"
+    files = {record["kind"]: record["name"] for record in document["inputs"]}
+    ahead = "state the robot with `robot`, and let robacc trace find the causes of the error"
+    if "robot" in files:
+        poses = files.get("poses", "POSES")
+        ahead = f"find the causes of the error: robacc trace {poses} --robot {files['robot']}"
+    registration = "none"
+    if alignment is not None:
+        registration = f"{' and '.join(alignment['what'])}, {alignment['n_parameters']} parameters"
+    rms, p95 = (amount(document["position"][f"{key}_m"]) for key in ("rms", "p95"))
+    return ReportHeadline(
+        f"Accuracy{of_robot(document)}",
+        f"The measured positions differ from the {reference} by {rms} rms over {document['n_poses']} poses; 95 % of "
+        f"the poses are within {p95}. This is grade {grade['grade']}, {confirmed}.",
+        [
+            tile(f"{name}, {label}", document[name][key], unit, bounds, _why_unbounded(bounds))
+            for name, label, key, unit in (
+                ("position", "rms", "rms_m", "m"),
+                ("position", "95th percentile", "p95_m", "m"),
+                ("orientation", "95th percentile", "p95_rad", "rad"),
+            )
+            if document[name] is not None
+            for bounds in [document[name]["intervals"][key]]
+        ],
+        [(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open")],
+        [
+            ("Why", "; ".join(why[:1] if grade["demonstrated"] else [why[0], *why[1:][-1:]])),
+            ("Next", ahead),
+            ("Registration", registration),
+            ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
+            ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
+        ],
     )
 
 
-def estimate_sections(document: Document) -> Iterator[Section]:
-    """Return grade, position, orientation, targets, registration, and the methods of the intervals."""
+def _why_unbounded(bounds: Part) -> str:
+    return "" if bounds["upper"] is not None else bounds["why"] or "no interval"
+
+
+def estimate_view(
+    document: Document, poses: str = "", robot: str | None = None, form: Form = "page"
+) -> Iterator[Section]:
+    """Return the view of an estimate; ``poses`` and ``robot`` are file names.
+
+    In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
+    of the intervals and limitations.
+    """
+    opening = _opening(document, poses, robot)
+    if form == "short":
+        yield opening
+        yield from _short(document, poses, robot)
+        return
+    if form == "full":
+        yield replace(opening, blocks=[*opening.blocks, Text(_FRAMES[document["frame"]], wraps=False)])
     grade = document["grade"]
     texts = [*grade["reason"].split(". ")]
     if grade["probability"] is not None:
@@ -116,18 +137,41 @@ def estimate_sections(document: Document) -> Iterator[Section]:
     ]
     header = (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °")
     yield _grade(grade, [Listing(texts), Grid(header, steps)])
-    methods = {}
+    methods: dict[tuple[str, ...], list[str]] = {}
     for name, sign, unit, factor in _QUANTITIES:
         if document[name] is not None:
             yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, name, sign, unit, factor))
-            methods[name] = _methods(document[name], unit)
+            methods.setdefault(_methods(document[name], unit), []).append(name)
     yield from _targets(document)
     if document["alignment"] is not None:
         yield Section("Registration", parameter_tables(document["alignment"]["parameters"]))
-    if len(methods) == 1 or methods["position"] == methods["orientation"]:
-        yield Section("Confidence intervals", [Listing(methods["position"])])
-    else:
-        yield from (Section(f"Confidence intervals, {name}", [Listing(texts)]) for name, texts in methods.items())
+    for how, names in methods.items():
+        yield Section("Confidence intervals" + f", {names[0]}" * (len(methods) > 1), [Listing(how)])
+    notes = document["notes"] if form == "full" else ()
+    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+
+
+def _short(document: Document, poses: str, robot: str | None) -> Iterator[Section]:
+    grade = document["grade"]
+    first, *others = grade["reason"].split(". ")
+    # The last sentence says why a grade is not confirmed.
+    unconfirmed = [] if grade["demonstrated"] else [*others[-1:], *_confirming(grade, "it")]
+    yield _grade(grade, [Listing([first, *unconfirmed])])
+    parts = [(document[name], f"{name}, {sign}", *unit) for name, sign, *unit in _QUANTITIES if document[name]]
+    heads = [head for part, title, *_ in parts for head in (title, percent(part["confidence"]))]
+    rows = [
+        (label, *(cell for part, _, unit, factor in parts for cell in _measured(part, f"{key}_{unit}", factor)))
+        for label, key in _FIGURES
+    ]
+    yield Section("", [Grid(("error", *heads), rows)])
+    yield from _targets(document)
+    worst = ", ".join(
+        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+        for pose in document["worst_poses"]["by_position"][:_MAX_WORST]
+        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+    )
+    ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead), Text(_MORE, is_note=True)])
 
 
 def _opening(document: Document, poses: str, robot: str | None) -> Section:
@@ -174,29 +218,40 @@ def _statistics(document: Document, name: str, sign: str, unit: str, factor: flo
     """Yield all tables of the position or of the orientation error."""
     part = document[name]
     before = None if document["unaligned"] is None else document["unaligned"][name]
-    interval_head = percent(part["confidence"])
-    rows: list[Sequence[Cell]] = []
-    for label, key in _FIGURES:
-        earlier = [] if before is None else [number(before[f"{key}_{unit}"], factor)]
-        rows.append((label, *_measured(part, f"{key}_{unit}", factor), *earlier))
-    for label, key in (("zero mean", "zero_mean"), ("fitted mean", "fitted_mean")):
-        radius = part["radius95"][key]
-        cells = measured_cells(radius[f"radius_{unit}"], factor, radius["interval"])
-        rows.append((f"95 % radius, Gaussian, {label}", *cells, *([] if before is None else [""])))
-    yield Grid(("length", "", interval_head, *([] if before is None else ["unregistered"])), rows)
-    yield Grid(("mean vector", "", interval_head), [*_mean(part, unit, factor)])
+    head = percent(part["confidence"])
+    rows = [
+        (
+            label,
+            *_measured(part, f"{key}_{unit}", factor),
+            "" if before is None else number(before[f"{key}_{unit}"], factor),
+        )
+        for label, key in _FIGURES
+    ]
+    rows += [
+        (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
+        for label, radius in (
+            ("zero mean", part["radius95"]["zero_mean"]),
+            ("fitted mean", part["radius95"]["fitted_mean"]),
+        )
+    ]
+    columns = 3 if before is None else 4
+    yield Grid(("length", "", head, "unregistered")[:columns], [row[:columns] for row in rows])
+    yield Grid(("mean vector", "", head), [*_mean(part, unit, factor)])
     yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
-    axes: list[Sequence[Cell]] = []
-    for place, axis in enumerate(part["ellipsoid"], 1):
-        # Adding zero after rounding removes the sign of "-0.00".
-        direction = [f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]]
-        axes.append((str(place), *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]), *direction))
-    yield Grid(("principal axis, standard deviation", "", interval_head, "x", "y", "z"), axes)
-    tests: list[Sequence[Cell]] = []
-    for key, label in _TESTS.items():
-        test = part["tests"][key]
-        outcome = test["why"] or "" if test["p_value"] is None else p_value(test["p_value"])
-        tests.append((label, number(test["statistic"]), outcome))
+    axes: list[Sequence[Cell]] = [
+        (
+            str(place),
+            *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
+            # Adding zero after rounding removes the sign of "-0.00".
+            *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
+        )
+        for place, axis in enumerate(part["ellipsoid"], 1)
+    ]
+    yield Grid(("principal axis, standard deviation", "", head, "x", "y", "z"), axes)
+    tests = [
+        (label, number(test["statistic"]), test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]))
+        for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
+    ]
     yield Grid(("test of an assumption", "statistic", "result"), tests)
     yield _worst(name, document["worst_poses"][f"by_{name}"])
 
@@ -228,31 +283,30 @@ def _place(pose: Part) -> str:
 
 def _worst(name: str, poses: Sequence[Part]) -> Grid:
     ids = [key for key in ("pose", "target") if any(pose[key] is not None for pose in poses)]
-    has_turn = any(pose["error_rad"] is not None for pose in poses)
+    units = [unit for unit in ("m", "rad") if any(pose[f"error_{unit}"] is not None for pose in poses)]
+    heads, factors = {"m": "position, mm", "rad": "orientation, °"}, {"m": IN_MM, "rad": IN_DEGREES}
     rows: list[Sequence[Cell]] = [
         (
             _place(pose),
             *(pose[key] or "" for key in ids),
-            number(pose["error_m"], IN_MM),
-            *([number(pose["error_rad"], IN_DEGREES)] if has_turn else []),
+            *(number(pose[f"error_{unit}"], factors[unit]) for unit in units),
         )
         for pose in poses
     ]
-    return Grid((f"largest {name} errors", *ids, "position, mm", *(["orientation, °"] if has_turn else [])), rows)
+    return Grid((f"largest {name} errors", *ids, *(heads[unit] for unit in units)), rows)
 
 
 def _targets(document: Document) -> Iterator[Section]:
     """Yield the position errors of each target; nothing without several."""
-    rows: list[Sequence[Cell]] = [
+    rows = [
         (target["target"], str(target["n_poses"]), *(number(target[f"{key}_m"], IN_MM) for _, key in _FIGURES))
         for target in document["targets"]
     ]
-    if rows:
-        header = ("target", "poses", *(label for label, _ in _FIGURES))
-        yield Section("Position error by target, mm", [Grid(header, rows)])
+    header = ("target", "poses", *(label for label, _ in _FIGURES))
+    yield Section("Position error by target, mm", [Grid(header, rows)])
 
 
-def _methods(part: Part, unit: str) -> list[str]:
+def _methods(part: Part, unit: str) -> tuple[str, ...]:
     """Return the assumption of the intervals, their methods, and why an interval is missing."""
     intervals = part["intervals"]
     methods: dict[str, list[str]] = {}
@@ -266,8 +320,8 @@ def _methods(part: Part, unit: str) -> list[str]:
         ("principal axes", part["ellipsoid"][0]["interval"]),
     ):
         methods.setdefault(bounds["why"] or bounds["method"], []).append(name)
-    texts = [f"{', '.join(names)}: {method}" for method, names in methods.items()]
-    return [part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"]
+    texts = (f"{', '.join(names)}: {method}" for method, names in methods.items())
+    return part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"
 
 
 # Several files in one table: one line per file, in the order given.
@@ -283,52 +337,39 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
     yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
     yield Section("", [_table(outcomes)])
-    if notes := [*_unmet_criteria(outcomes), *_failures(outcomes)]:
-        yield Section("", [Listing(notes)])
-
-
-def _unmet_criteria(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
-    """Return a line for each criterion that a file does not pass."""
-    for outcome in outcomes:
-        for criterion in outcome.gate["criteria"] if outcome.gate is not None else ():
-            if criterion["outcome"] != "pass":
-                label = OUTCOME_LABELS[criterion["outcome"]]
-                yield f"{outcome.name}, {criterion['name']}: {label}; {sentence(criterion)}"
-
-
-def _failures(outcomes: Sequence[FileOutcome]) -> Iterator[str]:
+    notes = [
+        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
+        for outcome in outcomes
+        for criterion in (outcome.gate or {}).get("criteria", ())
+        if criterion["outcome"] != "pass"
+    ]
     failed = [outcome for outcome in outcomes if outcome.failed]
-    yield from (f"{outcome.name}, {reason(outcome)}" for outcome in failed)
+    notes += [f"{outcome.name}, {reason(outcome)}" for outcome in failed]
     if failed:
-        yield f"{len(failed)} of {len(outcomes)} files could not be estimated"
+        notes.append(f"{len(failed)} of {len(outcomes)} files could not be estimated")
+    yield Section("", [Listing(notes)])
 
 
 def _table(outcomes: Sequence[FileOutcome]) -> Grid:
-    has_orientation = any(
-        outcome.headline is not None and outcome.headline.orientation_rms is not None for outcome in outcomes
+    done = [(outcome, outcome.headline) for outcome in outcomes if outcome.headline is not None]
+    cells: dict[str, Callable[[FileOutcome, EstimateHeadline], str]] = {
+        "poses": lambda _, headline: str(headline.n_poses),
+        "rms": lambda _, headline: three_digits(headline.rms * IN_MM),
+        "95th pct.": lambda _, headline: three_digits(headline.p95 * IN_MM),
+        "max": lambda _, headline: three_digits(headline.max * IN_MM),
+        "rms, °": lambda _, headline: str(number(headline.orientation_rms, IN_DEGREES)),
+        "grade": lambda _, headline: headline.grade,
+        "confirmed": lambda _, headline: "yes" if headline.demonstrated else "no",
+        "gate": lambda outcome, _: "–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label,
+    }
+    if all(headline.orientation_rms is None for _, headline in done):
+        del cells["rms, °"]
+    if all(outcome.gate is None for outcome in outcomes):
+        del cells["gate"]
+    rows = {outcome.name: [cell(outcome, headline) for cell in cells.values()] for outcome, headline in done}
+    return Grid(
+        ("position error, mm", *cells), [(outcome.name, *rows.get(outcome.name, ["failed"])) for outcome in outcomes]
     )
-    has_gate = any(outcome.gate is not None for outcome in outcomes)
-    header = ["position error, mm", "poses", "rms", "95th pct.", "max", *(["rms, °"] if has_orientation else [])]
-    header += ["grade", "confirmed", *(["gate"] if has_gate else [])]
-    return Grid(header, [_cells(outcome, has_orientation, has_gate) for outcome in outcomes])
-
-
-def _cells(outcome: FileOutcome, has_orientation: bool, has_gate: bool) -> list[str]:
-    headline = outcome.headline
-    if headline is None:
-        return [outcome.name, "failed"]
-    cells = [
-        outcome.name,
-        str(headline.n_poses),
-        *(three_digits(size * IN_MM) for size in (headline.rms, headline.p95, headline.max)),
-    ]
-    if has_orientation:
-        cells.append("–" if headline.orientation_rms is None else three_digits(headline.orientation_rms * IN_DEGREES))
-    cells += [headline.grade, "yes" if headline.demonstrated else "no"]
-    return [
-        *cells,
-        *([OUTCOME_LABELS[outcome.gate["outcome"]]] if outcome.gate is not None else ["–"] if has_gate else []),
-    ]
 
 
 def reason(outcome: FileOutcome) -> str:
@@ -342,20 +383,19 @@ def reason(outcome: FileOutcome) -> str:
 
 def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
     """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
-    return "".join(f"{line}\n" for outcome in outcomes for line in _annotated(outcome))
-
-
-def _annotated(outcome: FileOutcome) -> Iterator[str]:
-    head = f"robacc estimate {outcome.name}"
-    for warning in outcome.warnings:
-        yield annotation("warning", head, warning)
-    headline = outcome.headline
-    if headline is None:
-        yield annotation("error", head, reason(outcome))
-        return
-    sizes = zip(("rms", "95th pct.", "max"), (headline.rms, headline.p95, headline.max), strict=True)
-    parts = [f"{headline.n_poses} poses", *(f"{name} {three_digits(size * IN_MM)} mm" for name, size in sizes)]
-    parts.append(f"grade {headline.grade}, {'confirmed' if headline.demonstrated else 'not confirmed'}")
-    if outcome.gate is not None:
-        parts.append(title(outcome.gate))
-    yield annotation(_LEVELS.get(outcome.exit_status, "notice"), head, "; ".join(parts))
+    lines = []
+    for outcome in outcomes:
+        head, headline = f"robacc estimate {outcome.name}", outcome.headline
+        lines += [annotation("warning", head, warning) for warning in outcome.warnings]
+        if headline is None:
+            lines.append(annotation("error", head, reason(outcome)))
+            continue
+        sizes = zip(("rms", "95th pct.", "max"), (headline.rms, headline.p95, headline.max), strict=True)
+        parts = [
+            f"{headline.n_poses} poses",
+            *(f"{name} {with_unit(size)}" for name, size in sizes),
+            f"grade {headline.grade}, {'confirmed' if headline.demonstrated else 'not confirmed'}",
+            *([] if outcome.gate is None else [title(outcome.gate)]),
+        ]
+        lines.append(annotation(_LEVELS.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
+    return "".join(f"{line}\n" for line in lines)

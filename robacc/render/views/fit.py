@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 import statistics
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from robacc.effects import REGISTRY
@@ -25,16 +27,21 @@ from robacc.render.text.layout import (
 from robacc.render.views.elements import (
     Block,
     Cell,
+    Form,
     Grid,
     Listing,
     Number,
+    ReportHeadline,
     Section,
     Text,
+    Tile,
+    amount,
     effect_families,
     number,
+    of_robot,
+    tile,
     with_unit,
 )
-from robacc.tracing.findings import HIDDEN_NOISE
 
 Part = Mapping[str, Any]
 
@@ -52,20 +59,26 @@ _STAGES = {
     },
     "calibrate": {"nominal": "nominal, base and tool registered", "before": "baseline", "after": "calibrated"},
 }
+SHORT_STAGES = {
+    command: {"nominal": "nominal, registered", "before": "baseline", "after": after}
+    for command, after in (("trace", "extended model"), ("calibrate", "calibrated"))
+}
+"""The same for key figures and charts."""
 _POSE_SETS = (
     ("held_out", "held-out poses"),
     ("held_out_inliers", "held-out poses without outliers"),
     ("fitted", "calibration poses"),
     ("fitted_inliers", "calibration poses without outliers"),
 )
-_POSE_SETS_IN_HEADLINE = (_POSE_SETS[1], _POSE_SETS[0], _POSE_SETS[3], _POSE_SETS[2])
-"""Held-out poses first; without outliers where there are any."""
 _VERDICTS = {
-    "clean": "nothing found beyond the declared effects",
-    "explained": "explained",
-    "partly_explained": "partly explained",
-    "unexplained": "unexplained: the residual is structured and no candidate explains it",
+    "clean": ("clean", "good", "nothing found beyond the declared effects"),
+    "explained": ("explained", "good", "explained"),
+    "partly_explained": ("partly explained", "open", "partly explained"),
+    "unexplained": ("unexplained", "bad", "unexplained: the residual is structured and no candidate explains it"),
 }
+"""Name, tone and sentence of a verdict."""
+_UNSTRUCTURED = "the remaining error has no structure"
+"""The text does not say noise: the size of the noise may be unknown."""
 _PARTS = {
     "noise": "noise",
     "scatter": "scatter of the joints",
@@ -94,93 +107,176 @@ _MAX_DROPPED = 3
 _MAX_PAIRS = 8
 
 
-def fit_view(
-    document: Document, command: str, poses: str, robot: str, full: bool, model: str | None = None
-) -> Iterator[Section]:
-    """Return how good, why, and what now; with ``full`` all that was tested or fitted.
-
-    ``poses`` and ``robot`` are the names of the files, ``model`` that of the model if it was written.
-    """
-    facts = [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, _declared(document, command))]
-    yield Section(_title(document, command), facts)
-    if not full:
-        yield from _first_screen(document, command, model)
-    elif command == "trace":
-        causes, *sections = trace_sections(document)
-        yield causes
-        for place, section in enumerate(sections, 1):
-            yield Section(f"{place}. {section.title}", section.blocks)
-    else:
-        causes, stages, quality = calibration_sections(document)
-        yield from (causes, stages, _coefficients(document), quality)
+# The first screen: key figures, and what the fit means in a sentence.
 
 
-def _title(document: Document, command: str) -> str:
-    if command == "trace":
-        return f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']]}"
-    count = document["identifiability"]["n_identifiable"]
-    return f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
-
-
-def _declared(document: Document, command: str) -> Iterator[str]:
-    """Yield the effects of the model before any finding, and those of every arm that are not among them."""
-    what, option = ("declared", "declared") if command == "trace" else ("fitted", "fit")
-    declared = document["declared"]
-    names = ", ".join(declared["effects"]) or "none"
-    yield f"{what} effects: {names}{f' (default; `{option}` changes them)' if declared['by_default'] else ''}"
-    for each in declared["left_out"]:
-        yield f"{each['effect']} is not {what}: {each['why']}"
-
-
-def _first_screen(document: Document, command: str, model: str | None) -> Iterator[Section]:
-    """Yield causes, what is not distinguishable, what remains, and what to do."""
-    yield Section("", causes_blocks(document, 6, short=True))
-    notes = [
-        f"{_label(finding)}: {_alternative(rival)}"
-        for finding in document.get("findings", ())
-        for rival in finding["alternatives"]
+def trace_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``trace``."""
+    label, tone, _ = _VERDICTS[document["verdict"]]
+    declared = document["options"].get("declared") or "none"
+    unexplained = document["unexplained"]
+    remaining = ("Remaining error", f"{amount(unexplained['rms_m'])}, structured")
+    facts = [
+        ("Declared effects", declared.replace(",", ", ")),
+        ("Measurement noise", _noise(document)),
+        *([remaining] if unexplained["structured"] else []),
+        ("Next", _next(document)),
     ]
-    if unexplained := document.get("unexplained"):
-        hints = unexplained["hints"]
-        notes += [f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
-        if len(hints) > _MAX_HINTS:
-            notes.append(f"and {len(hints) - _MAX_HINTS} more hints")
-    listed = [Listing(notes)] if notes else []
-    yield Section("", [*listed, Text(f"next: {next_step(document, model)}"), Text(_MORE[command], is_note=True)])
+    title = f"Trace{of_robot(document)}: {label}"
+    return ReportHeadline(title, _trace_summary(document), _tiles(document), [(label, tone)], facts)
+
+
+def _trace_summary(document: Document) -> str:
+    is_structured = document["unexplained"]["structured"]
+    start = (
+        f"With the declared effects fitted, the model predicts the measured poses to {_rms(document, 'before')} rms "
+        f"({_pose_set(document)[1]})."
+    )
+    names = [
+        f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
+        for finding in document["findings"]
+    ]
+    if not names:
+        end = "the remaining error is structured, but no effect of the catalogue explains it"
+        return f"{start} No effect was found; {end if is_structured else _UNSTRUCTURED}. {_arm_itself(document)}"
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    end = "the remaining error has a structure that no candidate explains" if is_structured else _UNSTRUCTURED
+    return (
+        f"{start} The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the "
+        f"measured poses to {_rms(document, 'after')} rms; {end}. {_arm_itself(document)}"
+    )
+
+
+def calibrate_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``calibrate``."""
+    summary = (
+        f"With {document['options'].get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses "
+        f"to {_rms(document, 'after')} rms ({_pose_set(document)[1]}); with only base and tool fitted, to "
+        f"{_rms(document, 'before')}. {_arm_itself(document)}"
+    )
+    effects = ", ".join(effect["effect"] for effect in document["effects"])
+    facts = [("Next", _next(document)), ("Fitted effects", effects), ("Measurement noise", _noise(document))]
+    return ReportHeadline(f"Calibration{of_robot(document)}", summary, _tiles(document), (), facts)
+
+
+def _pose_set(document: Document) -> tuple[str, str]:
+    """Return the key and the name of the poses whose errors lead: held-out ones if there are any, without outliers."""
+    sets = dict(_POSE_SETS)
+    stages = [document[_nominal(document)], document["after"]]
+    leading = ("held_out_inliers", "held_out", "fitted_inliers", "fitted")
+    return next((key, sets[key]) for key in leading if all(stage.get(key) is not None for stage in stages))
+
+
+def _nominal(document: Document) -> str:
+    """Return the stage to compare a fit with: the nominal model, registered if the fit has a frame."""
+    has_frames = any(name.startswith(("base_frame", "tool_frame")) for name in document["declared"]["effects"])
+    return "nominal" if has_frames else "nominal_unregistered"
+
+
+def _rms(document: Document, stage: str) -> Number:
+    return amount(document[stage][_pose_set(document)[0]]["position"]["rms_m"])
+
+
+def _arm_itself(document: Document) -> str:
+    """Return the error of the arm: a model changes no arm until it is used."""
+    rms = _rms(document, "nominal")
+    return (
+        f"The arm itself keeps its error of {rms} rms, base and tool registered, until its controller uses the model."
+    )
+
+
+def _tiles(document: Document) -> list[Tile]:
+    """Return the error before, with the baseline and after; without findings, the baseline is the last."""
+    key, pose_set = _pose_set(document)
+    is_clean, gain = document.get("findings") == [], document["gain_m"]
+    errors = [
+        (label, document[stage][key]["position"])
+        for stage, label in [*SHORT_STAGES[document["command"]].items()][: 2 if is_clean else 3]
+    ]
+    tiles = [
+        tile(f"{label}, rms", part["rms_m"], "m", (part.get("intervals") or {}).get("rms_m") or {}, pose_set)
+        for label, part in errors
+    ]
+    if gain is not None and not is_clean:
+        bounds = {"lower": gain["low"], "upper": gain["high"], "confidence": gain["confidence"]}
+        tiles.append(tile("rms reduction", gain["value"], "m", bounds))
+    return tiles
+
+
+def _noise(document: Document) -> str:
+    noise = document["noise"]
+    source = _NOISE_SOURCES.get(noise["source"], "from the remaining error")
+    return f"{amount(noise['position_m'])} along each axis, {source}"
+
+
+def _next(document: Document) -> str:
+    return next_step(document).replace("`robacc correct`", "robacc correct")
 
 
 def next_step(document: Document, model: str | None = None) -> str:
     """Return what to do after a trace or a calibration; ``model`` is the file of the model if it was written."""
-    before, after, _ = _was_and_is(document)
-    registered = " with base and tool registered" if _has_frames(document) else ""
+    poses, _ = _pose_set(document)
+    before, after = (document[stage][poses]["position"]["rms_m"] for stage in (_nominal(document), "after"))
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if after > _WORTH_CORRECTING * before:
+        registered = " with base and tool registered" if _nominal(document) == "nominal" else ""
         return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
     start = "" if model else "write the model (`write_model`), then "
     return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
 
 
-def _has_frames(document: Document) -> bool:
-    return any(effect.startswith(("base_frame", "tool_frame")) for effect in document["declared"]["effects"])
+# The text and the page.
 
 
-def _was_and_is(document: Document) -> tuple[float, float, str]:
-    """Return the rms position error of the nominal model and of the last one, m, and what poses they are of.
+def trace_view(
+    document: Document, poses: str = "", robot: str = "", form: Form = "page", model: str | None = None
+) -> Iterator[Section]:
+    """Return the view of a trace: in short, how good, why, and what now; else all that was tested.
 
-    The nominal model is registered if the last one has a frame.
+    ``poses`` and ``robot`` are file names, and ``model`` that of the model if it was written. A page has every cause
+    and coefficient.
     """
-    stages = [document[stage] for stage in ("nominal" if _has_frames(document) else "nominal_unregistered", "after")]
-    chosen, title = next(
-        (name, title) for name, title in _POSE_SETS_IN_HEADLINE if all(stage.get(name) is not None for stage in stages)
-    )
-    before, after = (stage[chosen]["position"] for stage in stages)
-    return before["rms_m"], after["rms_m"], title
+    if form == "page":
+        yield from (*trace_sections(document, None), _all_coefficients(document))
+        return
+    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']][2]}"
+    yield _opening(document, "declared", title, f"{poses} against the model {robot}")
+    if form == "short":
+        yield from _first_screen(document, _MORE["trace"], model)
+        return
+    causes, *sections = trace_sections(document)
+    yield causes
+    yield from (replace(section, title=f"{place}. {section.title}") for place, section in enumerate(sections, 1))
 
 
-def trace_sections(document: Document) -> Iterator[Section]:
+def _opening(document: Document, option: str, title: str, files: str) -> Section:
+    """Return the title, the files, and the effects that the parameter ``option`` names."""
+    declared = document["declared"]
+    what = "declared" if option == "declared" else "fitted"
+    names = ", ".join(declared["effects"]) or "none"
+    facts = [
+        f"{what} effects: {names}{f' (default; `{option}` changes them)' if declared['by_default'] else ''}",
+        *(f"{each['effect']} is not {what}: {each['why']}" for each in declared["left_out"]),
+    ]
+    return Section(title, [Text(files, wraps=False), *map(Text, facts)])
+
+
+def _first_screen(document: Document, more: str, model: str | None) -> Iterator[Section]:
+    """Yield causes, what is not distinguishable, what remains, and what to do."""
+    yield Section("", causes_blocks(document, 6, short=True))
+    findings, unexplained = document.get("findings", ()), document.get("unexplained")
+    notes = [f"{_label(finding)}: {_alternative(rival)}" for finding in findings for rival in finding["alternatives"]]
+    if unexplained is not None:
+        hints = unexplained["hints"]
+        notes += [f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
+        notes += [f"and {len(hints) - _MAX_HINTS} more hints"] * (len(hints) > _MAX_HINTS)
+    yield Section("", [Listing(notes), Text(f"next: {next_step(document, model)}"), Text(more, is_note=True)])
+
+
+def trace_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Section]:
     """Return causes, residual, candidates, findings, stages, remaining error, and what to measure next."""
-    yield Section("Causes", causes_blocks(document))
+    yield Section("Causes", causes_blocks(document, most))
     assumption = [Text(document["assumption"])] if document["assumption"] is not None else []
     yield Section("Residual", [Text(_residual(document)), *assumption])
     yield Section("Candidates", _candidates(document))
@@ -193,31 +289,32 @@ def trace_sections(document: Document) -> Iterator[Section]:
         yield Section("Poses to measure next", _next_poses(document))
 
 
-def calibration_sections(document: Document) -> Iterator[Section]:
-    """Return causes, stages, and the quality of the fit."""
-    yield Section("Causes", causes_blocks(document))
+def calibration_view(
+    document: Document, poses: str = "", robot: str = "", form: Form = "page", model: str | None = None
+) -> Iterator[Section]:
+    """Return causes, stages, coefficients and the quality of the fit; in short, how good, why, and what now.
+
+    ``poses`` and ``robot`` are file names, and ``model`` that of the model if it was written. A page has every cause
+    and coefficient.
+    """
+    if form != "page":
+        count = document["identifiability"]["n_identifiable"]
+        title = f"Calibration from {document['n_poses']} measured poses: {count} coefficients fitted"
+        yield _opening(document, "fit", title, f"{poses} against the model {robot}")
+    if form == "short":
+        yield from _first_screen(document, _MORE["calibrate"], model)
+        return
+    yield Section("Causes", causes_blocks(document, None if form == "page" else _MAX_CAUSES))
     yield Section("Before and after", stage_blocks(document, "calibrate"))
+    if form != "page":
+        estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
+        others = len(estimated) - _MAX_COEFFICIENTS
+        more = Text(f"and {others} more; the JSON result has all of them" * (others > 0))
+        of_masses = (Text(_mass_coefficients(*each)) for each in masses.items())
+        yield Section("Coefficients", [coefficients(estimated[:_MAX_COEFFICIENTS]), more, *of_masses])
     yield Section("Quality of the fit", [Listing([*_quality(document)])])
-
-
-def _coefficients(document: Document) -> Section:
-    estimated, masses = without_mass_coefficients(p for p in document["parameters"] if p["std"] is not None)
-    blocks: list[Block] = [coefficients(estimated[:_MAX_COEFFICIENTS])]
-    if len(estimated) > _MAX_COEFFICIENTS:
-        blocks.append(Text(f"and {len(estimated) - _MAX_COEFFICIENTS} more; the JSON result has all of them"))
-    return Section("Coefficients", [*blocks, *(Text(_mass_coefficients(*each)) for each in masses.items())])
-
-
-def trace_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every cause and coefficient."""
-    _, *sections = trace_sections(document)
-    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
-
-
-def calibration_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with every cause and coefficient."""
-    _, *sections = calibration_sections(document)
-    yield from (Section("Causes", causes_blocks(document, None)), *sections, _all_coefficients(document))
+    if form == "page":
+        yield _all_coefficients(document)
 
 
 def _all_coefficients(document: Document) -> Section:
@@ -225,27 +322,24 @@ def _all_coefficients(document: Document) -> Section:
         "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
         "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
     )
-    blocks = parameter_tables(document["parameters"])
-    return Section("Coefficients", [Text(note), *blocks] if blocks else [Text("No coefficient was fitted.")])
+    blocks = [Text(note), *parameter_tables(document["parameters"])]
+    return Section("Coefficients", blocks if document["parameters"] else [Text("No coefficient was fitted.")])
 
 
 def parameter_tables(parameters: Sequence[Part]) -> list[Block]:
     """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
     reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
-    tables: list[Block] = []
-    if len(reasons) < len(parameters):
-        tables.append(coefficients([p for p in parameters if p["std"] is not None]))
-    if reasons:
-        tables.append(Grid(("not identifiable", "reason"), reasons, is_text=True))
-    return tables
+    return [coefficients(parameters), Grid(("not identifiable", "reason"), reasons, is_text=True)]
 
 
 def coefficients(parameters: Iterable[Part]) -> Grid:
-    """Return name, value, standard error and unit of identifiable coefficients."""
-    rows: list[Sequence[Cell]] = []
-    for parameter in parameters:
-        factor, unit = table_unit(str(parameter["unit"]))
-        rows.append((parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit))
+    """Return name, value, standard error and unit of the identifiable coefficients."""
+    rows = [
+        (parameter["name"], *_with_error(parameter["value"], parameter["std"], factor), unit)
+        for parameter in parameters
+        if parameter["std"] is not None
+        for factor, unit in [table_unit(str(parameter["unit"]))]
+    ]
     return Grid(("name", "value", "standard error", "unit"), rows)
 
 
@@ -255,10 +349,6 @@ def _with_error(value: float, error: float | None, factor: float, sign: str = ""
         return Number(f"{three_digits(value * factor)}{sign}", value), Number("–", None)
     texts = measured(value * factor, error * factor)
     return Number(f"{texts[0]}{sign}", value), Number(f"{texts[1]}{sign}", error)
-
-
-def _mm(value: float) -> str:
-    return str(with_unit(value, "m"))
 
 
 def _label(effect: Part) -> str:
@@ -273,15 +363,8 @@ _OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
 
 def without_mass_coefficients(parameters: Iterable[Part]) -> tuple[list[Part], dict[str, int]]:
     """Return the parameters that are not of uncertain masses, and how many are, by effect and joint."""
-    others: list[Part] = []
-    counts: dict[str, int] = {}
-    for parameter in parameters:
-        match = _OF_MASS.fullmatch(parameter["name"])
-        if match and " kg" in parameter["unit"]:
-            counts[match["effect"]] = counts.get(match["effect"], 0) + 1
-        else:
-            others.append(parameter)
-    return others, counts
+    matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
+    return [each for each, match in matches if not match], Counter(match["effect"] for _, match in matches if match)
 
 
 def _mass_coefficients(effect: str, count: int) -> str:
@@ -300,13 +383,14 @@ def causes_blocks(document: Document, most: int | None = _MAX_CAUSES, *, short: 
     With ``short`` the table has no column of the error that no other effect can describe.
     """
     causes = document.get("causes", ())
-    before, after, of_poses = _was_and_is(document)
+    poses, of_poses = _pose_set(document)
+    before, after = (with_unit(document[stage][poses]["position"]["rms_m"]) for stage in (_nominal(document), "after"))
     notable = [
         cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
     ]
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{_mm(before)} rms to {_mm(after)} rms on {of_poses}: {named}{others}")
+    yield Text(f"{before} rms to {after} rms on {of_poses}: {named}{others}")
     shown = causes if most is None else notable[:most]
     if not shown:
         return
@@ -352,26 +436,19 @@ def stage_blocks(document: Document, command: str) -> Iterator[Block]:
         if None in figures.values():
             continue
         for quantity, sign, unit, factor in (("position", "mm", "m", IN_MM), ("orientation", "°", "rad", IN_DEGREES)):
+            keys = [f"{key}_{unit}" for key in ("rms", "mean_error", "p95", "max")]
+            parts = {label: part[quantity] for label, part in figures.items() if part[quantity] is not None}
             rows: list[Sequence[Cell]] = [
-                (
-                    label,
-                    *(number(part[quantity][f"{key}_{unit}"], factor) for key in ("rms", "mean_error", "p95", "max")),
-                )
-                for label, part in figures.items()
-                if part[quantity] is not None
+                (label, *(number(part[key], factor) for key in keys)) for label, part in parts.items()
             ]
-            if rows:
-                yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
+            yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
     gain = document["gain_m"]
     if gain is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
         share = f"{100 * gain['confidence']:.0f} %"
         yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)", wraps=False)
-    if command == "trace":
-        yield Text(
-            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
-            is_note=True,
-        )
+    note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
+    yield Text(note * (command == "trace"), is_note=True)
 
 
 def _repeatability(document: Document) -> Iterator[str]:
@@ -383,8 +460,8 @@ def _repeatability(document: Document) -> Iterator[str]:
     joints = ", ".join(
         f"{name} {with_unit(std, units[name])}" for name, std in repeatability["joints"].items() if std is not None
     )
-    size = _mm(repeatability["position_m"])
-    yield f"intrinsic repeatability: {size} rms at the target ({joints or 'not identifiable joint by joint'})"
+    known = joints or "not identifiable joint by joint"
+    yield f"intrinsic repeatability: {with_unit(repeatability['position_m'])} rms at the target ({known})"
     if repeatability["source"] == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
@@ -393,18 +470,16 @@ def _deflection(choice: Part | None) -> Iterator[str]:
     """Yield the deflection model used by elastic effects and the reason for it."""
     if choice is None:
         return
-    size = f"{_mm(choice['difference_rms_m'])} rms"
-    if choice["rigid_better_by"] is None:
-        yield (
-            f"deflection model: equilibrium; torques at the undeflected pose change the prediction by {size}, too "
-            "little to distinguish the two models"
-        )
-        return
-    yield (
-        f"deflection model: {'equilibrium' if choice['form'] == 'equilibrium' else 'undeflected pose'}; torques at the "
-        f"undeflected pose change the prediction by {size} and twice the log-likelihood by "
-        f"{choice['rigid_better_by']:+.3g}; threshold +{choice['needed']:g}"
+    form = "equilibrium" if choice["form"] == "equilibrium" else "undeflected pose"
+    text = (
+        f"deflection model: {form}; torques at the undeflected pose change the prediction by "
+        f"{with_unit(choice['difference_rms_m'])} rms"
     )
+    if choice["rigid_better_by"] is None:
+        yield f"{text}, too little to distinguish the two models"
+    else:
+        gain, needed = choice["rigid_better_by"], choice["needed"]
+        yield f"{text} and twice the log-likelihood by {gain:+.3g}; threshold +{needed:g}"
 
 
 # The quality of a calibration.
@@ -413,12 +488,10 @@ def _deflection(choice: Part | None) -> Iterator[str]:
 def _quality(document: Document) -> Iterator[str]:
     noise, identifiability = document["noise"], document["identifiability"]
     axes = noise["along_axes_m"]
-    sizes = [noise["position_m"]] if axes is None else axes
-    size = (
-        f"{', '.join(three_digits(std * IN_MM) for std in sizes)} mm along {'each axis' if axes is None else 'x, y, z'}"
-    )
+    sizes = ", ".join(three_digits(std * IN_MM) for std in axes or [noise["position_m"]])
     source = _NOISE_SOURCES.get(noise["source"], "estimated from the residual")
-    yield f"measurement noise {size} (standard deviation), {source}"
+    along = "each axis" if axes is None else "x, y, z"
+    yield f"measurement noise {sizes} mm along {along} (standard deviation), {source}"
     if noise["lack_of_fit_p_value"] is not None:
         # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
         yield (
@@ -436,12 +509,16 @@ def _quality(document: Document) -> Iterator[str]:
     yield from _deflection(document["deflection"])
     yield from _not_identifiable(identifiability["not_identifiable"])
     pairs = document["correlations"]
-    for pair in pairs[:_MAX_PAIRS]:
-        yield f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
+    yield from (
+        f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
+        for pair in pairs[:_MAX_PAIRS]
+    )
     if len(pairs) > _MAX_PAIRS:
         yield f"and {len(pairs) - _MAX_PAIRS} more pairs with a correlation above 0.9"
-    for row in document["leverage"][:5]:
-        yield f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+    yield from (
+        f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+        for row in document["leverage"][:5]
+    )
 
 
 def _not_identifiable(dropped: Sequence[Part]) -> Iterator[str]:
@@ -459,16 +536,14 @@ def _not_identifiable(dropped: Sequence[Part]) -> Iterator[str]:
 
 
 def _shrinkage(kind: Part) -> str:
-    constants, quantity = kind["constants"], {"m": "lengths", "rad": "angles"}[kind["unit"]]
-    differing = [constant["name"] for constant in constants if constant["probability"] > 0.5]
-    count = len(constants)
+    count, quantity = len(kind["constants"]), {"m": "lengths", "rad": "angles"}[kind["unit"]]
+    differing = [constant["name"] for constant in kind["constants"] if constant["probability"] > 0.5]
     if not differing:
         return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
-    listed = ", ".join(differing[:_MAX_NAMES]) + (" …" if len(differing) > _MAX_NAMES else "")
-    verb = "differs" if len(differing) == 1 else "differ"
+    listed = ", ".join(differing[:_MAX_NAMES]) + " …" * (len(differing) > _MAX_NAMES)
     return (
-        f"{len(differing)} of {count} {quantity} {verb} from nominal: {listed}; the others are shrunk to nominal "
-        "as far as the poses allow"
+        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: {listed}; the "
+        "others are shrunk to nominal as far as the poses allow"
     )
 
 
@@ -476,12 +551,14 @@ def _shrinkage(kind: Part) -> str:
 
 
 def _residual(document: Document) -> str:
+    from robacc.tracing.findings import HIDDEN_NOISE
+
     noise, repeatability = document["noise"], document["repeatability"]
     size = math.sqrt(3) * noise["position_m"]
-    rms = _mm(document["before"]["fitted"]["position"]["rms_m"])
+    rms = with_unit(document["before"]["fitted"]["position"]["rms_m"])
     text = f"baseline: {rms} rms; measurement noise: "
     if noise["source"] in _NOISE_SOURCES:
-        return f"{text}{_mm(size)} rms, {_NOISE_SOURCES[noise['source']]}"
+        return f"{text}{with_unit(size)} rms, {_NOISE_SOURCES[noise['source']]}"
     why = "because the file has neither sigma columns nor repeated poses"
     if (
         noise["lack_of_fit_p_value"] is None
@@ -490,7 +567,7 @@ def _residual(document: Document) -> str:
         and size < HIDDEN_NOISE * repeatability["position_m"]
     ):
         return f"{text}not distinguishable from the arm's repeatability (see the remaining error) {why}"
-    return f"{text}{_mm(size)} rms, estimated from the remaining error {why}"
+    return f"{text}{with_unit(size)} rms, estimated from the remaining error {why}"
 
 
 def _candidates(document: Document) -> Iterator[Block]:
@@ -507,36 +584,30 @@ def _candidates(document: Document) -> Iterator[Block]:
     ]
     yield Grid(("best candidates, first step", "evidence", "significance"), rows)
     yield Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True)
-    if document["not_offered"]:
-        why = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
-        yield Text(f"not tested: {why}", is_note=True)
+    untested = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
+    yield Text(f"not tested: {untested}" * bool(untested), is_note=True)
 
 
 def _findings(document: Document) -> Iterator[Block]:
-    findings = document["findings"]
-    if not findings:
-        yield Text("none, at a false-alarm rate below 1 % over all candidates")
-    held_out = document["before"]["held_out"]
+    findings, held_out = document["findings"], document["before"]["held_out"]
+    rms = None if held_out is None else held_out["position"]["rms_m"]
+    yield Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings))
     for place, finding in enumerate(findings, 1):
-        joints = f" on {', '.join(finding['joints'])}" if finding["joints"] else ""
-        if part := finding["settings"].get("part"):
-            name = finding["settings"].get("target")
-            joints = f" of the {part}" if name is None else f" of the {part} {name}"
-        rms = None if held_out is None else held_out["position"]["rms_m"]
+        joints, settings = f" on {', '.join(finding['joints'])}" * bool(finding["joints"]), finding["settings"]
+        if "part" in settings:
+            joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
         yield Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}")
         yield Listing([*_details(finding)])
-        if finding["harmonics"]:
-            rows = [
-                (
-                    f"{harmonic['order']:g}",
-                    *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
-                    *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
-                )
-                for harmonic in finding["harmonics"]
-            ]
-            yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
-        if finding["warnings"]:
-            yield Listing(finding["warnings"], "warning")
+        rows = [
+            (
+                f"{harmonic['order']:g}",
+                *_with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
+                *_with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
+            )
+            for harmonic in finding["harmonics"]
+        ]
+        yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
+        yield Listing(finding["warnings"], "warning")
     if any(finding["harmonics"] for finding in findings):
         text = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
         yield Text(text, is_note=True)
@@ -555,13 +626,11 @@ def _details(finding: Part) -> Iterator[str]:
     # A result may name an effect of another package, which is not loaded here.
     if finding["effect"] in REGISTRY:
         yield REGISTRY[finding["effect"]].about.summary
-    if finding.get("statement") is not None:
-        yield finding["statement"]
-    yield p_value(finding["p_value"])
-    if finding["held_out_before_m"] is not None and finding["held_out_after_m"] is not None:
-        before, after = (_mm(finding[f"held_out_{stage}_m"]) for stage in ("before", "after"))
-        text = f"held-out poses: {before} rms without it, {after} rms with it"
-        turns = [finding[f"held_out_{stage}_rad"] for stage in ("before", "after")]
+    yield from filter(None, (finding.get("statement"), p_value(finding["p_value"])))
+    errors = [finding["held_out_before_m"], finding["held_out_after_m"]]
+    if None not in errors:
+        text = "held-out poses: {} rms without it, {} rms with it".format(*map(with_unit, errors))
+        turns = [finding["held_out_before_rad"], finding["held_out_after_rad"]]
         if None not in turns:
             text += "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
         yield text
@@ -576,12 +645,13 @@ def _details(finding: Part) -> Iterator[str]:
 
 def _at_tool(finding: Part, baseline_rms: float | None) -> str:
     """Return what the effect does at the tool, and its share of the mean square error of the baseline."""
-    if finding["size_at_tool_m"] is None or finding["largest_at_tool_m"] is None:
+    keys = ("size_at_tool_m", "largest_at_tool_m", "largest_turn_at_tool_rad", "held_out_before_m", "held_out_after_m")
+    rms, largest, turn, without, with_it = (finding[key] for key in keys)
+    if rms is None or largest is None:
         return "cannot be evaluated alone"
-    text = f"moves the tool by up to {_mm(finding['largest_at_tool_m'])} ({_mm(finding['size_at_tool_m'])} rms)"
-    if finding["largest_turn_at_tool_rad"] is not None:
-        text += f" and turns it by up to {with_unit(finding['largest_turn_at_tool_rad'], 'rad')}"
-    without, with_it = finding["held_out_before_m"], finding["held_out_after_m"]
+    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms)"
+    if turn is not None:
+        text += f" and turns it by up to {with_unit(turn, 'rad')}"
     if without is None or with_it is None or not baseline_rms:
         return text
     share = (without**2 - with_it**2) / baseline_rms**2
@@ -608,10 +678,10 @@ def _alternative(alternative: Part) -> str:
 
 def _remaining(unexplained: Part) -> str:
     """Return the size of the remaining error, and that of the measurement noise in it."""
-    text = f"{_mm(unexplained['rms_m'])} rms on the calibration poses"
+    text = f"{with_unit(unexplained['rms_m'])} rms on the calibration poses"
     if unexplained["noise_rms_m"] is None:
         return text
-    size = _mm(unexplained["noise_rms_m"])
+    size = with_unit(unexplained["noise_rms_m"])
     is_part = unexplained["noise_rms_m"] < unexplained["rms_m"]
     return text + (f", of which {size} is measurement noise" if is_part else f"; measurement noise alone is {size}")
 
@@ -619,20 +689,19 @@ def _remaining(unexplained: Part) -> str:
 def _remaining_error(document: Document) -> Iterator[str]:
     unexplained = document["unexplained"]
     yield _remaining(unexplained)
-    shown = f" ({p_value(unexplained['p_value'])})"
+    shown = p_value(unexplained["p_value"])
     if unexplained["structured"]:
         # The p-value stands where it is what shows the structure.
-        yield f"structured: not noise alone{shown if unexplained['p_value'] < _CONVINCING else ''}"
+        yield f"structured: not noise alone{f' ({shown})' if unexplained['p_value'] < _CONVINCING else ''}"
     else:
-        yield f"no structure that any candidate explains{shown}"
+        yield f"no structure that any candidate explains ({shown})"
     if document["explained_share"] is not None and document["findings"]:
-        share = f"{100 * document['explained_share']:.0f} %"
         floor = "noise" if document["repeatability"] is None else "noise and repeatability"
+        share = f"{100 * document['explained_share']:.0f} %"
         yield f"{share} of the explainable error is explained (held-out variance above {floor})"
     if parts := _parts_of(unexplained):
         yield f"its parts{parts}"
-    yield from _repeatability(document)
-    yield from unexplained["hints"]
+    yield from (*_repeatability(document), *unexplained["hints"])
 
 
 def _parts_of(unexplained: Part) -> str:
@@ -646,22 +715,24 @@ def _parts_of(unexplained: Part) -> str:
 
 def _detection(document: Document) -> Iterator[Block]:
     """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
+    families = effect_families(document)
     rows: list[Sequence[Cell]] = []
-    undetectable: dict[str, None] = {}
-    for family in effect_families(document):
-        labels = [effect_label(family.name, each["joints"], {}) for each in family.entries if each["limit"] is None]
-        undetectable |= dict.fromkeys(labels)
-        if found := family.known:
-            motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-            factor, unit = table_unit(found[0]["unit"])
-            ends = [
-                f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
-            ]
-            rows.append((family.name, ends[0], ends[1] * (len(found) > 1), unit, number(motion, IN_MM)))
+    for family in (each for each in families if each.known):
+        found, (factor, unit) = family.known, table_unit(family.known[0]["unit"])
+        lowest, highest = (
+            f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
+        )
+        motion = statistics.median(each["rms_m"] or 0.0 for each in found)
+        rows.append((family.name, lowest, highest * (len(found) > 1), unit, number(motion, IN_MM)))
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["limit"] is None
+    )
     yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
     yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
-    if undetectable:
-        yield Text(f"not identifiable on these poses: {', '.join(undetectable)}", is_note=True)
+    yield Text(f"not identifiable on these poses: {', '.join(hidden)}" * bool(hidden), is_note=True)
 
 
 def _next_poses(document: Document) -> Iterator[Block]:
@@ -670,13 +741,12 @@ def _next_poses(document: Document) -> Iterator[Block]:
     names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
     for advice in document["next_poses"]:
         yield Text(advice["text"])
-        if advice["q"]:
-            rows: list[Sequence[Cell]] = [
-                (
-                    str(place),
-                    *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
-                    number(difference, IN_MM),
-                )
-                for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
-            ]
-            yield Grid(("pose", *names, "difference, mm"), rows)
+        rows: list[Sequence[Cell]] = [
+            (
+                str(place),
+                *(f"{value * factor:.2f}" for value, (factor, _) in zip(q, units, strict=True)),
+                number(difference, IN_MM),
+            )
+            for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
+        ]
+        yield Grid(("pose", *names, "difference, mm"), rows)

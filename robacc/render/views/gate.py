@@ -5,24 +5,39 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
-from typing import Any, Literal
-from xml.sax.saxutils import escape, quoteattr
+from typing import Any, NamedTuple
 
-from robacc.gates.decision_rules import Outcome
 from robacc.outcomes import FileOutcome
-from robacc.render.text.console import GREEN, RED, YELLOW, say
-from robacc.render.text.layout import Style, table_unit, three_digits, with_table_unit
+from robacc.render.text.console import Style, say
+from robacc.render.text.layout import table_unit, with_table_unit
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.elements import Block, Grid, Listing, Section, Text
+from robacc.render.views.elements import Grid, Listing, ReportHeadline, Section, Text
 from robacc.statistics.confidence_curves import ASSURANCE
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
 
-OUTCOME_LABELS: dict[Outcome, str] = {
-    "pass": "pass",
-    "fail": "fail",
-    "inconclusive": "inconclusive",
-    "not_evaluated": "not evaluated",
+
+class Look(NamedTuple):
+    """How an outcome looks."""
+
+    label: str
+    gate: str
+    """Of a gate with this outcome."""
+    style: Style
+    """On a terminal."""
+    tone: str
+    """Of the badge on a page."""
+    level: str
+    """Of an annotation."""
+    sign: str
+    """In Markdown."""
+
+
+LOOKS = {
+    "pass": Look("pass", "passed", "green", "good", "notice", "✅"),
+    "fail": Look("fail", "failed", "bold red", "bad", "error", "❌"),
+    "inconclusive": Look("inconclusive", "inconclusive", "bold yellow", "open", "warning", "❔"),
+    "not_evaluated": Look("not evaluated", "not evaluated", "bold yellow", "open", "warning", "⚠️"),
 }
 HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
 
@@ -33,8 +48,13 @@ Part = Mapping[str, Any]
 def title(gate: Part) -> str:
     """Return the gate's name and outcome, and the number of criteria with each outcome."""
     outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
-    counts = [f"{outcomes.count(kind)} {label}" for kind, label in OUTCOME_LABELS.items() if kind in outcomes]
-    return f"Gate {gate['name']}: {OUTCOME_LABELS[gate['outcome']].upper()} ({', '.join(counts)})"
+    counts = [f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes]
+    return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({', '.join(counts)})"
+
+
+def said(criterion: Part) -> str:
+    """Return the outcome of a criterion, then :func:`sentence`."""
+    return f"{LOOKS[criterion['outcome']].label}: {sentence(criterion)}"
 
 
 def cells(criterion: Part) -> tuple[str, ...]:
@@ -52,8 +72,7 @@ def cells(criterion: Part) -> tuple[str, ...]:
 
 def _amount(size: float | None, criterion: Part) -> str:
     """Return a value of a criterion in mm, degrees or without unit, three digits; a dash for None."""
-    factor, unit = table_unit(criterion["unit"])
-    return "–" if size is None else with_table_unit(three_digits(factor * size), unit)
+    return table_unit(criterion["unit"]).text(size)
 
 
 def limit(criterion: Part) -> str:
@@ -138,7 +157,7 @@ def sentence(criterion: Part) -> str:
 
 def explained(criterion: Part) -> str:
     """Return the outcome, its reason and the number of poses that would decide, then the reason for the limit."""
-    parts = [OUTCOME_LABELS[criterion["outcome"]], *_explanations(criterion)]
+    parts = [LOOKS[criterion["outcome"]].label, *_explanations(criterion)]
     return f"{'; '.join(parts)}. Reason: {criterion['reason']}"
 
 
@@ -149,48 +168,45 @@ def _explanations(criterion: Part) -> list[str]:
 
 _INDENT = 15
 """Columns: the longest outcome and two spaces."""
-_STYLES: dict[Outcome, Style] = {
-    "pass": "green",
-    "fail": "bold red",
-    "inconclusive": "bold yellow",
-    "not_evaluated": "bold yellow",
-}
-_COLOURS: dict[Outcome, str] = {"pass": GREEN, "fail": RED, "inconclusive": YELLOW, "not_evaluated": YELLOW}
 
 
 def say_gate(gate: Part) -> None:
     """Write the outcome, and each criterion that does not pass, to standard error: for a log without the table."""
-    say(title(gate), _COLOURS[gate["outcome"]])
+    say(title(gate), LOOKS[gate["outcome"]].style)
     for criterion in gate["criteria"]:
         if criterion["outcome"] != "pass":
-            label = OUTCOME_LABELS[criterion["outcome"]]
-            say(f"{label}: {criterion['name']}: {sentence(criterion)}", _COLOURS[criterion["outcome"]])
+            look = LOOKS[criterion["outcome"]]
+            say(f"{look.label}: {criterion['name']}: {sentence(criterion)}", look.style)
 
 
 def gate_view(gate: Part) -> Iterator[Section]:
     """Return the outcome of the gate and of each criterion as text."""
-    yield Section(title(gate), [], _STYLES[gate["outcome"]])
+    yield Section(title(gate), [], LOOKS[gate["outcome"]].style)
     for criterion in gate["criteria"]:
-        label = f"{OUTCOME_LABELS[criterion['outcome']]:<{_INDENT}}{criterion['name']}"
-        indent, reason = " " * _INDENT, f"Reason: {criterion['reason']}"
-        texts = [Text(indent + sentence(criterion)), Text(indent + reason, is_note=True)]
-        yield Section(label, texts, _STYLES[criterion["outcome"]])
+        look, indent = LOOKS[criterion["outcome"]], " " * _INDENT
+        texts = [Text(indent + sentence(criterion)), Text(f"{indent}Reason: {criterion['reason']}", is_note=True)]
+        yield Section(f"{look.label:<{_INDENT}}{criterion['name']}", texts, look.style)
 
 
-def gate_section(document: Part) -> Section | None:
-    """Return each criterion with outcome, value, limit and bounds, and the reasons; None without a gate."""
-    gate = document.get("gate")
-    if not gate:
-        return None
-    rows = []
-    for criterion in gate["criteria"]:
-        name, *others = cells(criterion)
-        rows.append((name, OUTCOME_LABELS[criterion["outcome"]], *others))
-    blocks: list[Block] = [Grid((HEADER[0], "outcome", *HEADER[1:]), rows)]
-    blocks.append(Listing([f"{criterion['name']}: {explained(criterion)}" for criterion in gate["criteria"]]))
-    if gate["warnings"]:
-        blocks.append(Listing(gate["warnings"], "warning"))
-    return Section(title(gate), blocks)
+def check_headline(document: Part) -> ReportHeadline:
+    """Return the headline of a result of ``check``."""
+    gate, command = document["gate"], document["result"]["command"]
+    summary = f"The result of robacc {command} passes {passed(gate)} of the gate {gate['name']}."
+    return ReportHeadline(f"Check against {gate['name']}", summary, ())
+
+
+def passed(gate: Part) -> str:
+    """Return how many criteria passed, as ``2 of 3 criteria``."""
+    return f"{sum(each['outcome'] == 'pass' for each in gate['criteria'])} of {len(gate['criteria'])} criteria"
+
+
+def gate_section(document: Part) -> Iterator[Section]:
+    """Yield each criterion with outcome, value, limit and bounds, and the reasons; nothing without a gate."""
+    if gate := document.get("gate"):
+        rows = [(each["name"], LOOKS[each["outcome"]].label, *cells(each)[1:]) for each in gate["criteria"]]
+        reasons = [f"{each['name']}: {explained(each)}" for each in gate["criteria"]]
+        table = Grid((HEADER[0], "outcome", *HEADER[1:]), rows)
+        yield Section(title(gate), [table, Listing(reasons), Listing(gate["warnings"], "warning")])
 
 
 # Gate outcomes as JUnit XML: one suite per gate, one case per criterion.
@@ -210,79 +226,48 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         outcomes: Outcomes of files by their gates; a file without a result has an error instead of its criteria.
         started: Start of the command, seconds since 1970.
     """
-    suites = [line for number, outcome in enumerate(outcomes) for line in _suite(command, number, outcome, started)]
-    document = ('<?xml version="1.0" encoding="UTF-8"?>', "<testsuites>", *suites, "</testsuites>")
-    return "".join(f"{line}\n" for line in document)
+    from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-
-def _suite(command: str, number: int, outcome: FileOutcome, started: float) -> Iterator[str]:
-    gate = outcome.gate
-    if gate is None:
-        cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
-        out, error = "", "\n".join(as_options(str(problem)) for problem in outcome.problems)
-    else:
-        cases = [
-            (
-                criterion["name"],
-                criterion["outcome"],
-                f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}",
-                f"Reason for the limit: {criterion['reason']}",
-            )
-            for criterion in gate["criteria"]
-        ]
-        out, error = title(gate), "\n".join(gate["warnings"])
-    kinds = [kind for _, kind, _, _ in cases]
-    suite = _attributes(
-        id=str(number),
-        package=f"robacc.{command}",
-        name=outcome.name,
-        timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
-        hostname="localhost",
-        tests=str(len(cases)),
-        failures=str(kinds.count("fail")),
-        errors=str(len(kinds) - kinds.count("fail") - kinds.count("pass")),
-        time=f"{outcome.seconds:.3f}",
-    )
-    yield f"  <testsuite{suite}>\n    <properties/>"
-    for name, kind, message, reason in cases:
-        case = _attributes(
-            name=name,
-            classname=f"robacc.{command}.{outcome.name}",
-            time=f"{outcome.seconds / max(1, len(cases)):.3f}",
+    suites = Element("testsuites")
+    for number, outcome in enumerate(outcomes):
+        if (gate := outcome.gate) is None:
+            cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
+            streams = {"out": "", "err": "\n".join(as_options(str(problem)) for problem in outcome.problems)}
+        else:
+            cases = [
+                (each["name"], each["outcome"], said(each), f"Reason for the limit: {each['reason']}")
+                for each in gate["criteria"]
+            ]
+            streams = {"out": title(gate), "err": "\n".join(gate["warnings"])}
+        kinds = [kind for _, kind, _, _ in cases]
+        suite = SubElement(
+            suites,
+            "testsuite",
+            id=str(number),
+            package=f"robacc.{command}",
+            name=outcome.name,
+            timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+            hostname="localhost",
+            tests=str(len(cases)),
+            failures=str(kinds.count("fail")),
+            errors=str(len(kinds) - kinds.count("fail") - kinds.count("pass")),
+            time=f"{outcome.seconds:.3f}",
         )
-        if kind == "pass":
-            yield f"    <testcase{case}/>"
-            continue
-        tag = "failure" if kind == "fail" else "error"
-        yield f"    <testcase{case}>"
-        yield f"      <{tag}{_attributes(message=message, type=kind)}>{_xml_text(reason)}</{tag}>"
-        yield "    </testcase>"
-    yield f"    <system-out>{_xml_text(out)}</system-out>"
-    yield f"    <system-err>{_xml_text(error)}</system-err>"
-    yield "  </testsuite>"
-
-
-def _attributes(**values: str) -> str:
-    return "".join(f" {name}={quoteattr(_clean(value))}" for name, value in values.items())
-
-
-def _xml_text(value: str) -> str:
-    return escape(_clean(value))
-
-
-def _clean(value: str) -> str:
-    """Replace the characters that XML does not allow."""
-    return _NOT_XML.sub("\ufffd", value)
+        SubElement(suite, "properties")
+        share = f"{outcome.seconds / max(1, len(cases)):.3f}"
+        for name, kind, message, reason in cases:
+            case = SubElement(suite, "testcase", name=name, classname=f"robacc.{command}.{outcome.name}", time=share)
+            if kind != "pass":
+                tag = "failure" if kind == "fail" else "error"
+                SubElement(case, tag, message=message, type=kind).text = reason
+        for stream, text in streams.items():
+            SubElement(suite, f"system-{stream}").text = text
+    indent(suites)
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n'
+    return _NOT_XML.sub("\ufffd", text)
 
 
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.
-
-_LEVELS: dict[Outcome, Literal["error", "warning", "notice"]] = {
-    "pass": "notice",
-    "fail": "error",
-    "inconclusive": "warning",
-    "not_evaluated": "warning",
-}
 
 
 def github_annotations(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
@@ -297,14 +282,16 @@ def github_annotations(command: str, table: str, gate: Part | None, warnings: tu
     head = f"robacc {command}"
     lines = [annotation("warning", head, warning) for warning in warnings]
     if gate is None:
-        lines.append(annotation("notice", head, table.strip().partition("\n\n")[0]))
-    else:
-        for criterion in gate["criteria"]:
-            said = f"{OUTCOME_LABELS[criterion['outcome']]}: {sentence(criterion)}"
-            text = f"{said}. Reason for the limit: {criterion['reason']}"
-            lines.append(annotation(_LEVELS[criterion["outcome"]], f"{gate['name']}: {criterion['name']}", text))
-        lines.append(annotation(_LEVELS[gate["outcome"]], head, title(gate)))
-    return "".join(f"{line}\n" for line in lines)
+        return "\n".join([*lines, annotation("notice", head, table.strip().partition("\n\n")[0]), ""])
+    lines += [
+        annotation(
+            LOOKS[criterion["outcome"]].level,
+            f"{gate['name']}: {criterion['name']}",
+            f"{said(criterion)}. Reason for the limit: {criterion['reason']}",
+        )
+        for criterion in gate["criteria"]
+    ]
+    return "\n".join([*lines, annotation(LOOKS[gate["outcome"]].level, head, title(gate)), ""])
 
 
 def annotation(level: str, head: str, text: str) -> str:
@@ -317,8 +304,6 @@ def annotation(level: str, head: str, text: str) -> str:
 
 # A result and its gate's outcome as Markdown, for a job summary or a comment on a pull request.
 
-_SIGNS: dict[Outcome, str] = {"pass": "✅", "fail": "❌", "inconclusive": "❔", "not_evaluated": "⚠️"}
-
 
 def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
     """Return the gate's table, the warnings and the report, which is collapsed below a gate.
@@ -329,34 +314,25 @@ def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, .
         gate: The gate's outcome, if a gate was checked.
         warnings: The command's warnings.
     """
-    lines = [f"## robacc {_escaped(command)}", ""]
+    lines = [f"## robacc {_escaped(command)}"]
     if gate is not None:
-        lines += [*_gate(gate), ""]
-    for warning in warnings:
-        lines += [f"> **Warning:** {_escaped(warning)}", ""]
-    if not table:
-        return "\n".join(lines[:-1]) + "\n"
-    fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", table)), default=0))
-    body = [f"{fence}text", table.rstrip("\n"), fence]
-    if gate is not None:
-        body = ["<details><summary>Full result</summary>", "", *body, "", "</details>"]
-    return "\n".join([*lines, *body]) + "\n"
-
-
-def _gate(gate: Part) -> Iterator[str]:
-    yield f"### {_SIGNS[gate['outcome']]} {_escaped(title(gate))}"
-    yield ""
-    yield _row(("", *HEADER))
-    yield _row(["---"] * (1 + len(HEADER)))
-    for criterion in gate["criteria"]:
-        yield _row((_SIGNS[criterion["outcome"]], *map(_escaped, cells(criterion))))
-    yield ""
-    for criterion in gate["criteria"]:
-        yield f"- **{_escaped(criterion['name'])}**: {_escaped(explained(criterion))}"
-
-
-def _row(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
+        criteria = gate["criteria"]
+        rows = [
+            ("", *HEADER),
+            ["---"] * (1 + len(HEADER)),
+            *((LOOKS[criterion["outcome"]].sign, *map(_escaped, cells(criterion))) for criterion in criteria),
+        ]
+        lines += [
+            f"### {LOOKS[gate['outcome']].sign} {_escaped(title(gate))}",
+            "\n".join(f"| {' | '.join(row)} |" for row in rows),
+            "\n".join(f"- **{_escaped(each['name'])}**: {_escaped(explained(each))}" for each in criteria),
+        ]
+    lines += [f"> **Warning:** {_escaped(warning)}" for warning in warnings]
+    if table:
+        fence = "`" * max(3, 1 + max((len(run) for run in re.findall("`+", table)), default=0))
+        body = "\n".join((f"{fence}text", table.rstrip("\n"), fence))
+        lines += [body] if gate is None else ["<details><summary>Full result</summary>", body, "</details>"]
+    return "\n\n".join(lines) + "\n"
 
 
 def _escaped(text: str) -> str:

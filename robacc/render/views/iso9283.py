@@ -11,7 +11,21 @@ from typing import Any
 
 from robacc.iso_9283.cube import Proposal
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, fixed, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, measured_cells, number, percent
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    measured_cells,
+    number,
+    of_robot,
+    percent,
+    tile,
+)
 from robacc.robots.description import Robot
 
 _MAX_ROWS = 12
@@ -39,8 +53,55 @@ Part = Mapping[str, Any]
 """A criterion, or its value at one place, of the document."""
 
 
-def iso9283_view(document: Document, robot: str | None, full: bool = True) -> Iterator[Section]:
-    """Return the text of an evaluation, in one screen unless ``full``; ``robot`` is the file's name."""
+def iso9283_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``iso9283``."""
+    labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
+    criteria = {label: document["iso9283"][symbol] for symbol, label in labels.items()}
+    tiles = [
+        tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
+        for label, part in criteria.items()
+        if part["max_m"] is not None
+    ]
+    met = sum(condition["status"] == "met" for condition in document["protocol"])
+    summary = (
+        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
+        f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
+        "standard's protocol."
+    )
+    registration = "none" if not document["alignment"] else " and ".join(document["alignment"][0]["what"])
+    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
+    return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
+
+
+def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> Iterator[Section]:
+    """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals.
+
+    In short, one table of the criteria; ``robot`` is the file's name.
+    """
+    criteria = _criteria(document)
+    if form != "page":
+        yield _opening(document, robot)
+    if form == "short":
+        shown = [part for part in criteria.values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
+        statuses = Counter(_STATUS[condition["status"]] for condition in document["protocol"]).items()
+        counts = ", ".join(f"{n} {status}" for status, n in statuses)
+        protocol = Text(f"conditions of the standard's protocol: {counts}")
+        yield Section("", [*_summary(shown, document["confidence"]), protocol, Text(_MORE, is_note=True)])
+        return
+    rows = [
+        [condition["condition"], condition["clause"], _STATUS[condition["status"]], condition["why"]]
+        for condition in document["protocol"]
+    ]
+    table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
+    for title, symbols in _GROUPS:
+        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
+    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
+    yield Section("Conditions of the standard's protocol", [table])
+    yield Section("Confidence intervals", [Listing(_methods(criteria))])
+    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
+
+
+def _opening(document: Document, robot: str | None) -> Section:
     source = "the model " + (robot or "") if document["commanded"] == "robot" else "cmd_ columns"
     facts = [
         f"{', '.join(document['files'])}: {_counted(document)}",
@@ -53,45 +114,14 @@ def iso9283_view(document: Document, robot: str | None, full: bool = True) -> It
     if document["unaligned"] is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
         facts.append(f"largest AP before registration: {unaligned} mm")
-    yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
-    if not full:
-        shown = [part for part in _criteria(document).values() if part["max_m"] or part["symbol"] not in ("vAP", "E")]
-        statuses = Counter(_STATUS[condition["status"]] for condition in document["protocol"]).items()
-        yield Section(
-            "",
-            [
-                *_summary(shown, document["confidence"]),
-                Text(f"conditions of the standard's protocol: {', '.join(f'{n} {status}' for status, n in statuses)}"),
-                Text(_MORE, is_note=True),
-            ],
-        )
-        return
-    yield from iso9283_sections(document)
-    yield Section("Limitations", [Listing(document["notes"])])
-
-
-def iso9283_sections(document: Document) -> Iterator[Section]:
-    """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals."""
-    criteria = _criteria(document)
-    for title, symbols in _GROUPS:
-        yield Section(title, _summary([criteria[symbol] for symbol in symbols], document["confidence"]))
-    yield from _places(criteria, percent(document["confidence"]), len(document["files"]) > 1)
-    rows = [
-        [condition["condition"], condition["clause"], _STATUS[condition["status"]], condition["why"]]
-        for condition in document["protocol"]
-    ]
-    protocol = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
-    yield Section("Conditions of the standard's protocol", [protocol])
-    yield Section("Confidence intervals", [Listing(_methods(criteria))])
+    return Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in facts])
 
 
 def _criteria(document: Document) -> dict[str, Part]:
     """Return the criteria by symbol."""
-    criteria = {}
-    for criterion in document["iso9283"].values():
-        for part in [criterion] if "symbol" in criterion else criterion.values():
-            criteria[part["symbol"]] = part
-    return criteria
+    entries = document["iso9283"].values()
+    parts = (part for entry in entries for part in ([entry] if "symbol" in entry else entry.values()))
+    return {part["symbol"]: part for part in parts}
 
 
 def _counted(document: Document) -> str:
@@ -121,12 +151,10 @@ def _summary(criteria: Sequence[Part], confidence: float) -> Iterator[Block]:
         if turn["max_rad"] is not None:
             cells = measured_cells(turn["max_rad"], IN_DEGREES, turn["intervals"]["max_rad"])
             rows.append(("      of orientation", _clause(part), cells[0], "°", cells[1], turn["max_at"] or ""))
-    if rows:
-        yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
+    yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
     missing = [f"no {', no '.join(names)}: {why}" for why, names in reasons.items()]
     notes = dict.fromkeys(note for part in criteria for note in part["notes"])
-    if missing or notes:
-        yield Listing([*missing, *notes])
+    yield Listing([*missing, *notes])
 
 
 def _clause(part: Part) -> str:
@@ -157,7 +185,10 @@ def _places(criteria: Mapping[str, Part], interval_head: str, several: bool) -> 
         lambda place: [
             str(place["n"]),
             *_value(place),
-            *(number(place.get(f"{key}_distance_m"), IN_MM, _bounds(place)) for key in ("mean", "sd")),
+            *(
+                number(place.get(f"{key}_distance_m"), IN_MM, place["intervals"]["position_m"])
+                for key in ("mean", "sd")
+            ),
         ],
     )
     yield from angles("Pose repeatability RP of orientation by pose, ± ° (not accuracy)", repeatability)
@@ -198,20 +229,14 @@ def _table(
         yield Section(title, [Grid(("", *(["file"] if several else []), *header), rows)])
 
 
-def _bounds(place: Part) -> Part:
-    bounds: Part = place["intervals"]["position_m"]
-    return bounds
-
-
 def _value(place: Part) -> Sequence[Cell]:
-    return measured_cells(place["position_m"], IN_MM, _bounds(place))
+    return measured_cells(place["position_m"], IN_MM, place["intervals"]["position_m"])
 
 
 def _parts(place: Part, key: str, factor: float) -> list[Cell]:
     """Return the components of a place, with the digits that their intervals support."""
-    if place[key] is None:
-        return []
-    return [number(value, factor, bounds) for value, bounds in zip(place[key], place["intervals"][key], strict=True)]
+    pairs = zip(place[key] or (), place["intervals"][key] or (), strict=True)
+    return [number(value, factor, bounds) for value, bounds in pairs]
 
 
 def _methods(criteria: Mapping[str, Part]) -> list[str]:
@@ -258,8 +283,7 @@ def proposal_view(proposal: Proposal, robot: Robot) -> Iterator[Section]:
         for i, q in enumerate(proposal.q.T, 1)
     ]
     yield Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)])
-    if proposal.notes:
-        yield Section("Limitations", [Listing(proposal.notes)])
+    yield Section("Limitations", [Listing(proposal.notes)])
 
 
 def _facts(proposal: Proposal) -> list[str]:

@@ -7,7 +7,22 @@ from typing import Any
 
 from robacc.planning.campaign import DEFAULT_FIT, CampaignPlan
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label, fixed, table_unit, three_digits
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, effect_families, number
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    effect_families,
+    number,
+    of_robot,
+)
 
 PURPOSES = {
     "calibrate": "calibration",
@@ -15,7 +30,7 @@ PURPOSES = {
     "acceptance": "acceptance",
     "health": "health check",
 }
-_LISTED_PAIRS = 8
+_LISTED_PAIRS = {"full": 8, "page": 20}
 _MORE = "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
 _FINDS_MOST = 0.5
 """Mean probability from which more effects of the usual size are found than missed."""
@@ -47,19 +62,77 @@ def plan_comments(plan: CampaignPlan) -> list[str]:
     return comments
 
 
-def plan_view(document: Document, robot: str, output: str | None, full: bool) -> Iterator[Section]:
-    """Return the text of a plan, in one screen unless ``full``.
+def plan_headline(document: Document) -> ReportHeadline:
+    """Return the number of poses and visits, the predicted error, and whether earlier poses are enough."""
+    accuracy, sufficiency, noise = document["accuracy"], document["sufficiency"], document["noise"]
+    n, visits, power = document["n_poses"], document["n_visits"], document["power"]
+    summary = f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses."
+    tiles = [Tile("different poses", Number(str(n), float(n))), Tile("visits", Number(str(visits), float(visits)))]
+    if accuracy is not None and (planned := accuracy["planned"]) is not None:
+        tiles.append(Tile("predicted error after the fit, rms", amount(planned["rms_m"])))
+        tiles.append(Tile("the same of random poses", amount(planned["random_rms_m"])))
+    if power is not None:
+        tiles += [
+            Tile(
+                label,
+                Number(f"{100 * power[key]:.0f} %", power[key]),
+                f"random poses {100 * power[f'random_{key}']:.0f} %",
+            )
+            for label, key in (("effects found at their usual size", "found"), ("found and separated", "separated"))
+        ]
+    badges = []
+    if sufficiency is not None:
+        summary += f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
+        badges = [("enough poses", "good") if sufficiency["enough"] else ("more poses needed", "open")]
+    facts = [
+        ("Instrument", f"{amount(noise['position_m'])} along each axis"),
+        ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
+        ("Source of the noise", str(noise["source"])),
+        *([("Free effects", ", ".join(document["fit"].split(",")))] if document["fit"] else []),
+    ]
+    title = f"Plan for the {PURPOSES[document['purpose']]}{of_robot(document)}"
+    return ReportHeadline(title, summary, tiles, badges, facts)
+
+
+def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> Iterator[Section]:
+    """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full.
 
     ``robot`` is the name of the robot's file, ``output`` that of the CSV if it was written.
     """
     name, purpose = document["robot"]["name"], PURPOSES[document["purpose"]]
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
-    yield Section(f"Plan for the {purpose} of {name}: {count}", [Listing([*_facts(document, full)])])
-    yield from plan_sections(document, _LISTED_PAIRS if full else 0)
-    if not full:
-        found = [] if document["power"] is None else [Listing([*_found(document["power"])])]
+    title = "Order of the visits" if form == "page" else f"Plan for the {purpose} of {name}: {count}"
+    yield Section(title, [Listing([*_facts(document, form != "short")])])
+    if (sufficiency := document["sufficiency"]) is not None:
+        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
+        yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
+    excluded = [(each["reason"], str(each["count"]), str(each["alone"])) for each in document["candidates"]["excluded"]]
+    if form != "short":
+        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)])
+    if document["needed_poses"]:
+        yield _needed(document["needed_poses"])
+    if document["accuracy"] is not None:
+        options = document.get("options", {})
+        region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
+        yield Section(f"Predicted error after the fit, over {region}, mm", _accuracy(document, form != "short"))
+    if form == "short":
+        found = [] if document["power"] is None else [*_found(document["power"])]
         ahead = Text(f"next: {_next_step(document, robot, output)}")
-        yield Section("", [*found, ahead, Text(_MORE, is_note=True)])
+        yield Section("", [Listing(found), ahead, Text(_MORE, is_note=True)])
+        return
+    most = _LISTED_PAIRS[form]
+    if document["purpose"] in ("calibrate", "health"):
+        yield _coefficients(document["coefficients"])
+    if document["correlations"] and document["purpose"] == "calibrate":
+        pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
+        yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
+    if document["detection_limits"] is not None:
+        yield Section("Effects that a trace of these poses can find", _detectability(document, most))
+    texts = _pairs(document["inseparable"] or ())
+    more = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
+    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), more])
+    if form == "page":
+        yield _visits(document)
 
 
 def _next_step(document: Document, robot: str, output: str | None) -> str:
@@ -77,52 +150,15 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     return f"{start}, {rows}, then: {command}"
 
 
-def plan_page(document: Document) -> Iterator[Section]:
-    """Return the sections of a page, with the visits."""
-    yield Section("Order of the visits", [Listing([*_facts(document, True)])])
-    yield from plan_sections(document, 20)
-    yield _visits(document)
-
-
-def plan_sections(document: Document, most: int) -> Iterator[Section]:
-    """Return whether the poses are enough, what excluded candidates, and what to expect; at most ``most`` pairs.
-
-    With ``most`` 0, of what to expect only the error with the planned poses.
-    """
-    if (sufficiency := document["sufficiency"]) is not None:
-        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
-        yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
-    if most and (excluded := document["candidates"]["excluded"]):
-        rows = [(entry["reason"], str(entry["count"]), str(entry["alone"])) for entry in excluded]
-        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
-    if document["needed_poses"]:
-        yield _needed(document["needed_poses"])
-    if document["accuracy"] is not None:
-        options = document.get("options", {})
-        region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
-        yield Section(f"Predicted error after the fit, over {region}, mm", _accuracy(document, most > 0))
-    if most == 0:
-        return
-    if document["purpose"] in ("calibrate", "health"):
-        yield _coefficients(document["coefficients"])
-    if document["correlations"] and document["purpose"] == "calibrate":
-        pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
-        yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
-    if document["detection_limits"] is not None:
-        yield Section("Effects that a trace of these poses can find", _detectability(document, most))
-    if document["inseparable"]:
-        texts = _pairs(document["inseparable"])
-        more = [Text(f"… and {len(texts) - most} more pairs", is_note=True)] if len(texts) > most else []
-        yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), *more])
-
-
 def _sufficiency(sufficiency: Part) -> Iterator[str]:
     yield sufficiency["why"]
-    if sufficiency["now_m"] is not None and sufficiency["later_m"] is not None:
+    if None not in (sufficiency["now_m"], sufficiency["later_m"]):
         now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
         yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
-    known, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    yield f"this counts the {sufficiency['n_already']} {known}: fit them together with the new {new}"
+    counted, new = (
+        ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    )
+    yield f"this counts the {sufficiency['n_already']} {counted}: fit them together with the new {new}"
 
 
 def _facts(document: Document, full: bool) -> Iterator[str]:
@@ -240,32 +276,32 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
 
 
 def _coefficients(entries: Sequence[Part]) -> Section:
-    rows: list[Sequence[Cell]] = []
-    for entry in entries:
-        if entry["std"] is not None:
-            factor, unit = table_unit(entry["unit"])
-            rows.append((entry["name"], number(entry["std"], factor), unit))
+    rows = [
+        (entry["name"], number(entry["std"], factor), unit)
+        for entry in entries
+        if entry["std"] is not None
+        for factor, unit in [table_unit(entry["unit"])]
+    ]
     missing = ", ".join(entry["name"] for entry in entries if entry["std"] is None)
-    note = [Text(f"not identifiable: {missing}", is_note=True)] if missing else []
-    return Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), rows), *note])
+    note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
+    return Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), rows), note])
 
 
 def _detectability(document: Document, most: int) -> Iterator[Block]:
-    rows: list[Sequence[Cell]] = []
-    hidden: dict[str, None] = {}
-    for family in effect_families(document):
-        known, shown = family.known, [limit["joints"] for limit in family.known]
-        hidden |= {
-            effect_label(family.name, each["joints"], {}): None
-            for each in family.entries
-            if each["limit"] is None and each["joints"] not in shown
-        }
-        if known:
-            factor, unit = table_unit(known[0]["unit"])
-            lowest, highest, usual = (
-                f"{factor * size:.1e}" for size in (known[0]["limit"], known[-1]["limit"], known[0]["usual_size"])
-            )
-            rows.append((family.name, lowest, highest * (len(known) > 1), unit, usual, fixed(family.power, 2)))
+    families = effect_families(document)
+    rows = []
+    for family in (each for each in families if each.known):
+        first, last = family.known[0], family.known[-1]
+        factor, unit = table_unit(first["unit"])
+        sizes = (first["limit"], last["limit"], first["usual_size"])
+        lowest, highest, usual = (f"{factor * size:.1e}" for size in sizes)
+        rows.append((family.name, lowest, highest * (first is not last), unit, usual, fixed(family.power, 2)))
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["limit"] is None and each["joints"] not in [limit["joints"] for limit in family.known]
+    )
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes: list[str] = []
     if (power := document["power"]) is not None:
@@ -274,9 +310,8 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     if hidden:
         more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
         notes.append(f"never found on these poses: {', '.join([*hidden][:most])}{more}")
-    by_reason: dict[str, list[str]] = {}
-    for name, reason in (document["not_testable"] or {}).items():
-        by_reason.setdefault(reason, []).append(name)
+    untested = document["not_testable"] or {}
+    by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
     yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
 
 
@@ -299,12 +334,14 @@ def _found(power: Part) -> Iterator[str]:
 
 def _pairs(pairs: Sequence[Part]) -> list[str]:
     """Return a text for each pair; a pair that is inseparable both ways has one."""
-    ways = {(pair["first"], pair["second"]): f"(similarity {pair['similarity']:.2f})" for pair in pairs}
+    ways = {(pair["first"], pair["second"]) for pair in pairs}
     return [
         f"{first} and {second} explain each other {similarity}"
         if (second, first) in ways
         else f"{second} explains {first} {similarity}"
-        for (first, second), similarity in ways.items()
+        for first, second, similarity in (
+            (p["first"], p["second"], f"(similarity {p['similarity']:.2f})") for p in pairs
+        )
         if (second, first) not in ways or first < second
     ]
 
@@ -324,7 +361,5 @@ def _visits(document: Document) -> Section:
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
     names = [f"{joint['name']}, {unit}" for joint, (_, unit) in zip(joints, units, strict=True)]
-    blocks: list[Block] = [Grid(("visit", "pose", "role", *payloads, *names), rows)]
-    if len(visits["q"]) > _VISITS:
-        blocks.append(Text(f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them."))
-    return Section("Visits", blocks)
+    more = f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them." * (len(visits["q"]) > _VISITS)
+    return Section("Visits", [Grid(("visit", "pose", "role", *payloads, *names), rows), Text(more)])

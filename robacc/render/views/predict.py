@@ -6,7 +6,22 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, p_value, table_unit, three_digits, with_table_unit
-from robacc.render.views.elements import Block, Cell, Grid, Listing, Section, Text, number, percent, with_unit
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    number,
+    of_robot,
+    percent,
+    with_unit,
+)
 
 _QUANTITIES = (("position", "m", IN_MM), ("orientation", "rad", IN_DEGREES))
 _STATISTICS = {
@@ -24,26 +39,52 @@ _UNCHANGED = 0.9995
 Part = Mapping[str, Any]
 
 
-def prediction_view(document: Document, source: str = "") -> Iterator[Section]:
-    """Return the text of a prediction; ``source`` names the file of the measured poses."""
+def predict_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``predict``."""
+    position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
+    source = "The tolerances give" if document["tolerances"]["parameters"] else "The fit of the model gives"
+    rms, p95 = amount(position["rms_m"]), amount(position["p95_m"])
+    summary = (
+        f"{source} an expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: "
+        f"grade {grade['grade']}."
+    )
+    for first in document["budget"][:1]:
+        share = f"{100 * first['share_position']:.0f} %"
+        summary += f" The largest share of the variance, {share}, is from {first['parameter']}."
+    facts = [
+        ("Configurations", document["configurations"]),
+        ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+    ]
+    if document["against"] is not None:
+        facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
+    if (coverage := document["coverage"]) is not None:
+        shares = [
+            f"{name} {_percent(coverage[name]['share'])}" for name, *_ in _QUANTITIES if coverage[name] is not None
+        ]
+        facts.append(("Measured poses within their 95 % bound", ", ".join(shares)))
+    return ReportHeadline(
+        f"Predicted accuracy{of_robot(document)}",
+        summary,
+        [
+            Tile("position, rms", rms, "over robots and poses"),
+            Tile("position, 95th percentile", p95, "over robots and poses"),
+            Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
+        ],
+        [(f"grade {grade['grade']}, expected", "plain")],
+        facts,
+    )
+
+
+def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
+    """Return grade, errors, worst poses and budget, then allocation and measured poses, whose file is ``source``.
+
+    A page has a chart of the budget.
+    """
     parameters = document["tolerances"]["parameters"]
-    origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-    facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-    yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
-    grade, *sections = prediction_sections(document, source)
-    yield from (grade, *sections[:2])
-    title = "Error budget: share of the variance (parameters sorted by both shares)"
-    yield Section(title, _budgets(document, bool(parameters)))
-    for label in ("joint", "kind"):
-        if parts := document[f"budget_by_{label}"]:
-            yield Section("", [_budget(label, "name", parts)])
-    yield from sections[2:]
-    if document["notes"]:
-        yield Section("Limitations", [Listing(document["notes"])])
-
-
-def prediction_sections(document: Document, source: str = "") -> Iterator[Section]:
-    """Return grade, errors and worst poses, then allocation and measured poses; a page has a chart of the budget."""
+    if form != "page":
+        origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+        facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
+        yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
     grade = document["grade"]
     text = f"criterion: {_STATISTICS[grade['statistic']]}, over robots and poses"
     if grade["limited_by"]:
@@ -53,12 +94,18 @@ def prediction_sections(document: Document, source: str = "") -> Iterator[Sectio
     yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
     yield Section("Predicted error", _errors(document))
     yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, _ in _QUANTITIES])])
+    if form != "page":
+        title = "Error budget: share of the variance (parameters sorted by both shares)"
+        yield Section(title, _budgets(document, bool(parameters)))
+        for label in ("joint", "kind"):
+            yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
     if document["allocation"] is not None:
         yield _allocation(document["allocation"], grade["statistic"])
     if document["against"] is not None:
         yield from _against(document["against"], source)
     if document["coverage"] is not None:
         yield _coverage(document["coverage"])
+    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
 
 
 def _percent(share: float) -> str:
@@ -92,16 +139,17 @@ def _errors(document: Document) -> list[Block]:
 
 
 def _worst(document: Document, name: str, unit: str) -> str:
-    worst = document[name]["worst"]
+    worst, joints = document[name]["worst"], document["robot"]["joints"]
     direction = " ".join(f"{float(value):+.2f}" for value in worst["direction"])
-    joints = []
-    for joint, value in zip(document["robot"]["joints"], worst["q"], strict=True):
-        factor, symbol = table_unit("m" if joint["type"] == "prismatic" else "rad")
-        joints.append(f"{joint['name']}={with_table_unit(f'{float(value) * factor:.1f}', symbol)}")
+    units = (table_unit("m" if joint["type"] == "prismatic" else "rad") for joint in joints)
+    place = ", ".join(
+        f"{joint['name']}={with_table_unit(f'{float(value) * factor:.1f}', symbol)}"
+        for joint, value, (factor, symbol) in zip(joints, worst["q"], units, strict=True)
+    )
     return (
         f"{name}: {worst['label']}, rms {with_unit(worst[f'rms_{unit}'], unit)}, 95 % within "
         f"{with_unit(worst[f'radius95_{unit}'], unit)}, largest along ({direction}) of the tool (standard deviation "
-        f"{with_unit(worst[f'sd_{unit}'], unit)}), at {', '.join(joints)}"
+        f"{with_unit(worst[f'sd_{unit}'], unit)}), at {place}"
     )
 
 
@@ -125,13 +173,16 @@ def _budget(label: str, key: str, parts: Sequence[Part]) -> Grid:
     # The bars share the columns that names, tolerances and percentages leave of 80.
     longest = max((len(part[key]) for part in parts), default=0)
     width = max(2, min(_BAR, (44 - longest) // 2)) if label == "parameter" else _BAR
-    rows: list[list[Cell]] = []
-    for part in parts:
-        rows.append([part[key], *([with_unit(part["sd"], part["unit"])] if label == "parameter" else [])])
-        for name in ("share_position", "share_orientation"):
-            largest = max(each[name] for each in parts)
-            bar = "█" * (round(width * part[name] / largest) if largest > 0 else 0)
-            rows[-1] += [_percent(part[name]), bar.ljust(width)]
+    largest = {key: max((part[key] for part in parts), default=0.0) for key in ("share_position", "share_orientation")}
+    bars = {name: [width * part[name] / (most or 1.0) for part in parts] for name, most in largest.items()}
+    rows = [
+        (
+            part[key],
+            *([with_unit(part["sd"], part["unit"])] if label == "parameter" else []),
+            *(text for name in bars for text in (_percent(part[name]), ("█" * round(bars[name][i])).ljust(width))),
+        )
+        for i, part in enumerate(parts)
+    ]
     return Grid((label, *(["1 sd"] if label == "parameter" else []), "position", "", "orientation", ""), rows)
 
 
@@ -148,12 +199,9 @@ def _allocation(allocation: Part, statistic: str) -> Section:
         for tolerance in sorted(tolerances, key=lambda tolerance: round(tolerance["factor"], 9))
         if tolerance["factor"] < _UNCHANGED
     ]
-    verified = [allocation["verified"][name].get(f"{statistic}_{unit}") for name, unit, _ in _QUANTITIES]
-    sizes = ", ".join(
-        str(with_unit(value, unit))
-        for value, (_, unit, _) in zip(verified, _QUANTITIES, strict=True)
-        if value is not None
-    )
+    key = f"{statistic}_"
+    verified = ((allocation["verified"][name].get(key + unit), unit) for name, unit, _ in _QUANTITIES)
+    sizes = ", ".join(str(with_unit(value, unit)) for value, unit in verified if value is not None)
     achieved = f": {_STATISTICS[statistic]} {sizes}" if sizes else ""
     text = (
         f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
@@ -173,29 +221,33 @@ _SOURCES = {"file": "from the file", "given": "given by the user", "estimated": 
 def _against(comparison: Part, source: str) -> Iterator[Section]:
     measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
-    rows: list[Sequence[Cell]] = []
-    for name, unit, _ in _QUANTITIES:
-        rms, sigma = measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"]
-        if rms is not None and sigma is not None:
-            origin = _SOURCES[noise[f"source_{name}"] or "file"]
-            rows.append([name, with_unit(rms, unit), with_unit(sigma, unit), origin])
-    blocks: list[Block] = [Text(comparison["verdict"]), Text(f"measured, {registered}")]
-    blocks.append(Grid(("", "rms error", "noise per axis (sd)", ""), rows))
-    tests: list[Sequence[Cell]] = [
-        [
-            label,
-            number(test["statistic"]),
-            f"{three_digits(test['lower'])} … {three_digits(test['upper'])}",
-            p_value(test["p_value"]),
-        ]
-        for label, test in (
-            ("directions affected by parameters", comparison["normalised_squared_error"]["parameters"]),
-            ("other directions: measurement noise", comparison["normalised_squared_error"]["noise"]),
-            ("total", comparison["normalised_squared_error"]["total"]),
-        )
-        if test is not None
+    rows: list[Sequence[Cell]] = [
+        (name, with_unit(rms, unit), with_unit(sigma, unit), _SOURCES[noise[f"source_{name}"] or "file"])
+        for name, unit, _ in _QUANTITIES
+        for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
+        if rms is not None and sigma is not None
     ]
-    blocks.append(Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests))
+    errors = comparison["normalised_squared_error"]
+    tests = [
+        (
+            label,
+            number(errors[key]["statistic"]),
+            f"{three_digits(errors[key]['lower'])} … {three_digits(errors[key]['upper'])}",
+            p_value(errors[key]["p_value"]),
+        )
+        for label, key in (
+            ("directions affected by parameters", "parameters"),
+            ("other directions: measurement noise", "noise"),
+            ("total", "total"),
+        )
+        if errors[key] is not None
+    ]
+    blocks: list[Block] = [
+        Text(comparison["verdict"]),
+        Text(f"measured, {registered}"),
+        Grid(("", "rms error", "noise per axis (sd)", ""), rows),
+        Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+    ]
     if (scaled := comparison["likelihood_ratio"]) is not None:
         blocks.append(
             Text(
@@ -215,14 +267,15 @@ def _components(components: Part) -> Section:
     rows: list[Sequence[Cell]] = []
     for component in components["components"]:
         factor, unit = table_unit(component["unit"])
-        size = component["predicted"] * factor
+        low, high = (
+            "∞" if component[end] is None else three_digits(component[end] * component["predicted"] * factor)
+            for end in ("lower", "upper")
+        )
         estimate: Sequence[Cell] = ("–", "–", "–")
         if component["why"] is None:
-            upper = "∞" if component["upper"] is None else three_digits(component["upper"] * size)
-            interval = f"{three_digits(component['lower'] * size)} … {upper}"
-            estimate = (number(component["estimate"], factor), interval, number(component["factor"]))
+            estimate = (number(component["estimate"], factor), f"{low} … {high}", number(component["factor"]))
         predicted = number(component["predicted"], factor)
-        rows.append([component["name"], unit, predicted, *estimate, f"{component['dof']:.1f}"])
+        rows.append((component["name"], unit, predicted, *estimate, f"{component['dof']:.1f}"))
     header = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
     dof = "dof: effective number of independent parameter errors in the estimate"
     notes = Listing([dof, *components["notes"]])

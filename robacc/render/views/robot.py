@@ -35,8 +35,7 @@ def robot_view(summary: Summary) -> Iterator[Section]:
     yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
     yield from _geometry(robot)
     yield _drives(robot)
-    if robot.has_masses or any(joint.mass is not None for joint in robot.joints):
-        yield _links(robot)
+    yield _links(robot)
     yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary)])
 
 
@@ -70,23 +69,28 @@ def _geometry(robot: Robot) -> Iterator[Section]:
 
 def _axis(axis: Sequence[float]) -> str:
     """Return ``z`` or ``-y`` for an axis of the frame, else its components."""
-    for name, place in zip("xyz", range(3), strict=True):
-        if abs(axis[place]) == 1.0:
-            return name if axis[place] > 0 else f"-{name}"
-    return _numbers(axis, 1.0)
+    named = (f"{'-' * (value < 0)}{name}" for name, value in zip("xyz", axis, strict=True) if abs(value) == 1.0)
+    return next(named, _numbers(axis, 1.0))
 
 
 def _drives(robot: Robot) -> Section:
     follows = any(joint.mimic or joint.coupling for joint in robot.joints)
     header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
-    rows = []
-    for joint in robot.joints:
-        if joint.type != "fixed":
-            factor, unit = table_unit("m" if joint.type == "prismatic" else "rad")
-            limits = ["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]
-            gear = "-" if joint.gear_ratio is None else _number(joint.gear_ratio)
-            rows.append([joint.name, joint.type, *limits, unit, f"{joint.sign:+d}", gear, _drive_rule(joint)])
-    return _table("Drives", header, [row[: len(header)] for row in rows])
+    rows = [
+        (
+            joint.name,
+            joint.type,
+            *(["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]),
+            unit,
+            f"{joint.sign:+d}",
+            "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
+            _drive_rule(joint),
+        )[: len(header)]
+        for joint in robot.joints
+        if joint.type != "fixed"
+        for factor, unit in [table_unit("m" if joint.type == "prismatic" else "rad")]
+    ]
+    return _table("Drives", header, rows)
 
 
 def _drive_rule(joint: Joint) -> str:
@@ -102,23 +106,24 @@ def _drive_rule(joint: Joint) -> str:
 
 def _links(robot: Robot) -> Section:
     links = [(joint.name, joint) for joint in robot.joints]
+    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
     for branch in robot.branches:
         rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
         links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
     rows = [
-        [name, "-", "", "", ""]
-        if joint.mass is None
-        else [name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0))]
+        (name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0)))
+        if joint.mass is not None
+        else (name, "-", "", "", "")
         for name, joint in links
+        if has_masses
     ]
     return _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), rows)
 
 
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    robot = summary.robot
+    robot, campaign = summary.robot, summary.robot.campaign
     yield "base", _frame(robot.base)
-    for name, frame in robot.targets.items():
-        yield "target", f"{name}: {_frame(frame)}"
+    yield from (("target", f"{name}: {_frame(frame)}") for name, frame in robot.targets.items())
     if not robot.targets:
         yield "tool", _frame(robot.tool)
     if robot.payload_com is not None:
@@ -136,11 +141,9 @@ def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     yield "effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"
     listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
-    for name, value, unit in listed:
-        yield "", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}"
+    yield from (("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed)
     if len(listed) < len(summary.coefficients):
         yield "", f"… and {len(summary.coefficients) - len(listed)} more coefficients, in the robot file"
-    campaign = robot.campaign
     for effect in (*robot.effects, *(campaign.effects if campaign else ())):
         ranges = [f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in effect.get("validity", {}).items()]
         if ranges:
@@ -153,8 +156,7 @@ def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
         if campaign.effects:
             names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
             yield "campaign", f"effects {names}, for its own poses only"
-    for digest in robot.fitted_to:
-        yield "fitted", f"to the poses of SHA-256 {digest[:16]}…"
+    yield from (("fitted", f"to the poses of SHA-256 {digest[:16]}…") for digest in robot.fitted_to)
 
 
 def _parameter(joint: Joint, name: str) -> str:
@@ -204,8 +206,9 @@ _COEFFICIENTS_SHOWN = 12
 def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
     if in_detail:
-        about, facts = entries[0].effect.about, [(f"  {label:<14}", text) for label, text in _effect_facts(entries[0])]
-        yield Section(entries[0].effect.name, [Text(f"  {about.summary}"), Grid(("", ""), facts, is_text=True)])
+        name, about, facts = entries[0].effect.name, entries[0].effect.about, _effect_facts(entries[0])
+        rows = [(f"  {label:<14}", text) for label, text in facts.items()]
+        yield Section(name, [Text(f"  {about.summary}"), Grid(("", ""), rows, is_text=True)])
         return
     rows = [
         (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
@@ -216,22 +219,22 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator
     yield Section("", [Text(text, is_note=True)])
 
 
-def _effect_facts(entry: CatalogueEntry) -> Iterator[tuple[str, str]]:
+def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
     about = entry.effect.about
-    yield "equation", about.equation
-    yield "unit", about.unit
-    yield "usual size", about.usual_size
-    yield "needs", about.needs
-    yield "confused with", about.confused_with
-    yield "source", about.source
-    yield "in a file", about.example
-    if not entry.for_robot:
-        return
-    if entry.why is not None:
-        yield "this robot", f"not applicable: {entry.why}"
-        return
-    joints = f" to {', '.join(entry.joints)}" if entry.joints else ""
-    yield "this robot", f"applicable{joints}"
-    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
-    more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
-    yield "coefficients", ", ".join(names[:_COEFFICIENTS_SHOWN]) + more
+    facts = {
+        "equation": about.equation,
+        "unit": about.unit,
+        "usual size": about.usual_size,
+        "needs": about.needs,
+        "confused with": about.confused_with,
+        "source": about.source,
+        "in a file": about.example,
+    }
+    if entry.for_robot and entry.why is not None:
+        facts["this robot"] = f"not applicable: {entry.why}"
+    elif entry.for_robot:
+        names = [f"{name} ({unit})" for name, unit in entry.coefficients]
+        more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
+        facts["this robot"] = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
+        facts["coefficients"] = ", ".join(names[:_COEFFICIENTS_SHOWN]) + more
+    return facts

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -15,8 +16,8 @@ from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
 from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.correction.correction import Cause, Correction, Limits, correction
-from robacc.correction.wanted import check_same_joints, circumstances
+from robacc.correction.correction import Cause, Correction, Limits, Refusal, correction
+from robacc.correction.wanted import check_same_joints, circumstances, part_of
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
@@ -40,7 +41,9 @@ if TYPE_CHECKING:
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
-"""Refused targets that a warning names."""
+"""Refused targets that a message names for one reason."""
+_SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
+"""Sizes in a reason, which differ from target to target."""
 _ADVICE = "check that model, nominal robot and frame belong to these targets"
 _ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
 
@@ -60,7 +63,11 @@ class Corrected(Result, Correction):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the targets read, and the refused targets."""
-        return (*self.given.warnings, *self.doubts, *self._refused())
+        kept = (
+            f"{self.n_targets - self.n_corrected} of {self.n_targets} targets are not corrected and keep their nominal"
+        )
+        refused = [f"{kept} command: {'; '.join(_by_reason(self._unchanged))}"] if self._unchanged else []
+        return (*self.given.warnings, *self.doubts, *refused)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -100,32 +107,50 @@ class Corrected(Result, Correction):
 
         return per_target_csv(self, self.given)
 
-    def _refused(self) -> Iterator[str]:
-        if self.n_corrected == self.n_targets:
-            return
-        listed = [
-            f"{self.given.place(i)}: {refusal.reason}"
+    @property
+    def _unchanged(self) -> list[tuple[int, str, str]]:
+        """Line, place and reason of each refused target."""
+        return [
+            (self.given.line(i), self.given.place(i), refusal.reason)
             for i, refusal in enumerate(self.targets.refusals)
             if refusal is not None
         ]
-        more = f"; and {len(listed) - _LISTED} more" if len(listed) > _LISTED else ""
-        yield (
-            f"{len(listed)} of {self.n_targets} targets are not corrected and keep their nominal command: "
-            f"{'; '.join(listed[:_LISTED])}{more}"
+
+
+def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
+    """Return a text for each reason, with the number of its targets and the first of them, and the first line.
+
+    Args:
+        unchanged: Line, name and reason of each target; a target without a name has its line or row.
+    """
+    groups: dict[str, list[tuple[int, str, str]]] = {}
+    for each in unchanged:
+        groups.setdefault(_SIZES.sub("", each[2]), []).append(each)
+    texts = {}
+    for group in groups.values():
+        places = ", ".join(
+            name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group[:_LISTED]
         )
+        more = f" and {len(group) - _LISTED} more" if len(group) > _LISTED else ""
+        first = "at the first, " * (len({reason for *_, reason in group}) > 1)
+        count = f"{len(group)} target{'s' * (len(group) > 1)}"
+        texts[f"{count} ({places}{more}): {first}{group[0][2]}"] = group[0][0]
+    return texts
+
+
+def _problems(unchanged: Iterable[tuple[int, str, str]], file: str | None, fix: str | None) -> list[Problem]:
+    """Return a problem for each reason, and the advice once."""
+    problems = [Problem(f"not corrected: {text}", file, line) for text, line in _by_reason(unchanged).items()]
+    return [replace(problems[0], fix=fix), *problems[1:]]
 
 
 class NothingCorrectedError(InputError):
     """No target can be corrected; ``result`` has the reason of each."""
 
     def __init__(self, result: Corrected) -> None:
-        """Store the reason of each target as a problem, and the advice once."""
-        refused = [(i, refusal) for i, refusal in enumerate(result.targets.refusals) if refusal is not None]
-        outside = all(refusal.cause is Cause.out_of_range for _, refusal in refused)
-        fix = "no target can be corrected: " + (_ADVICE_OUTSIDE if outside else _ADVICE)
-        given = result.given
-        problems = [Problem(f"not corrected: {refusal.reason}", given.source, given.line(i)) for i, refusal in refused]
-        super().__init__([replace(problems[0], fix=fix), *problems[1:]])
+        """Store each reason as a problem, and the advice once."""
+        advice = _ADVICE_OUTSIDE if result.causes.get(Cause.out_of_range) == result.n_targets else _ADVICE
+        super().__init__(_problems(result._unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 
 
@@ -257,8 +282,13 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    if strict_range:
-        _refuse_out_of_range(body, data)
+    refusals = enumerate(body.targets.refusals)
+    outside = [(i, each.reason) for i, each in refusals if each is not None and each.cause is Cause.out_of_range]
+    if strict_range and outside:
+        first, reason = outside[0]
+        message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
+        fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
+        raise InputError(Problem(message, data.source, data.line(first), fix=fix))
     options = options_of(correct, arguments)
     options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
     result = Corrected(
@@ -272,17 +302,6 @@ def correct(
     if result.n_targets and not result.n_corrected:
         raise NothingCorrectedError(result)
     return result
-
-
-def _refuse_out_of_range(body: Correction, data: Measurements) -> None:
-    """Raise InputError with the first target outside the ranges of the model, if there is one."""
-    for i, refusal in enumerate(body.targets.refusals):
-        if refusal is not None and refusal.cause is Cause.out_of_range:
-            message = (
-                f"{body.causes[refusal.cause]} of {data.n} targets are outside the model; the first: {refusal.reason}"
-            )
-            fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
-            raise InputError(Problem(message, data.source, data.line(i), fix=fix))
 
 
 def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
@@ -359,9 +378,7 @@ class CorrectedProgram:
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the unchanged targets, what the program computes, and the configuration."""
         lines = list(self.doubts)
-        for line, name, reason in self.unchanged:
-            place = f"line {line}"
-            lines.append(f"{place if name == place else f'{place}: {name}'} is not corrected: {reason}")
+        lines += [f"not corrected: {text}" for text in _by_reason(self.unchanged)]
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
         count = self.corrections[0].targets.q.shape[0]
         if any(
@@ -407,12 +424,10 @@ def correct_program(
     controller, _, doubts = load_nominal(nominal, arm)
     flange_arm = dataclasses.replace(controller, tool=Frame(), targets={})
     values: list[Sequence[float] | None] = [None] * len(program.targets)
-    unchanged: list[tuple[int, str, str]] = []
     results = []
     cartesian = flange_targets(program)
-    for index, reason in cartesian.unknown:
-        hint = "; give the file that defines it with `frames`" if "is in none of the files" in reason else ""
-        unchanged.append((program.targets[index].line, program.targets[index].name, reason + hint))
+    hint = "; give the file that defines it with `frames`"
+    left = [(index, reason + hint * ("is in none of the files" in reason)) for index, reason in cartesian.unknown]
     numbers, q = joint_targets(program)
     count = len(flange_arm.variables)
     if numbers and q.shape[0] != count:
@@ -424,10 +439,17 @@ def correct_program(
         groups.append((numbers, _located(program, numbers, Measurements(np.zeros((3, len(numbers))), q=q))))
     if cartesian.numbers:
         solved, q_start, refused = _configured(program, cartesian, flange_arm)
-        unchanged += refused
+        left += refused
         if solved.size:
             group = tuple(cartesian.numbers[i] for i in solved)
-            groups.append((group, _located(program, group, _wanted(cartesian, solved, q_start))))
+            wanted = part_of(cartesian.flange, solved)
+            data = Measurements(
+                np.zeros_like(wanted.translation),
+                q=q_start,
+                commanded_position=wanted.translation,
+                commanded_rotation=wanted.rotation,
+            )
+            groups.append((group, _located(program, group, data)))
     advice: str | None = None
     for group, data in groups:
         try:
@@ -435,26 +457,19 @@ def correct_program(
         except NothingCorrectedError as error:
             # Targets of the other kind may be correctable.
             result, advice = error.result, error.problems[0].fix
+        result = _in_configuration(program, group, result)
         results.append(result)
         new = _values(program, group, result)
-        reasons = _reasons(program, group, result)
-        for index, value, doubt in zip(group, new, reasons, strict=True):
-            if doubt is None:
+        for index, value, refusal in zip(group, new, result.targets.refusals, strict=True):
+            if refusal is None:
                 values[index] = value
             else:
-                unchanged.append((program.targets[index].line, program.targets[index].name, doubt))
+                left.append((index, refusal.reason))
+    unchanged = sorted((program.targets[i].line, program.targets[i].name, reason) for i, reason in left)
     if not any(value is not None for value in values):
-        problems = [
-            Problem(
-                f"not corrected: {reason}" if name == f"line {line}" else f"{name} is not corrected: {reason}",
-                program.file,
-                line,
-            )
-            for line, name, reason in sorted(unchanged)
-        ]
-        raise InputError([dataclasses.replace(problems[0], fix=advice), *problems[1:]])
+        raise InputError(_problems(unchanged, program.file, advice))
     doubts = tuple(dict.fromkeys((*doubts, *(doubt for result in results for doubt in result.doubts))))
-    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(sorted(unchanged)), doubts)
+    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(unchanged), doubts)
 
 
 def _located(program: Program, numbers: Sequence[int], data: Measurements) -> Measurements:
@@ -463,18 +478,12 @@ def _located(program: Program, numbers: Sequence[int], data: Measurements) -> Me
     return dataclasses.replace(data, rows=rows, source=program.file)
 
 
-def _wanted(targets: FlangeTargets, index: NDArray[np.int64], q: Array | None) -> Measurements:
-    """Return the targets ``index`` as commanded poses, with joints ``(J, N)`` that choose their configurations."""
-    position, rotation = targets.flange.translation[:, index], targets.flange.rotation[..., index]
-    return Measurements(np.zeros_like(position), q=q, commanded_position=position, commanded_rotation=rotation)
-
-
 def _configured(
     program: Program, targets: FlangeTargets, flange_arm: Robot
-) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str, str]]]:
+) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str]]]:
     """Return the targets with a solution in their configuration, ``(N,)`` and joints ``(J, N)``, and those without.
 
-    A target without a solution has its line, name and reason. Where no configuration is read, the joints are those of
+    A target without a solution has its number and the reason. Where no configuration is read, the joints are those of
     the last joint target before.
     """
     before = _joints_before(program, targets.numbers)
@@ -500,7 +509,7 @@ def _configured(
             previous = before[:, i]
         if not usable.any():
             reason = f"the nominal robot has no solution in its configuration {target.configuration}"
-            refused.append((target.line, target.name, reason))
+            refused.append((targets.numbers[i], reason))
             continue
         distance = np.sum(np.square(q - previous[:, None]), axis=0)
         previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
@@ -527,19 +536,19 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
     return np.array([before.get(i, start) for i in numbers], dtype=float).T
 
 
-def _reasons(program: Program, numbers: Sequence[int], result: Corrected) -> Iterator[str | None]:
-    """Yield for each target why it is not corrected; None for a target that is."""
-    targets = result.targets
-    for k, (number, refusal) in enumerate(zip(numbers, targets.refusals, strict=True)):
-        target = program.targets[number]
-        if refusal is not None:
-            yield refusal.reason
-        elif target.kind == "cartesian" and leaves_configuration(
-            program.dialect, target.configuration, targets.wanted.q[:, k], targets.q[:, k]
-        ):
-            yield f"the corrected joints have another configuration than that of the program, {target.configuration}"
-        else:
-            yield None
+def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:
+    """Return the correction without the targets whose corrected joints have another configuration than stated."""
+    targets, stated = result.targets, [program.targets[number] for number in numbers]
+    other = "the corrected joints have another configuration than that of the program"
+    refusals = tuple(
+        Refusal(Cause.configuration, f"{other}, {target.configuration}")
+        if refusal is None
+        and target.kind == "cartesian"
+        and leaves_configuration(program.dialect, target.configuration, nominal, q)
+        else refusal
+        for target, refusal, nominal, q in zip(stated, targets.refusals, targets.wanted.q.T, targets.q.T, strict=True)
+    )
+    return dataclasses.replace(result, targets=dataclasses.replace(targets, refusals=refusals))
 
 
 def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list[tuple[float, ...]]:

@@ -192,10 +192,12 @@ class Planned(Result, CampaignPlan):
             UsageError: The plan has none.
         """
         from robacc.poses.csv_file import format_poses
-        from robacc.render.views.plan import validation_comments
 
-        poses = self.validation_poses()
-        return "".join(f"# {line}\n" for line in validation_comments(self)) + format_poses(poses, attained=False)
+        head = (
+            f"# Validation poses planned by robacc plan for {self.robot.name}; nothing was measured.\n"
+            "# Use them only to check a fit (`holdout`), never in the fit.\n"
+        )
+        return head + format_poses(self.validation_poses(), attained=False)
 
     def write(self, path: StrPath) -> None:
         """Write :meth:`csv` to a file; a failure leaves no partial file.

@@ -6,7 +6,7 @@ G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reac
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -413,12 +413,6 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
     quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
     result: Array = np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
     return result
-
-
-def grade_counts(scale: Scale, grades: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    """Return the number of targets of each grade, the best first."""
-    names = [*(step.grade for step in scale.steps), scale.otherwise]
-    return tuple((name, list(grades).count(name)) for name in names)
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections import Counter
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.correction.correction import grade_counts
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import Document, Key, array, choice, count, flag, integer, number, part, size, table, text
 from robacc.documents.parts import rounded, texts
@@ -338,8 +338,9 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
 
     grades = None
     if errors.grades is not None:
-        chosen = result.targets.is_corrected
-        grades = dict(grade_counts(result.scale, [g for g, c in zip(errors.grades, chosen, strict=True) if c]))
+        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        # The best first.
+        grades = {name: counts[name] for name in (*(step.grade for step in result.scale.steps), result.scale.otherwise)}
     return {
         "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
         "orientation": part(errors.orientation, _orientation_rms(errors), errors.orientation_bound, "rad")

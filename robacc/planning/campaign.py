@@ -376,7 +376,7 @@ def expected_noise(
     known = None if record is None or record.noise[0] <= 0.0 else record.noise[0]
     position, source = settings.noise, "given noise"
     if position is None:
-        position, source = (TYPICAL_NOISE, "typical noise") if known is None else (known, "noise of the model's fit")
+        position, source = (known, "noise of the model's fit") if known else (TYPICAL_NOISE, "typical laser tracker")
     sources = [source]
     size = settings.repeatability
     if size is None and record is not None:
@@ -385,7 +385,7 @@ def expected_noise(
         sources += ["repeatability of the model's fit"] if record.repeatability else []
     else:
         joints = joint_repeatability(model, task, TYPICAL_REPEATABILITY if size is None else size)
-        sources.append(f"{'typical' if size is None else 'given'} repeatability")
+        sources.append("typical arm" if size is None else "given repeatability")
     unexplained = settings.unexplained
     if record is not None and not unexplained:
         variance = float(np.trace(record.unexplained[:3, :3])) / 3.0

@@ -197,34 +197,15 @@ class Exclusion:
     """Candidates that only this reason excludes."""
 
 
-@dataclass(frozen=True, slots=True)
-class Filtered:
-    """Outcome of the filters for N poses."""
-
-    position: Array
-    """``(3, N)`` target in the base frame, m; the mean of several targets."""
-    excluded: dict[str, NDArray[np.bool_]]
-    """``(N,)`` excluded poses, by reason."""
-
-    @property
-    def feasible(self) -> NDArray[np.bool_]:
-        """``(N,)`` poses that no reason excludes."""
-        result: NDArray[np.bool_] = ~np.any(list(self.excluded.values()), axis=0)
-        return result
-
-    def exclusions(self) -> tuple[Exclusion, ...]:
-        """Return the reasons that exclude a pose with their counts, the largest first."""
-        number = np.sum(list(self.excluded.values()), axis=0)
-        counts = [
-            Exclusion(reason, int(np.count_nonzero(mask)), int(np.count_nonzero(mask & (number == 1))))
-            for reason, mask in self.excluded.items()
-            if mask.any()
-        ]
-        return tuple(sorted(counts, key=lambda entry: -entry.count))
+Excluded = dict[str, NDArray[np.bool_]]
+"""``(N,)`` excluded poses, by reason."""
 
 
-def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
-    """Return which joint variables ``(J, N)`` are feasible, and why the others are not."""
+def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, Excluded]:
+    """Return the target of joint variables ``(J, N)``, and which of them are not feasible.
+
+    The target ``(3, N)`` is in the base frame, m, and the mean of several targets.
+    """
     arm, links = model.arm, constraints.collisions
     excluded = {MARGIN: ~within_margin(arm, q, constraints.margin)}
     targets = _targets(arm, q)
@@ -253,7 +234,7 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> Filtered:
         excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
     if constraints.sight is not None:
         excluded |= _out_of_sight(targets, constraints.sight)
-    return Filtered(np.mean([target.translation for target in targets], axis=0), excluded)
+    return np.mean([target.translation for target in targets], axis=0), excluded
 
 
 def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
@@ -306,7 +287,7 @@ def joint_condition(arm: Arm, q: Array) -> Array:
     return result
 
 
-def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> dict[str, NDArray[np.bool_]]:
+def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> Excluded:
     """Return the poses at which a target is not visible, by reason."""
     near, far = sight.distance
     ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
@@ -392,29 +373,31 @@ def _feasible(
     Raises:
         UsageError: No pose is feasible; the message begins with ``none`` and names the reason that excludes most.
     """
-    parts: list[tuple[Array, Filtered]] = []
+    parts: list[tuple[Array, Array, Excluded]] = []
     n_feasible = 0
     for block in draws:
-        parts.append((block, filtered(model, block, constraints)))
-        n_feasible += int(np.count_nonzero(parts[-1][1].feasible))
+        position, excluded = filtered(model, block, constraints)
+        parts.append((block, position, excluded))
+        n_feasible += int(np.count_nonzero(~np.any([*excluded.values()], axis=0)))
         if n_feasible >= count:
             break
-    outcomes = [outcome for _, outcome in parts]
-    whole = Filtered(
-        np.concatenate([outcome.position for outcome in outcomes], axis=1),
-        {name: np.concatenate([outcome.excluded[name] for outcome in outcomes]) for name in outcomes[0].excluded},
-    )
-    q, exclusions = np.concatenate([block for block, _ in parts], axis=1), whole.exclusions()
+    q, position = (np.concatenate(blocks, axis=1) for blocks in zip(*(part[:2] for part in parts), strict=True))
+    excluded = {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]}
+    number = np.sum([*excluded.values()], axis=0)
+    counts = [
+        Exclusion(reason, int(np.count_nonzero(mask)), int(np.count_nonzero(mask & (number == 1))))
+        for reason, mask in excluded.items()
+        if mask.any()
+    ]
+    exclusions = tuple(sorted(counts, key=lambda entry: -entry.count))
     if not n_feasible:
         largest, *others = exclusions
         text = f"{none}: of {q.shape[1]} poses, {largest.count} are excluded by: {largest.reason}"
         text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
         raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
-    at = np.flatnonzero(whole.feasible)[:count]
+    at = np.flatnonzero(number == 0)[:count]
     source = f"{q.shape[1]} samples within the joint limits"
-    return CandidatePoses(
-        q[:, at], whole.position[:, at], None if ids is None else ids[at], q.shape[1], exclusions, source
-    )
+    return CandidatePoses(q[:, at], position[:, at], None if ids is None else ids[at], q.shape[1], exclusions, source)
 
 
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:

@@ -351,7 +351,7 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:
     """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, and its verdict in words."""
     points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
-    names = ("new poses are", "a second visit of half as many poses is", "a second reading at every pose is")
+    names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
     known = [(point.total, name) for name, point in zip(names, points, strict=True) if point is not None]
     verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
     new, repeated, readings = (None if point is None else point.rms for point in points)

@@ -45,7 +45,10 @@ def test_json_and_csv_agree(tmp_path: Path) -> None:
     summary = plan(*words).splitlines()
     assert len(summary) <= 25
     assert summary[0] == "Plan for the calibration of sample arm: 12 poses, 15 visits"
-    assert summary[-1].endswith("the poses: --output")
+    counted = "15 visits: each of the 12 poses once, 1 of them a second time, one of them 2 more times to show drift"
+    ahead = "next: write the poses (--output PLAN), measure them in the order of PLAN, add the columns x, y, z"
+    assert missing(one_line(" ".join(summary)), counted, ahead) == []
+    assert "next: measure the poses in the order of" in plan(*words, "-o", path)
 
 
 def test_enough_or_the_next_ten(tmp_path: Path) -> None:
@@ -65,6 +68,7 @@ def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
     )
     words = (ROBOT, "--for", "acceptance", "--gate", gate, *SMALL, "--expected")
     assert "59 poses" in plan(*words, "0.5mm", "-o", tmp_path / "a").splitlines()[0]
+    assert f"robacc estimate PLAN --robot {ROBOT} --gate gate.yaml" in one_line(plan(*words, "0.5mm"))
     assert "no number of poses" in refused(*words, "0.99mm")
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+import sys
+from typing import Annotated
 
 from robacc.api.parameters import Help
 from robacc.cli.options import Call, Outlets, SummaryFormat
@@ -32,17 +33,19 @@ def correct(
 
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
     """
+    from robacc.api.correct import correct_program
     from robacc.cli.output import deliver, write
     from robacc.errors import UsageError
-    from robacc.io.files import write_text
+    from robacc.io.files import write_bytes, write_text
     from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.reading import is_program
     from robacc.render.text.console import warnings_below
-    from robacc.render.views.correct import correction_view
+    from robacc.render.views.correct import correction_text
     from robacc.render.views.elements import draw
 
     output, given = outlets.output, call.keywords
     targets = given["targets"]
+    names = targets, given["model"]
     outlets = outlets._replace(format=format, output="-")
     is_plain = outlets == Outlets(format="table")
     if is_program(targets):
@@ -56,7 +59,12 @@ def correct(
                 "--sheet"
             )
         options = {name: value for name, value in given.items() if name not in ("targets", *_OF_CSV)}
-        _correct_program(targets, frames or [], output, options)
+        corrected = correct_program(targets, frames=frames or [], **options)
+        with warnings_below(corrected.warnings):
+            write_bytes(output, corrected.data)
+            parts = [part.payload() for part in corrected.corrections]
+            draw(correction_text(parts, len(corrected.program.targets), names, output), sys.stdout)
+            sys.stdout.flush()
         return
     if frames:
         raise UsageError("--frames belongs to a robot program")
@@ -70,17 +78,8 @@ def correct(
             write("-", result.csv_pieces())
         return
     result.write(output)
-    names = targets, given["model"]
-    deliver(outlets, result, lambda stream: draw(correction_view(result.payload(), names, "full"), stream))
-
-
-def _correct_program(path: str, frames: list[str], output: str, options: dict[str, Any]) -> None:
-    """Write a program with corrected targets, and one line for what was corrected."""
-    from robacc.api.correct import correct_program
-    from robacc.io.files import write_bytes
-    from robacc.render.text.console import warnings_below
-
-    result = correct_program(path, frames=frames, **options)
-    with warnings_below(result.warnings):
-        write_bytes(output, result.data)
-        print(f"{result.n_corrected} of {len(result.program.targets)} targets corrected in {output}", flush=True)
+    deliver(
+        outlets,
+        result,
+        lambda stream: draw(correction_text([result.payload()], result.n_targets, names, output), stream),
+    )

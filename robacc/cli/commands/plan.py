@@ -48,6 +48,10 @@ def plan(
             write_text(path, text)
         if report is not None:
             write_text(report, page_of_document(result.document()))
+        names = str(call.keywords["model"] or call.keywords["robot"]), outlets.output
         write_plan(
-            outlets, result.csv(), lambda stream: draw(plan_view(result.document(), form), stream), result.document
+            outlets,
+            result.csv(),
+            lambda stream: draw(plan_view(result.document(), form, *names), stream),
+            result.document,
         )

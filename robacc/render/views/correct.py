@@ -7,9 +7,7 @@ from typing import Any
 
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, table_unit, three_digits, with_table_unit
 from robacc.render.views.elements import (
-    Block,
     Cell,
-    Form,
     Grid,
     Listing,
     Number,
@@ -30,8 +28,13 @@ _CAUSES = {
     "too_large": "correction too large",
     "out_of_range": "outside the range of the model",
 }
+_STAGES = ("before", "after")
 _ROWS = 40
 """Targets that are not corrected and that the page lists."""
+_PARTS = (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-4))
+"""Quantity, unit, factor to mm or degrees, and the size below which the solver's tolerance decides, not the arm."""
+
+Part = Mapping[str, Any]
 
 
 def correction_headline(document: Document) -> ReportHeadline:
@@ -51,44 +54,84 @@ def correction_headline(document: Document) -> ReportHeadline:
     )
 
 
-def correction_view(document: Document, names: tuple[str, str] = ("", ""), form: Form = "page") -> Iterator[Section]:
-    """Return the corrections and the errors to expect, and how many targets are not corrected for which cause.
+def correction_text(
+    parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str
+) -> Iterator[Section]:
+    """Return the text of a correction, of each kind of targets in turn.
 
-    ``names`` are those of targets and model. A page lists the targets that are not corrected.
+    ``names`` are those of targets and model, ``output`` that of the file that was written.
     """
-    if form != "page":
-        count = f"{document['n_corrected']} of {document['n_targets']} targets"
-        yield Section(f"Correction of {names[0]} by {names[1]}: {count} corrected", [])
-    correction, expected = document["correction"], document["expected"]
-    if document["n_corrected"]:
-        figures = [("correction", correction, "rms", "max")]
-        figures += [
-            (f"expected error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()
-        ]
-        header = ("", "rms, mm", "largest, mm", "rms, °", "largest, °")[: 3 if correction["orientation"] is None else 5]
-        blocks: list[Block] = [Grid(header, [_row(*each)[: len(header)] for each in figures])]
-        for stage, part in expected.items():
-            counts = ", ".join(f"{name} {number}" for name, number in (part["grades"] or {}).items() if number)
-            blocks.append(Text(f"grades {stage}: {counts}" * bool(counts)))
-        blocks.append(Text("largest expected error: the largest bound of 95 % of the errors", is_note=True))
-        yield Section("Over the corrected targets", blocks)
-    rows = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-    yield Section("Not corrected", [Grid(("cause", "targets"), rows)])
-    if form != "page":
-        yield Section("Assumptions and limitations", [Listing(document["notes"])])
-        return
+    targets, model = names
+    title = f"Correction of {targets} by {model}"
+    if all(_is_none(part["correction"]) for part in parts):
+        same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
+        yield Section(f"{title}: nothing to correct", [Text(same)])
+        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
+    else:
+        count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
+        yield Section(f"{title}: {count}", [Text(f"The commands are in {output}.", wraps=False)])
+        for part in parts:
+            yield from _errors_to_expect(part)
+        ahead = (
+            f"load {output}, measure the same targets again, and compare with the measurement before: "
+            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
+        )
+    notes = dict.fromkeys(note for part in parts for note in part["notes"])
+    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
+
+
+def correction_view(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, which lists the targets that are not corrected."""
+    yield from _errors_to_expect(document)
     targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
     rows = [(str(line), reason) for line, reason in targets if reason is not None]
     more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
     yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
 
 
-def _row(label: str, part: Mapping[str, Any], typical: str, largest: str) -> Sequence[Cell]:
+def _errors_to_expect(document: Document) -> Iterator[Section]:
+    """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
+    correction, expected = document["correction"], document["expected"]
+    if document["n_corrected"]:
+        rows = [_row(f"error {stage}", expected[stage], "expected_rms", "largest_bound95") for stage in _STAGES]
+        rows.append(_row("change of the command", correction, "rms", "max"))
+        columns = 5 if correction["orientation"] is not None else 3
+        header = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
+        grades = [
+            f"{', '.join(f'{name} {number}' for name, number in counts.items() if number)} {stage}"
+            for stage in _STAGES
+            if (counts := expected[stage]["grades"])
+        ]
+        frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
+        texts = [
+            f"error before: of the nominal arm in the {frames} of the model; robacc estimate and robacc calibrate fit "
+            "the frames to the nominal arm alone, so that their figure is smaller",
+        ]
+        if grades:
+            most = "error at most: at every target, 95 % of the errors are smaller"
+            texts = [f"targets by grade: {'; '.join(grades)}", most, *texts]
+        kind = "joint" if document["given"] == "joints" else "Cartesian"
+        count = f"{document['n_corrected']} corrected {kind} target{'s' * (document['n_corrected'] > 1)}"
+        yield Section(
+            f"Errors to expect at {count}", [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)]
+        )
+    refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
+    yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
+
+
+def _is_none(correction: Part) -> bool:
+    """Return whether no command changes."""
+    return all(
+        correction[name] is None or correction[name][f"max_{unit}"] * factor < least
+        for name, unit, factor, least in _PARTS
+    )
+
+
+def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:
     cells: list[Cell] = [label]
-    for name, unit, factor, least in (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-4)):
+    for name, unit, factor, least in _PARTS:
         for key in (typical, largest):
             size = (part[name] or {}).get(f"{key}_{unit}")
-            # Below a micrometre the solver's tolerance decides, not the arm.
             is_small = size is not None and size * factor < least
             cells.append(Number(f"< {least:g}", size) if is_small else number(size, factor))
     return cells

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.planning.campaign import CampaignPlan
+from robacc.planning.campaign import DEFAULT_FIT, CampaignPlan
 from robacc.render.text.layout import IN_DEGREES, IN_MM, Document, effect_label, fixed, table_unit, three_digits
 from robacc.render.views.elements import (
     Block,
@@ -31,7 +31,16 @@ PURPOSES = {
     "health": "health check",
 }
 _LISTED_PAIRS = {"full": 8, "page": 20}
-_MORE = "standard errors, detection limits, similar effects: `full`; the poses: `output`"
+_MORE = "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
+_FINDS_MOST = 0.5
+"""Mean probability from which more effects of the usual size are found than missed."""
+_COMMANDS = {
+    "calibrate": ("calibrate", "--fit"),
+    "trace": ("trace", "--declared"),
+    "acceptance": ("estimate", "--gate"),
+    "health": ("calibrate", "--fit"),
+}
+"""What evaluates the measured poses, by purpose, and its option for what was planned for."""
 _VISITS = 200
 """Visits that the page lists."""
 
@@ -51,14 +60,6 @@ def plan_comments(plan: CampaignPlan) -> list[str]:
         blocks = [(block.payload, block.first, block.n_visits, block.n_poses) for block in plan.payload_blocks]
         comments.insert(1, f"Payloads, each mounted once: {_payloads(blocks, plan.settings.payloads)}.")
     return comments
-
-
-def validation_comments(plan: CampaignPlan) -> list[str]:
-    """Return the comment lines above the columns of the validation poses."""
-    return [
-        f"Validation poses planned by robacc plan for {plan.robot.name}; nothing was measured.",
-        "Use them only to check a fit (`holdout`), never in the fit.",
-    ]
 
 
 def plan_headline(document: Document) -> ReportHeadline:
@@ -93,24 +94,31 @@ def plan_headline(document: Document) -> ReportHeadline:
     return ReportHeadline(title, summary, tiles, badges, facts)
 
 
-def plan_view(document: Document, form: Form = "page") -> Iterator[Section]:
-    """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full."""
+def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> Iterator[Section]:
+    """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full.
+
+    ``robot`` is the name of the robot's file, ``output`` that of the CSV if it was written.
+    """
     name, purpose = document["robot"]["name"], PURPOSES[document["purpose"]]
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
     title = "Order of the visits" if form == "page" else f"Plan for the {purpose} of {name}: {count}"
-    yield Section(title, [Listing([*_facts(document)])])
+    yield Section(title, [Listing([*_facts(document, form != "short")])])
     if (sufficiency := document["sufficiency"]) is not None:
         verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
         yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
     excluded = [(each["reason"], str(each["count"]), str(each["alone"])) for each in document["candidates"]["excluded"]]
-    yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)])
+    if form != "short":
+        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)])
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
-        yield Section("Predicted error after the fit over the task's region, mm", _accuracy(document, form != "short"))
+        options = document.get("options", {})
+        region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
+        yield Section(f"Predicted error after the fit, over {region}, mm", _accuracy(document, form != "short"))
     if form == "short":
-        found = [] if document["power"] is None else [_found(document["power"])]
-        yield Section("", [Listing(found), Text(_MORE, is_note=True)])
+        found = [] if document["power"] is None else [*_found(document["power"])]
+        ahead = Text(f"next: {_next_step(document, robot, output)}")
+        yield Section("", [Listing(found), ahead, Text(_MORE, is_note=True)])
         return
     most = _LISTED_PAIRS[form]
     if document["purpose"] in ("calibrate", "health"):
@@ -127,18 +135,34 @@ def plan_view(document: Document, form: Form = "page") -> Iterator[Section]:
         yield _visits(document)
 
 
+def _next_step(document: Document, robot: str, output: str | None) -> str:
+    """Return what to do with the plan."""
+    purpose, options = document["purpose"], document.get("options", {})
+    name, option = _COMMANDS[purpose]
+    planned_for = options.get("gate") if purpose == "acceptance" else document["fit"]
+    planned_for = planned_for or DEFAULT_FIT["health"] * (purpose == "health")
+    file = output or "PLAN"
+    start, rows = "" if output else "write the poses (`output=PLAN`), ", "add the columns x, y, z as measured"
+    start += f"measure {'them' if start else 'the poses'} in the order of {file}"
+    if document["sufficiency"] is not None:
+        file, rows = "ALL", f"{rows}, put the rows of all batches into one file ALL"
+    command = f"robacc {name} {file} --robot {robot}" + f" {option} {planned_for}" * bool(planned_for)
+    return f"{start}, {rows}, then: {command}"
+
+
 def _sufficiency(sufficiency: Part) -> Iterator[str]:
     yield sufficiency["why"]
     if None not in (sufficiency["now_m"], sufficiency["later_m"]):
         now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
-        yield f"predicted error with repeatability: {now} mm now, {later} mm with the next poses"
+        yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
     counted, new = (
         ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
     )
     yield f"this counts the {sufficiency['n_already']} {counted}: fit them together with the new {new}"
 
 
-def _facts(document: Document) -> Iterator[str]:
+def _facts(document: Document, full: bool) -> Iterator[str]:
+    """Yield where the poses come from, how often each is visited, and what was assumed; with ``full`` the route too."""
     route, noise, candidates = document["route"], document["noise"], document["candidates"]
     blocks = [
         (block["payload_kg"], block["first_visit"], block["n_visits"], block["n_poses"])
@@ -146,28 +170,33 @@ def _facts(document: Document) -> Iterator[str]:
     ]
     with_each = " with each payload" if len(blocks) > 1 else ""
     yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
+    repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
+    again = f", {repeats} of them a second time" if repeats else ""
+    checks = n_visits - n_poses - repeats
+    check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
+    yield f"{n_visits} visits: each of the {n_poses} poses once{again}{check}"
     turn = noise["orientation_rad"]
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
+    ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
     yield (
         f"instrument {three_digits(noise['position_m'] * IN_MM)} mm along each axis{orientation}, repeatability "
-        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm ({noise['source']})"
+        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm ({noise['source']}{ask})"
     )
-    least, repeats, checks = min([*route["rarer_direction_share"]], default=0.0), route["repeats"], route["checks"]
-    extra = f"{repeats} repeat{'s' * (repeats > 1)}; " if repeats else ""
-    extra += f"{checks} visits of the drift check pose; " if checks else ""
-    yield (
-        f"route of {route['length']:.1f} joint ranges ({route['random_length']:.1f} in a random order), "
-        f"{route['passes']} pass{'es' * (route['passes'] > 1)}; {extra}each joint is approached from its rarer "
-        f"direction in at least {100 * least:.0f} % of its moves"
-    )
+    if full:
+        least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
+        yield (
+            f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} "
+            f"times the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached "
+            f"from its rarer direction in at least {100 * least:.0f} % of its moves"
+        )
     yield _collisions(document["collisions"])
     if blocks:
         yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}"
     if document["validation"] is not None:
         yield f"{len(document['validation']['q'])} more poses for validation only"
     worth = document["worth"]
-    if worth is not None and worth["new_poses_rms_m"] is not None:
-        yield f"for the same number of measurements: {worth['verdict']}"
+    if full and worth is not None and worth["new_poses_rms_m"] is not None:
+        yield f"if there is time for twice the measurements: {worth['verdict']}"
 
 
 def _collisions(collisions: Part | None) -> str:
@@ -192,44 +221,58 @@ def _payloads(blocks: Sequence[tuple[float, int, int, int]], payloads: Sequence[
 
 
 def _needed(entries: Sequence[Part]) -> Section:
-    ratios = [each["true_over_limit"] for each in entries[0]["by_ratio"]]
-    header = ("limit", "mm", *(f"{ratio:g}" for ratio in ratios), "planned for", "poses")
+    header = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
     rows: list[Sequence[Cell]] = [
         (
             f"{entry['name']} ({entry['statistic']})",
             number(entry["limit_m"], IN_MM),
             *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
-            f"{entry['true_over_limit']:.2g}",
-            "–" if entry["n_poses"] is None else str(entry["n_poses"]),
         )
         for entry in entries
     ]
-    return Section("Poses that decide with probability 0.9, by the true value over the limit", [Grid(header, rows)])
+    texts = [
+        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+        f"{100 * entry['true_over_limit']:.2g} % of the limit"
+        for entry in entries
+    ]
+    texts.append("the nearer the true value to the limit, the more poses; `expected` states the value that you expect")
+    title = "Poses that decide 9 tests of 10, if the true value is this share of the limit"
+    return Section(title, [Grid(header, rows), Listing(texts)])
 
 
 def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
     """Yield the error over the number of poses, or near the planned number; they are added to earlier ones if any."""
     accuracy, is_addition = document["accuracy"], document["sufficiency"] is not None
     planned, knee = accuracy["planned"], accuracy["knee"]
-    beyond = None if knee is None else next((p["n_poses"] for p in accuracy["curve"] if p["n_poses"] >= knee), None)
+    enough = next((p["n_poses"] for p in accuracy["curve"] if knee is not None and p["n_poses"] >= knee), None)
     rows: list[Sequence[Cell]] = []
     for point in accuracy["curve"]:
         n = point["n_poses"]
-        marks = ["planned"] * (planned is not None and n == planned["n_poses"]) + ["past the knee"] * (n == beyond)
-        values = (number(point[f"{key}_m"], IN_MM) for key in ("rms", "random_rms", "worst", "total_rms"))
+        marks = [
+            *(["planned"] if planned is not None and n == planned["n_poses"] else []),
+            *(["enough"] if n == enough and not is_addition else []),
+        ]
+        values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "random_rms", "worst"))
         if is_curve or marks:
             rows.append((str(n), *values, ", ".join(marks)))
     first = "more poses" if is_addition else "poses"
-    yield Grid((first, "rms", "random poses", "worst", "with repeatability", ""), rows)
-    texts = []
+    yield Grid((first, "to expect, rms", "model, rms", "at random, rms", "model, worst", "remark"), rows)
     if planned is None:
-        texts.append("the planned poses do not identify all coefficients; plan more poses or fit less")
-    if knee is not None:
-        more = " more" if is_addition else ""
-        texts.append(f"knee at {knee}{more} poses: ten more reduce the error by less than 10 %")
-    elif accuracy["curve"]:
-        texts.append("no knee: ten more poses still reduce the error by more than 10 %")
-    yield Listing(texts)
+        advice = ["the planned poses do not identify all coefficients; plan more poses or fit less"]
+    elif enough is None:
+        advice = ["more poses are worth it: ten more still reduce the error to expect by more than 10 %"]
+    else:
+        spare = planned["n_poses"] - enough
+        advice = [
+            f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
+            + f"; if there is time, the other {spare} are a reserve for failed rows and for checking the fit"
+            * (spare > 0)
+        ]
+    meaning = (
+        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability; at "
+        "random: the same from random poses"
+    )
+    yield Listing([meaning] if is_addition and planned is not None else [meaning, *advice])
 
 
 def _coefficients(entries: Sequence[Part]) -> Section:
@@ -260,9 +303,9 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
         if each["limit"] is None and each["joints"] not in [limit["joints"] for limit in family.known]
     )
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
-    notes = []
+    notes: list[str] = []
     if (power := document["power"]) is not None:
-        notes.append(_found(power))
+        notes += _found(power)
     notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")
     if hidden:
         more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
@@ -272,14 +315,20 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
 
 
-def _found(power: Part) -> str:
-    """Return the probability that a trace of the poses finds an effect."""
+def _found(power: Part) -> Iterator[str]:
+    """Yield the probability that a trace of the poses finds an effect, and whether that is good."""
     found, random_found, separated, random_separated = (
-        fixed(power[key], 2) for key in ("found", "random_found", "separated", "random_separated")
+        f"{100 * power[key]:.0f} %" for key in ("found", "random_found", "separated", "random_separated")
     )
-    return (
-        f"mean over the catalogue at the usual sizes: found with probability {found} ({random_found} on random "
-        f"poses), found and distinguished from the most similar effect with {separated} ({random_separated})"
+    yield (
+        f"a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
+        f"{random_found}), and distinguishes it from the most similar cause with {separated} ({random_separated})"
+    )
+    yield (
+        "this is good: more causes of their usual size are found than missed"
+        if power["found"] >= _FINDS_MOST
+        else "this is low: most causes are found only if they are larger than usual; less noise of the instrument "
+        "(`noise`) raises it, more poses (`poses`) a little"
     )
 
 

@@ -44,6 +44,7 @@ def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Arra
     return counts
 
 
+STUDENT = "Student's t"
 FEWEST_FOR_BOOTSTRAP = 10
 """Fewer poses give too few distinct resamples for meaningful quantiles."""
 MOST_FOR_BOOTSTRAP = 1000
@@ -146,6 +147,17 @@ def chi2_interval(value: float, dof: float, confidence: float, method: str) -> I
     return Interval(low, high, bound, confidence, method, curve=ChiSquareCurve(value, dof))
 
 
+def student_interval(
+    value: float, standard_error: float, dof: float, confidence: float, method: str = STUDENT
+) -> Interval:
+    """Return the interval of a number whose standard error has ``dof`` degrees of freedom; infinite: normal."""
+    lower, upper, bound = (
+        value + standard_error * (normal_quantile(p) if math.isinf(dof) else student_quantile(p, dof))
+        for p in tails(confidence)
+    )
+    return Interval(lower, upper, bound, confidence, method)
+
+
 def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
     """Return the interval of a covariance from the variances and covariance of Gaussian data.
 
@@ -165,11 +177,6 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
         scale * (correlation - math.hypot(plus * below, minus * above)),
         scale * (correlation + math.hypot(plus * above, minus * below)),
     )
-
-
-def share_below_maximum(n: float, confidence: float) -> float:
-    """Return the share of poses below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
-    return float((1.0 - confidence) ** (1.0 / n))
 
 
 @lru_cache(maxsize=64)

@@ -179,6 +179,12 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     figures = dict(_figures(document, command, places))
     if not figures:
         raise ValueError("no figures to compare")
+    scale = None
+    if all(grade.get(key) is not None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
+        steps = tuple(
+            GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]
+        )
+        scale = Scale(grade["scale"], grade["statistic"], grade["confidence"], steps, grade["otherwise"])
     own = grade.get("grade")
     if own is not None:
         own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
@@ -192,7 +198,7 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
         errors={start: errors for start, place in places.items() if (errors := errors_behind(document, place))},
         provenance=_provenance(document, command, figures),
         grade=own,
-        scale=_scale(grade),
+        scale=scale,
         scale_name=grade.get("scale"),
         frame=document.get("frame"),
         digest=digest,
@@ -278,14 +284,6 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
         tuple(entry["sha256"] for entry in document.get("inputs", ()) if entry["kind"] == kind),
         None if stage else _at(document, f"{quantity}.independent_poses"),
     )
-
-
-def _scale(grade: Document) -> Scale | None:
-    """Return the grade scale of a result, if its document stores the complete scale."""
-    if any(grade.get(key) is None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
-        return None
-    steps = [GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]]
-    return Scale(grade["scale"], grade["statistic"], grade["confidence"], tuple(steps), grade["otherwise"])
 
 
 def _provenance(document: Document, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:

@@ -380,6 +380,12 @@ def test_which_poses_are_the_same() -> None:
     moved["poses"]["commanded_m"] = moved["poses"]["commanded_m"] + 1e-3
     assert not (evaluate(entry, moved, b=base).decision.method or "").endswith("paired")
     assert (evaluate(f"{entry}, paired: true", moved, b=base).decision.method or "").endswith("paired")
+    joints = np.random.default_rng(2).uniform(-2.0, 2.0, (N, 6))
+    forward, backward = copy.deepcopy(base), estimate(errors(0)[:, ::-1])
+    forward["poses"]["q"], backward["poses"]["q"], backward["inputs"] = joints, joints[::-1], other["inputs"]
+    backward["poses"]["commanded_m"] = backward["poses"]["commanded_m"][::-1]
+    same = evaluate(entry, backward, b=forward)  # the same poses in another order
+    assert (same.decision.method, same.decision.probability) == ("the same at every pose", 1.0)
     shorter = estimate(errors(0, n=70))
     shorter["inputs"] = moved["inputs"]
     assert evaluate(f"{entry}, paired: true", shorter, b=base).decision.why == (

@@ -159,13 +159,13 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
         return ()
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
-    points = []
-    for k in range(_STEPS + 1):
-        # Distance of the true value above the limit, in standard errors.
-        distance = _AROUND_LIMIT * (2.0 * k / _STEPS - 1.0)
-        place = centre + distance * error
-        points.append((math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift)))
-    return tuple(points)
+    # Distances of the true value above the limit, in standard errors.
+    distances = [_AROUND_LIMIT * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
+    places = [centre + distance * error for distance in distances]
+    return tuple(
+        (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
+        for place, distance in zip(places, distances, strict=True)
+    )
 
 
 Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]

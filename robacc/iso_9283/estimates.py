@@ -130,8 +130,12 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
     missing = next((interval for interval in intervals if interval.upper is None), None)
     if missing is not None or len(estimates) == 1:
         return largest, EstimateOrReason(value, missing or intervals[0])
-    adjusted = 1.0 - (1.0 - confidence) / len(estimates)
-    lower = max(estimate.interval_at(adjusted).lower or 0.0 for estimate in estimates)
+    adjusted, lower = 1.0 - (1.0 - confidence) / len(estimates), 0.0
+    for plain, i in sorted(((interval.lower or 0.0, i) for i, interval in enumerate(intervals)), reverse=True):
+        # A limit at a stricter confidence is lower, so that the first few decide.
+        if plain <= lower:
+            break
+        lower = max(lower, estimates[i].interval_at(adjusted).lower or 0.0)
     upper = max(interval.upper or 0.0 for interval in intervals)
     upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
     method = f"{intervals[largest].method}; largest of {len(estimates)}"

@@ -18,15 +18,13 @@ from numpy.typing import NDArray
 from robacc.errors import InputError
 from robacc.geometry import Array
 from robacc.statistics.confidence_curves import PercentileCurve
-from robacc.statistics.distributions import student_quantile
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
     PoseSampling,
     interpolated,
     percentile_levels,
-    share_below_maximum,
-    tails,
+    student_interval,
 )
 from robacc.statistics.multivariate import AssumptionTests, assumption_tests, pose_structure, second_moment
 from robacc.statistics.quadratic_form import LengthShape, ScaledPercentileCurve
@@ -75,8 +73,15 @@ class _ErrorSample:
     @classmethod
     def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> _ErrorSample:
         """Check the errors and their groups, and test the assumptions; the text names those that cannot be tested."""
-        errors = _checked(errors)
-        n = errors.shape[1]
+        errors = np.asarray(errors, dtype=float)
+        if errors.ndim != 2 or errors.shape[0] != 3:
+            raise ValueError(f"errors must have the shape (3, N), not {errors.shape}")
+        if (n := errors.shape[1]) == 0:
+            raise InputError("there are no poses; statistics need at least one")
+        finite = np.all(np.isfinite(errors), axis=0)
+        if not np.all(finite):
+            first = int(np.argmin(finite)) + 1
+            raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers; the first is that of pose {first}")
         if groups is not None:
             if np.shape(groups) != (n,):
                 raise ValueError(f"groups must have the shape ({n},), not {np.shape(groups)}")
@@ -128,11 +133,10 @@ class _ErrorSample:
         if self.sampling.too_few or not self.gaussian:
             x, y, z = (self.sampling.mean_interval(part, confidence, positive=False) for part in self.errors)
             return x, y, z
-        _, above, bound = (student_quantile(p, n - 1.0) for p in tails(confidence))
-        deviations = np.sqrt(np.diag(self.centred_covariance) / (n - 1.0))
+        errors = np.sqrt(np.diag(self.centred_covariance) / (n - 1.0))
         x, y, z = (
-            Interval(mean - above * error, mean + above * error, mean + bound * error, confidence, "Student's t")
-            for mean, error in zip(self.mean.tolist(), deviations.tolist(), strict=True)
+            student_interval(*part, n - 1.0, confidence)
+            for part in zip(self.mean.tolist(), errors.tolist(), strict=True)
         )
         return x, y, z
 
@@ -242,7 +246,7 @@ def error_statistics(
         mean_error=float(np.mean(sample.lengths)),
         p95=percentile95(sample.lengths),
         max=float(np.max(sample.lengths)),
-        share_below_max=share_below_maximum(n, confidence),
+        share_below_max=(1.0 - confidence) ** (1.0 / n),  # Wilks, as for a gate's largest error
         intervals=Intervals(
             sample.mean_intervals(confidence),
             matrix_interval(sample.errors, sample.covariance, dof, sampling, confidence),
@@ -290,17 +294,3 @@ def length_intervals(
         sample.length_intervals(*sample.radius95(sample.zero_mean, confidence), confidence)
         for confidence in confidences
     )
-
-
-def _checked(errors: Array) -> Array:
-    """Return ``errors`` as float64 after checking that they are ``(3, N)``, finite and not empty."""
-    errors = np.asarray(errors, dtype=float)
-    if errors.ndim != 2 or errors.shape[0] != 3:
-        raise ValueError(f"errors must have the shape (3, N), not {errors.shape}")
-    if errors.shape[1] == 0:
-        raise InputError("there are no poses; statistics need at least one")
-    finite = np.all(np.isfinite(errors), axis=0)
-    if not np.all(finite):
-        first = int(np.argmin(finite)) + 1
-        raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers; the first is that of pose {first}")
-    return errors

@@ -239,6 +239,9 @@ def estimate(
     if scale.confidence != confidence:
         # The scale has its own confidence; the reported statistics keep the requested confidence.
         graded = _statistics(groups, errors, share, scale.confidence, seed)
+    names = () if data.target is None else np.unique(data.target)
+    rows_of = {str(name): errors.position[:, data.target == name] for name in names}
+    targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
     return EstimateResult(
         n_poses=data.n,
         commanded=commanded.source,
@@ -250,7 +253,7 @@ def estimate(
         unaligned=unaligned,
         worst_position=_worst_poses(data, errors, errors.position),
         worst_orientation=() if errors.rotation is None else _worst_poses(data, errors, errors.rotation),
-        targets=_by_target(data, errors),
+        targets=targets if len(targets) > 1 else (),
         notes=_notes(data, robot, frame, chosen, commanded, alignment),
         warnings=(
             *data.warnings,
@@ -299,18 +302,6 @@ def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tupl
     )
 
 
-def _by_target(data: Measurements, errors: PoseErrors) -> tuple[TargetErrors, ...]:
-    if data.target is None:
-        return ()
-    names, index = np.unique(data.target, return_inverse=True)
-    if names.size < 2:
-        return ()
-    return tuple(
-        TargetErrors(str(name), int(np.sum(index == i)), pose_metrics(errors.position[:, index == i]).position)
-        for i, name in enumerate(names)
-    )
-
-
 def _notes(
     data: Measurements,
     robot: Robot | None,
@@ -347,27 +338,20 @@ def _moves(data: Measurements) -> bool:
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
-def _beyond(data: Measurements, errors: Array, usual: float) -> tuple[str, ...]:
-    """Return the warning of errors far beyond the others, whose rms is ``usual``; empty without one."""
-    rows = np.flatnonzero(~_near(errors))
-    if not rows.size:
-        return ()
-    largest = rows[np.argsort(-lengths(errors[:, rows]))]
-    named = ", ".join(f"{data.place(int(i))} ({1e3 * rms_length(errors[:, [i]]):.3g} mm)" for i in largest[:N_WORST])
-    more = f" and {rows.size - N_WORST} more" if rows.size > N_WORST else ""
-    return (
-        f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
-        "them: check these readings and their commands",
-    )
-
-
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
-    """Warn of errors that are too large for an arm."""
-    usual = _usual(errors.position)
+    """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
+    usual, size = _usual(errors.position), lengths(errors.position)
+    beyond = np.flatnonzero(~_near(errors.position))
+    if beyond.size:
+        largest = beyond[np.argsort(-size[beyond])][:N_WORST]
+        named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
+        more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
+        return (
+            f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
+            "them: check these readings and their commands",
+        )
     far = _moves(data) and too_far(usual, data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
-    if alone := _beyond(data, errors.position, usual):
-        return alone
     if not (far or turned):
         return ()
     if alignment is None:

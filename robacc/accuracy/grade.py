@@ -286,12 +286,10 @@ class Grade:
         """Probability that the grade is right, given the data."""
         return dict(self.probabilities).get(self.grade)
 
-    def probability_within(self, name: str) -> float | None:
-        """Return the probability that the true grade is ``name`` or better; None if unknown or no step of the scale."""
-        names = [step.grade for step in self.scale.steps]
-        if not (probabilities := self.probabilities) or name not in names:
-            return None
-        return math.fsum(share for _, share in probabilities[: names.index(name) + 1])
+    def probability_within(self, rank: int) -> float | None:
+        """Return the probability that the true grade is that of step ``rank`` or better; None if unknown."""
+        shares = [share for _, share in self.probabilities]
+        return math.fsum(shares[: rank + 1]) if shares else None
 
     @property
     def poses_to_demonstrate(self) -> int | None:

@@ -127,18 +127,19 @@ def before_and_after(
         registered, apart_registered = registered_residuals(robot, data, how)
     fitted = (unregistered, registered, before.residual, after.residual)
     inliers, poses = after.inliers, how.validation
-    if held_out is None:
-        stages = [_stage(errors, inliers, None, None) for errors in fitted]
-        return BeforeAfter(stages[0], stages[1], stages[2], stages[3], None, Residuals(*fitted), None)
-    raw, nominal = unregistered, registered
-    if poses is not None:
-        raw = nominal = residuals(poses, predict(robot, poses))
-    apart = (raw, nominal if apart_registered is None else apart_registered, *held_out)
-    judged, groups = (inliers, places(data)) if poses is None else (np.ones(poses.n, dtype=bool), places(poses))
-    stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
-    gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
+    apart: tuple[Array | None, ...] = (None,) * len(fitted)
+    judged = gain = validation = None
+    if held_out is not None:
+        raw, nominal, judged, groups = unregistered, apart_registered, inliers, places(data)
+        if poses is not None:
+            raw = residuals(poses, predict(robot, poses))
+            judged, groups = np.ones(poses.n, dtype=bool), places(poses)
+            nominal = raw if nominal is None else nominal
+        apart = others = (raw, registered if nominal is None else nominal, *held_out)
+        gain = paired_gain(held_out[0][:, judged], held_out[1][:, judged], groups[judged])
+        validation = None if poses is None else Residuals(*others)
     calibration = Residuals(*fitted, *(apart[1:] if poses is None else ()))
-    validation = None if poses is None else Residuals(*apart)
+    stages = [_stage(errors, inliers, other, judged) for errors, other in zip(fitted, apart, strict=True)]
     return BeforeAfter(stages[0], stages[1], stages[2], stages[3], gain, calibration, validation)
 
 

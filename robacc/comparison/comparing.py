@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence, Set
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Sequence, Set
+from dataclasses import dataclass
+from functools import cache, partial
 from itertools import combinations
 from typing import Literal
 
@@ -15,16 +16,14 @@ from robacc.comparison.differences import (
     VECTORIAL,
     Difference,
     Pairing,
-    PoseMatch,
     difference,
     from_intervals,
     pair_poses,
-    unpaired_sample,
 )
 from robacc.comparison.reading import ComparedResult, split_key, unit_of
 from robacc.errors import UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
-from robacc.statistics.records import ErrorStatistics, Unit
+from robacc.statistics.records import Unit
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 #
@@ -144,39 +143,27 @@ def grade_statuses(
 
 
 def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
-    position = _statistics(result, "position", scale, seed)
-    orientation = _statistics(result, "orientation", scale, seed) if "orientation" in result.errors else None
-    assessed = grade(position, orientation, scale)
-    names = [step.grade for step in scale.steps]
-    best_confirmed = assessed.demonstrated_grade
-    confirmed = best_confirmed is not None and names.index(best_confirmed) <= rank
-    met = assessed.grade in names and names.index(assessed.grade) <= rank
-    probability = assessed.probability_within(names[rank])
-    position_grade, angle = assessed.position, assessed.orientation
-    missing = [
-        f"no upper bound of {name}: {quantity.why}"
-        for name, quantity in (("position", position_grade), ("orientation", angle))
-        if quantity is not None and quantity.why
-    ]
+    statistics = {}
+    for quantity, unit in _UNITS.items():
+        if (errors := result.errors.get(quantity)) is not None:
+            share = (errors.independent_poses or errors.n_groups) / errors.n_groups
+            statistics[quantity] = error_statistics(
+                errors.vectors, unit, groups=errors.groups, share=share, confidence=scale.confidence, seed=seed
+            )
+    assessed = grade(statistics["position"], statistics.get("orientation"), scale)
+    confirmed, met = assessed.confirmed_rank <= rank, assessed.rank <= rank
+    missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
     why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
+    position, *orientation = (EstimatedValue(own.value, own.interval) for own in assessed.quantities.values())
     return GradeStatus(
         result.name,
         "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
         assessed.grade,
-        probability,
-        EstimatedValue(position_grade.value, position_grade.interval),
-        None if angle is None else EstimatedValue(angle.value, angle.interval),
+        assessed.probability_within(rank),
+        position,
+        orientation[0] if orientation else None,
         assessed.poses_needed(rank) if met and not confirmed else None,
         None if confirmed or not met else why,
-    )
-
-
-def _statistics(result: ComparedResult, quantity: str, scale: Scale, seed: int) -> ErrorStatistics:
-    errors = result.errors[quantity]
-    sample = unpaired_sample(errors)
-    share = (errors.independent_poses or sample.n_groups) / sample.n_groups
-    return error_statistics(
-        sample.vectors, _UNITS[quantity], groups=sample.groups, share=share, confidence=scale.confidence, seed=seed
     )
 
 
@@ -186,25 +173,14 @@ def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> Grade
     position, orientation = (result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS)
     if position is None:
         raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
-    names = [*(step.grade for step in scale.steps), scale.otherwise]
-    angle = None if orientation is None else orientation.value
-    own_rank = next(
-        (
-            i
-            for i, step in enumerate(scale.steps)
-            if _meets(step.position, position.value) and _meets(step.orientation, angle)
-        ),
-        len(scale.steps),
-    )
+    own_rank = scale.rank_of("position", position.value)
+    if orientation is not None:
+        own_rank = max(own_rank, scale.rank_of("orientation", orientation.value))
     why = "the result does not list the error of every pose"
     if not result.measured:
         why = "predicted from tolerances, not measured"
     verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
-    return GradeStatus(result.name, verdict, names[own_rank], None, position, orientation, None, why)
-
-
-def _meets(limit: float | None, value: float | None) -> bool:
-    return limit is None or value is None or value <= limit
+    return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, orientation, None, why)
 
 
 # Warnings of a comparison, where results were made differently, and notes on what its figures do not say.
@@ -216,6 +192,21 @@ _CONSEQUENCES = {
     "robot file": "errors of the poses that it was fitted to are smaller than errors of other poses",
     "confidence": "the intervals are not comparable",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMatch:
+    """Match of the poses of two results."""
+
+    first: str
+    second: str
+    """Names of the results."""
+    paired: bool
+    shared: int
+    """Common commanded poses; 0 without pairs."""
+    n_first: int
+    """Commanded poses of each result."""
+    n_second: int
 
 
 def provenance_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> tuple[str, ...]:
@@ -372,8 +363,19 @@ def compare(
         UsageError: A name, key or grade does not exist, or the results share no figure.
     """
     names = [result.name for result in results]
-    _check(names, baseline, confidence)
-    keys = _shared_keys(results)
+    if len(names) < 2:
+        raise UsageError("a comparison needs at least two results")
+    if not 0.5 <= confidence < 1.0:
+        raise UsageError(f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}")
+    if baseline is not None and baseline not in names:
+        raise UsageError(f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}")
+    # Components are comparable only if the frames agree.
+    excluded = frozenset() if len({result.frame for result in results}) == 1 else VECTORIAL
+    keys = [
+        key
+        for key in results[0].figures
+        if split_key(key)[1] not in excluded and all(key in result.figures for result in results)
+    ]
     if not keys:
         commands = " and ".join(dict.fromkeys(result.command for result in results))
         raise UsageError(f"results of {commands} have no figure in common to compare")
@@ -381,17 +383,46 @@ def compare(
     if by is not None and by not in rankable:
         raise UsageError(f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}")
     reference = names.index(baseline) if baseline is not None else 0
-    differences = _PairwiseDifferences(results, confidence, seed)
+
+    @cache
+    def pairing(group: str, first: int, second: int) -> Pairing:
+        return pair_poses(results[first].errors[group], results[second].errors[group])
+
+    def change(key: str, first: int, second: int) -> Difference:
+        """Return the figure of the second result minus the figure of the first."""
+        group, statistic = split_key(key)
+        figures = results[first].figures[key], results[second].figures[key]
+        if results[first].digest == results[second].digest:
+            return Difference.same(0.0, confidence, "the same result twice", True, None)
+        why = None if results[first].measured and results[second].measured else _NO_TEST_OF_PREDICTION
+        if statistic in ("max", "max_radius95") and not group.startswith("iso9283."):
+            why = NO_TEST_OF_MAXIMUM
+        if why is not None:
+            return Difference(figures[1].value - figures[0].value, Interval.missing(confidence, why))
+        if statistic in RESAMPLED and group in results[first].errors and group in results[second].errors:
+            pair = pairing(group, first, second)
+            return difference(statistic, pair.first, pair.second, paired=pair.paired, confidence=confidence, seed=seed)
+        return from_intervals(*figures, confidence)
+
+    def match(first: int, second: int) -> PoseMatch:
+        both = results[first], results[second]
+        if any("position" not in result.errors for result in both):
+            return PoseMatch(both[0].name, both[1].name, False, 0, both[0].n_poses, both[1].n_poses)
+        pair = pairing("position", first, second)
+        shared = pair.first.n_groups if pair.paired else 0
+        return PoseMatch(both[0].name, both[1].name, pair.paired, shared, pair.n_first, pair.n_second)
+
+    others = [i for i in range(len(results)) if i != reference]
     rows = tuple(
         ComparedRow(
             key,
             unit_of(key),
             tuple(result.figures[key] for result in results),
-            tuple(None if i == reference else differences.difference(key, reference, i) for i in range(len(results))),
+            tuple(change(key, reference, i) if i in others else None for i in range(len(results))),
         )
         for key in keys
     )
-    pairing = tuple(differences.pose_match(reference, i) for i in range(len(results)) if i != reference)
+    matches = tuple(match(reference, i) for i in others)
     ranked_by = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
     grade_scale = None if required_grade is None else scale or common_scale(results)
     statuses: tuple[GradeStatus, ...] = ()
@@ -403,90 +434,24 @@ def compare(
         baseline=names[reference],
         confidence=confidence,
         rows=rows,
-        pairing=pairing,
-        ranking=_ranking(differences, ranked_by),
+        pairing=matches,
+        ranking=_ranking(results, ranked_by, confidence, partial(change, ranked_by)),
         scale=grade_scale,
         required_grade=required_grade,
         grade_statuses=statuses,
         notes=notes(results, tested, statuses, grade_scale),
-        warnings=provenance_warnings(results, pairing),
+        warnings=provenance_warnings(results, matches),
     )
 
 
-def _check(names: Sequence[str], baseline: str | None, confidence: float) -> None:
-    if len(names) < 2:
-        raise UsageError("a comparison needs at least two results")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}")
-    if baseline is not None and baseline not in names:
-        raise UsageError(f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}")
-
-
-def _shared_keys(results: Sequence[ComparedResult]) -> list[str]:
-    """Return the keys that every result has, in the order of the first; components only if the frames agree."""
-    frames = {result.frame for result in results}
-    keys = [key for key in results[0].figures if all(key in result.figures for result in results[1:])]
-    return [key for key in keys if len(frames) == 1 or split_key(key)[1] not in VECTORIAL]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _PairwiseDifferences:
-    """Differences between results; the poses of each pair are matched once."""
-
-    results: Sequence[ComparedResult]
-    confidence: float
-    seed: int
-    _pairings: dict[tuple[int, int, str], Pairing] = field(init=False, default_factory=dict)
-
-    def difference(self, key: str, first: int, second: int) -> Difference:
-        """Return the figure of the second result minus the figure of the first."""
-        first_result, second_result = self.results[first], self.results[second]
-        group, statistic = split_key(key)
-        first_figure, second_figure = first_result.figures[key], second_result.figures[key]
-        if first_result.digest == second_result.digest:
-            return Difference.same(0.0, self.confidence, "the same result twice", True, None)
-        value = second_figure.value - first_figure.value
-        if statistic in ("max", "max_radius95") and not group.startswith("iso9283."):
-            return Difference(value, Interval.missing(self.confidence, NO_TEST_OF_MAXIMUM))
-        if not (first_result.measured and second_result.measured):
-            return Difference(value, Interval.missing(self.confidence, _NO_TEST_OF_PREDICTION))
-        if statistic in RESAMPLED and group in first_result.errors and group in second_result.errors:
-            pairing = self.pairing(group, first, second)
-            return difference(
-                statistic,
-                pairing.first,
-                pairing.second,
-                paired=pairing.paired,
-                confidence=self.confidence,
-                seed=self.seed,
-            )
-        return from_intervals(first_figure, second_figure, self.confidence)
-
-    def pairing(self, group: str, first: int, second: int) -> Pairing:
-        """Return the errors of two results, paired by pose where possible."""
-        place = (first, second, group)
-        if place not in self._pairings:
-            errors = (self.results[first].errors[group], self.results[second].errors[group])
-            self._pairings[place] = pair_poses(*errors)
-        return self._pairings[place]
-
-    def pose_match(self, first: int, second: int) -> PoseMatch:
-        """Return how the poses of two results match."""
-        first_result, second_result = self.results[first], self.results[second]
-        names = (first_result.name, second_result.name)
-        if "position" not in first_result.errors or "position" not in second_result.errors:
-            return PoseMatch(*names, False, 0, first_result.n_poses, second_result.n_poses)
-        pairing = self.pairing("position", first, second)
-        shared = pairing.first.n_groups if pairing.paired else 0
-        return PoseMatch(*names, pairing.paired, shared, pairing.n_first, pairing.n_second)
-
-
-def _ranking(differences: _PairwiseDifferences, key: str) -> Ranking:
-    results = differences.results
+def _ranking(
+    results: Sequence[ComparedResult], key: str, confidence: float, change: Callable[[int, int], Difference]
+) -> Ranking:
+    """Return the order of the results by a figure; ``change`` gives its difference between two of them."""
     ranked = [i for i, result in enumerate(results) if result.measured] or range(len(results))
     order = sorted(ranked, key=lambda i: (abs(results[i].figures[key].value), i))
-    pairs = [(i, j, differences.difference(key, order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
-    level = 1.0 - differences.confidence
+    pairs = [(i, j, change(order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
+    level = 1.0 - confidence
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     names = [results[i].name for i in order]

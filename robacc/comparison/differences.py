@@ -13,17 +13,14 @@ The p-value agrees with the interval: it is below 1 - confidence exactly if the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.comparison.reading import ComparedPoses, ErrorSet
+from robacc.comparison.reading import ErrorSample, ErrorSet
 from robacc.geometry import Array
-from robacc.measurements import commanded_groups
 from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
@@ -61,67 +58,15 @@ class Difference:
         return cls(value, interval, float(value == 0.0), paired, n_poses)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorSample:
-    """Errors of one result, grouped by commanded pose."""
-
-    vectors: Array
-    """``(3, N)``"""
-    groups: NDArray[np.int64]
-    """``(N,)`` commanded pose of each row, 0 to G - 1; paired samples share the numbering."""
-
-    @property
-    def n_groups(self) -> int:
-        """Return the number of commanded poses."""
-        return int(self.groups.max()) + 1
-
-    def sums(self) -> Array:
-        """Return sums over each pose's rows ``(9, G)``: count, length, its square, components and their squares."""
-        lengths = np.sqrt(np.sum(np.square(self.vectors), axis=0))
-        features = (np.ones(lengths.size), lengths, lengths**2, *self.vectors, *np.square(self.vectors))
-        return np.stack([np.bincount(self.groups, weights=feature, minlength=self.n_groups) for feature in features])
-
-
-def _rms(total: Array) -> tuple[Array, Array]:
-    value = np.sqrt(total[2] / total[0])
-    gradient = np.zeros_like(total)
-    gradient[2] = 0.5 / np.maximum(value * total[0], 1e-300)
-    gradient[0] = -0.5 * value / total[0]
-    return value, gradient
-
-
-def _mean(row: int) -> Callable[[Array], tuple[Array, Array]]:
-    def mean(total: Array) -> tuple[Array, Array]:
-        value = total[row] / total[0]
-        gradient = np.zeros_like(total)
-        gradient[row] = 1.0 / total[0]
-        gradient[0] = -value / total[0]
-        return value, gradient
-
-    return mean
-
-
-def _sd(axis: int) -> Callable[[Array], tuple[Array, Array]]:
-    def deviation(total: Array) -> tuple[Array, Array]:
-        mean, square = total[3 + axis] / total[0], total[6 + axis] / total[0]
-        value = np.sqrt(np.maximum(square - mean**2, 0.0))
-        factor = 0.5 / np.maximum(value * total[0], 1e-300)
-        gradient = np.zeros_like(total)
-        gradient[6 + axis] = factor
-        gradient[3 + axis] = -2.0 * mean * factor
-        gradient[0] = (2.0 * mean**2 - square) * factor
-        return value, gradient
-
-    return deviation
-
-
-SMOOTH: dict[str, Callable[[Array], tuple[Array, Array]]] = {
-    "rms": _rms,
-    "mean_error": _mean(1),
-    **{f"mean_{axis}": _mean(3 + i) for i, axis in enumerate("xyz")},
-    **{f"sd_{axis}": _sd(i) for i, axis in enumerate("xyz")},
+_MOMENTS: dict[str, tuple[int, int]] = {
+    "rms": (0, 2),
+    "mean_error": (1, 0),
+    **{f"mean_{axis}": (3 + i, 0) for i, axis in enumerate("xyz")},
+    **{f"sd_{axis}": (3 + i, 6 + i) for i, axis in enumerate("xyz")},
 }
-"""Functions of sums ``(9, …)`` over all poses that return the statistic and its derivatives by the sums."""
+"""Rows of :meth:`ErrorSample.sums` with the means m and s of a statistic, 0 for none: m, or the root of s - m^2."""
+SMOOTH = tuple(_MOMENTS)
+"""Statistics that are smooth functions of sums over poses."""
 VECTORIAL = frozenset(name for name in SMOOTH if name not in ("rms", "mean_error"))
 """Statistics of components, which depend on the frame."""
 RESAMPLED = frozenset({*SMOOTH, "p95"})
@@ -165,12 +110,13 @@ def difference(
         error = float(np.std(resampled[1] - resampled[0]))
         method = f"Student's t with the bootstrap's standard error ({resampled[0].size} draws)"
     else:
-        variances = _variances([_influence(statistic, part, None)[1] for part in sums], paired)
+        variances = _variances([_influence(statistic, part, np.ones((1, part.shape[1])))[1] for part in sums], paired)
         error = math.sqrt(float(np.sum(variances)))
         method = "Student's t"
     if error <= _ROUNDING * max(map(abs, values)):
         return Difference.same(value, confidence, "the same at every pose", paired, n)
-    dof = _degrees_of_freedom(variances, sizes)
+    terms = (float(np.sum(variance)) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))
+    dof = float(np.sum(variances)) ** 2 / sum(terms)
     below = above = t = student_quantile(0.5 + 0.5 * confidence, dof)
     if statistic != "p95" and min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
         drawn = _studentised(statistic, sums, value, paired, seed)
@@ -191,16 +137,25 @@ def _statistic_of(statistic: str, sample: ErrorSample) -> float:
     if statistic in ("p95", "max"):
         lengths = np.sqrt(np.sum(np.square(sample.vectors), axis=0))
         return interpolated(lengths, [(0.95 if statistic == "p95" else 1.0) * (lengths.size - 1)])[0]
-    return float(SMOOTH[statistic](sample.sums().sum(axis=1))[0])
+    return float(_influence(statistic, sample.sums(), np.ones((1, sample.n_groups)))[0][0])
 
 
-def _influence(statistic: str, sums: Array, counts: Array | None) -> tuple[Array, Array]:
-    """Return a statistic of ``sums`` ``(9, G)`` and each pose's influence on it.
+def _influence(statistic: str, sums: Array, counts: Array) -> tuple[Array, Array]:
+    """Return a statistic of ``sums`` ``(9, G)`` over resamples ``(B,)``, and each pose's influence on it ``(B, G)``.
 
-    ``counts`` ``(B, G)`` gives those of resamples.
+    ``counts`` ``(B, G)`` says how often each resample contains each pose.
     """
-    value, gradient = SMOOTH[statistic](sums.sum(axis=1) if counts is None else sums @ counts.T)
-    return value, gradient.T @ sums
+    first, second = _MOMENTS[statistic]
+    used = sums[[0, first, second]]
+    rows, mean, square = (counts @ used.T).T
+    mean, square = (mean / rows if first else np.zeros_like(rows)), square / rows
+    value, by_mean, by_square = mean, np.ones_like(rows), np.zeros_like(rows)
+    if second:
+        value = np.sqrt(np.maximum(square - mean**2, 0.0))
+        by_square = 0.5 / np.maximum(value, 1e-300)
+        by_mean = -2.0 * mean * by_square
+    gradient = np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows
+    return value, gradient.T @ used
 
 
 def _variances(influences: list[Array], paired: bool, counts: list[Array] | None = None) -> list[Array]:
@@ -214,25 +169,13 @@ def _variances(influences: list[Array], paired: bool, counts: list[Array] | None
     return variances
 
 
-def _degrees_of_freedom(variances: list[Array], sizes: list[int]) -> float:
-    total = float(np.sum(variances))
-    terms = (float(variance) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))
-    return total**2 / sum(terms)
-
-
 def _studentised(statistic: str, sums: list[Array], value: float, paired: bool, seed: int) -> Array:
     """Return (resampled difference - difference) / standard error of the resample, ``(B,)``."""
-    counts = [_counts(part.shape[1], seed, 0 if paired else i) for i, part in enumerate(sums)]
+    counts = [resampled_counts(part.shape[1], DRAWS, (seed, 0 if paired else i)) for i, part in enumerate(sums)]
     resamples = [_influence(statistic, *part) for part in zip(sums, counts, strict=True)]
     error = np.sqrt(sum(_variances([influence for _, influence in resamples], paired, counts), np.zeros(DRAWS)))
     usable = error > 0.0
     return np.asarray((resamples[1][0] - resamples[0][0] - value)[usable] / error[usable])
-
-
-@lru_cache(maxsize=8)
-def _counts(size: int, seed: int, stream: int) -> Array:
-    """Return the number of times that each of ``size`` poses occurs in each resample, ``(B, size)``."""
-    return resampled_counts(size, DRAWS, (seed, stream))
 
 
 def _resampled_percentile(sample: ErrorSample, seed: int, stream: int) -> Array:
@@ -305,53 +248,24 @@ class Pairing:
     n_second: int
 
 
-@dataclass(frozen=True, slots=True)
-class PoseMatch:
-    """Match of the poses of two results."""
-
-    first: str
-    second: str
-    """Names of the results."""
-    paired: bool
-    shared: int
-    """Common commanded poses; 0 without pairs."""
-    n_first: int
-    """Commanded poses of each result."""
-    n_second: int
-
-
 def pair_poses(first: ErrorSet, second: ErrorSet) -> Pairing:
     """Pair the errors of common commanded poses; with too few common poses, return both complete sets unpaired."""
-    samples = [unpaired_sample(errors) for errors in (first, second)]
-    sizes = [sample.n_groups for sample in samples]
-    keys = _common_keys(first.poses, second.poses)
-    if keys is not None:
-        common = np.intersect1d(keys[0], keys[1])
+    sizes = first.n_groups, second.n_groups
+    if (keys := _common_keys(first, second)) is not None:
+        common = np.intersect1d(*keys)
         if common.size >= max(2, _ENOUGH * max(np.unique(numbers).size for numbers in keys)):
-            samples = []
-            for errors, numbers in zip((first, second), keys, strict=True):
-                rows = np.isin(numbers, common)
-                samples.append(ErrorSample(errors.vectors[:, rows], np.searchsorted(common, numbers[rows])))
+            samples = [_rows(*each, common) for each in zip((first, second), keys, strict=True)]
             return Pairing(samples[0], samples[1], True, *sizes)
-    return Pairing(samples[0], samples[1], False, *sizes)
+    return Pairing(first, second, False, *sizes)
 
 
-def unpaired_sample(errors: ErrorSet) -> ErrorSample:
-    """Return a complete set of errors, grouped by its commanded poses."""
-    return ErrorSample(errors.vectors, _numbered(_pose_numbers(errors.poses)))
+def _rows(errors: ErrorSet, numbers: NDArray[np.int64], common: NDArray[np.int64]) -> ErrorSample:
+    """Return the errors whose pose has one of the numbers ``common``."""
+    rows = np.isin(numbers, common)
+    return ErrorSample(errors.vectors[:, rows], np.searchsorted(common, numbers[rows]))
 
 
-def _numbered(keys: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.unique(keys, return_inverse=True)[1].astype(np.int64)
-
-
-def _pose_numbers(poses: ComparedPoses) -> NDArray[np.int64]:
-    """Return the number of each row's commanded pose: by id, else by joints, else by position, as measurements do."""
-    groups = commanded_groups(poses.pose, poses.q if poses.q is not None else poses.commanded)
-    return np.arange(poses.n, dtype=np.int64) if groups is None else groups.numbers
-
-
-def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
+def _common_keys(first: ErrorSet, second: ErrorSet) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Return numbers of commanded poses with the same meaning in both results; None if nothing relates the poses.
 
     Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
@@ -359,12 +273,12 @@ def _common_keys(first: ComparedPoses, second: ComparedPoses) -> tuple[NDArray[n
     """
     same_joints = first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
     # No targets are an array without axes.
-    if first.n == second.n and np.array_equal(np.array(first.target), np.array(second.target)):
+    if first.groups.size == second.groups.size and np.array_equal(np.array(first.target), np.array(second.target)):
+        same_files = bool(first.files) and first.files == second.files
         close = same_joints and _close(first.q, second.q, _SAME_JOINT)
-        if close or _close(first.commanded, second.commanded, _SAME_POSITION):
+        if same_files or close or _close(first.commanded, second.commanded, _SAME_POSITION):
             # A pose repeated in one result is one pose in both.
-            keys = _numbered(_pose_numbers(first))
-            return keys, keys
+            return first.groups, first.groups
     if same_joints and first.q is not None and second.q is not None:
         return _numbers_of(np.round(first.q / _SAME_JOINT).T, np.round(second.q / _SAME_JOINT).T)
     if first.pose is not None and second.pose is not None and _same_positions(first, second):
@@ -387,7 +301,7 @@ def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.i
     return numbers[: len(first)], numbers[len(first) :]
 
 
-def _same_positions(first: ComparedPoses, second: ComparedPoses) -> bool:
+def _same_positions(first: ErrorSet, second: ErrorSet) -> bool:
     """Return whether equal ids have equal commanded positions, as far as both results list positions."""
     if first.commanded is None or second.commanded is None or first.pose is None or second.pose is None:
         return True

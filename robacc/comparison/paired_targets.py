@@ -47,16 +47,6 @@ class TargetRows:
     data: Measurements
     rows: tuple[NDArray[np.int64], ...]
 
-    @property
-    def first_rows(self) -> NDArray[np.int64]:
-        """First row of each target."""
-        return np.array([index[0] for index in self.rows])
-
-    @property
-    def counts(self) -> NDArray[np.int64]:
-        """Number of rows of each target."""
-        return np.array([index.size for index in self.rows])
-
     def means(self, values: Array) -> Array:
         """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
         return np.stack([values[:, index].mean(axis=1) for index in self.rows], axis=1)
@@ -229,9 +219,7 @@ def paired_targets(
     error_before, error_after = before - wanted, after - wanted
     # Without a model, the best guess of the plan is that the whole error goes.
     planned = -error_before if promise is None else promise.after - promise.before
-    notes = []
-    if promise is None:
-        notes.append("without a model, the planned displacement is the error before, measurement noise included")
+    note = "without a model, the planned displacement is the error before, measurement noise included"
     return PairedTargets(
         names,
         error_before,
@@ -239,7 +227,7 @@ def paired_targets(
         paired_gain(error_before, error_after, np.arange(before.shape[1])),
         _loaded(after - before, planned),
         None if promise is None else _promise_test(after - promise.after, promise),
-        tuple(notes),
+        (note,) if promise is None else (),
     )
 
 
@@ -254,13 +242,9 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
     slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
     half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
     low, high = slope - half_width, slope + half_width
-    verdict: Loaded
-    if low > 0.5:
-        verdict = "loaded"
-    elif low <= 0.0:
-        verdict = "not loaded" if high < 0.5 else "undecided"
-    else:
-        verdict = "partly loaded" if high < 0.9 else "undecided"
+    verdict: Loaded = "loaded" if low > 0.5 else "undecided"
+    if low <= 0.5 and high < (0.5 if low <= 0.0 else 0.9):
+        verdict = "not loaded" if low <= 0.0 else "partly loaded"
     return LoadedTest(verdict, slope, low, high, rms_length(planned))
 
 
@@ -268,7 +252,7 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
     """Return the normalised square of the residual ``(3, N)`` and its probability."""
     precision = np.moveaxis(np.linalg.inv(np.moveaxis(promise.separate, 2, 0)), 0, 2)
     weighted = np.einsum("ijn,jn->in", precision, residual)
-    chi_square = float(np.sum(residual * weighted))
+    chi_square, shared = float(np.sum(residual * weighted)), 0.0
     if promise.covariance.size:
         # Woodbury's identity with C = L L^T: coefficients without uncertainty need no inverse.
         values, vectors = np.linalg.eigh(promise.covariance)
@@ -278,8 +262,6 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
         information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
         chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
         shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
-    else:
-        shared = 0.0
     dof = residual.size
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
     return PromiseTest(chi_square, dof, chi2_sf(chi_square, float(dof)), expected, promise.noise)
@@ -318,13 +300,14 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, full_after, measured=True).position
     noise_used = _noise_used(after.data, fit, noise)
-    firsts = after.first_rows
+    firsts = np.array([index[0] for index in after.rows])
+    counts = np.array([index.size for index in after.rows])
     return Promise(
         before.means(predicted),
         after.means(poses.translation),
         jacobian[:3, :, firsts],
         covariance,
-        _with_noise(separate[:, :, firsts], noise_used, after.counts),
+        _with_noise(separate[:, :, firsts], noise_used, counts),
         noise_used,
     )
 

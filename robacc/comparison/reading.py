@@ -56,26 +56,39 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ComparedPoses:
-    """Commanded poses of a result's rows."""
-
-    n: int
-    q: Array | None
-    """``(J, n)`` commanded joints, rad or m."""
-    commanded: Array | None
-    """``(3, n)`` commanded position, m."""
-    pose: NDArray[Any] | None
-    """``(n,)`` id, text."""
-    target: NDArray[Any] | None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorSet:
-    """Errors behind a group of figures."""
+class ErrorSample:
+    """Errors of one result, grouped by commanded pose."""
 
     vectors: Array
     """``(3, n)`` m or rad"""
-    poses: ComparedPoses
+    groups: NDArray[np.int64]
+    """``(n,)`` commanded pose of each row, 0 to G - 1; paired samples share the numbering."""
+
+    @property
+    def n_groups(self) -> int:
+        """Return the number of commanded poses."""
+        return int(self.groups.max()) + 1
+
+    def sums(self) -> Array:
+        """Return sums over each pose's rows ``(9, G)``: count, length, its square, components and their squares."""
+        lengths = np.sqrt(np.sum(np.square(self.vectors), axis=0))
+        features = (np.ones(lengths.size), lengths, lengths**2, *self.vectors, *np.square(self.vectors))
+        return np.stack([np.bincount(self.groups, weights=feature, minlength=self.n_groups) for feature in features])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSet(ErrorSample):
+    """Errors behind a group of figures, with the commanded pose of every row."""
+
+    q: Array | None = None
+    """``(J, n)`` commanded joints, rad or m."""
+    commanded: Array | None = None
+    """``(3, n)`` commanded position, m."""
+    pose: NDArray[Any] | None = None
+    """``(n,)`` id, text."""
+    target: NDArray[Any] | None = None
+    files: tuple[str, ...] = ()
+    """SHA-256 of each file of poses."""
     independent_poses: float | None = None
     """Number of poses that intervals count; None for all commanded poses."""
 
@@ -137,12 +150,12 @@ _STATISTICS: tuple[tuple[str, str, str], ...] = (
 """Statistics with the places of their value and interval; a star stands for the unit."""
 _ISO9283 = ("AP", "RP", "vAP", "AD", "RD", "drift.AP", "drift.RP", "drift.barycentre", "exchangeability")
 _STAGES = (
-    ("", "after", "held_out"),
-    ("before.held_out.", "before", "held_out"),
-    ("nominal.held_out.", "nominal", "held_out"),
-    ("after.fitted.", "after", "fitted"),
+    ("", "after.held_out"),
+    ("before.held_out.", "before.held_out"),
+    ("nominal.held_out.", "nominal.held_out"),
+    ("after.fitted.", "after.fitted"),
 )
-"""Stages of a fit: the start of their keys, the name of the stage, and its poses."""
+"""Stages of a fit: the start of their keys, and their place in the document."""
 
 
 def read_compared_result(document: Mapping[str, Any], name: str, file: str, digest: str) -> ComparedResult:
@@ -161,10 +174,17 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     command = document["command"]
     if command not in COMPARED:
         raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
-    n, grade = document["n_poses"], document.get("grade") or {}
-    figures = dict(_figures(document, command))
+    grade = document.get("grade") or {}
+    places = dict(_places(document, command))
+    figures = dict(_figures(document, command, places))
     if not figures:
         raise ValueError("no figures to compare")
+    scale = None
+    if all(grade.get(key) is not None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
+        steps = tuple(
+            GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]
+        )
+        scale = Scale(grade["scale"], grade["statistic"], grade["confidence"], steps, grade["otherwise"])
     own = grade.get("grade")
     if own is not None:
         own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
@@ -172,88 +192,98 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
         name=name,
         command=command,
         version=document["robacc"],
-        n_poses=n,
+        n_poses=document["n_poses"],
         robot=_at(document, "robot.name"),
         figures=figures,
-        errors=dict(_errors(document, command, n)),
+        errors={start: errors for start, place in places.items() if (errors := errors_behind(document, place))},
         provenance=_provenance(document, command, figures),
         grade=own,
-        scale=_scale(grade),
+        scale=scale,
         scale_name=grade.get("scale"),
         frame=document.get("frame"),
         digest=digest,
     )
 
 
-def _figures(document: Document, command: str) -> Iterator[tuple[str, EstimatedValue]]:
-    places = [(f"{quantity}.", f"{quantity}.") for quantity in _QUANTITIES]
-    names: tuple[str, ...] = ()  # all statistics
+def _places(document: Document, command: str) -> Iterator[tuple[str, str]]:
+    """Yield the groups of figures, the starts of their keys, with their places in the document.
 
+    Without held-out poses, the stages of a fit on calibration poses take their place.
+    """
     if command == "iso9283":
-        places = [(f"iso9283.{name}",) * 2 for symbol in _ISO9283 for name in (f"{symbol}.", f"{symbol}.orientation.")]
-        names = ("max",)
-    elif command in FITS:
-        places = [
-            (f"{start}{quantity}.", f"{stage}.{poses}.{quantity}.")
-            for quantity in _QUANTITIES
-            for start, stage, poses in _stages(document)
-        ]
-        names = _LENGTHS
-    for start, place in places:
+        for symbol in _ISO9283:
+            yield from ((f"iso9283.{symbol}{part}",) * 2 for part in ("", ".orientation"))
+        return
+    has_held_out = _at(document, "after.held_out") is not None
+    for quantity in _QUANTITIES:
+        if command not in FITS:
+            yield quantity, quantity
+        for start, stage in _STAGES if command in FITS else ():
+            if has_held_out or "held_out" in stage:
+                poses = ("held_out", "held_out" if has_held_out else "fitted")
+                yield f"{start}{quantity}".replace(*poses), f"{stage}.{quantity}".replace(*poses)
+
+
+def _figures(document: Document, command: str, places: Mapping[str, str]) -> Iterator[tuple[str, EstimatedValue]]:
+    names = ("max",) if command == "iso9283" else _LENGTHS if command in FITS else ()  # none stands for all
+    for start, place in places.items():
         unit = unit_of(start)
         for name, path, interval_path in _STATISTICS:
-            value = None if names and name not in names else _at(document, place + path.replace("*", unit))
+            value = None if names and name not in names else _at(document, f"{place}.{path}".replace("*", unit))
             if value is not None:
-                stored = _at(document, place + interval_path.replace("*", unit)) or {}
-                lower, upper, confidence = (stored.get(key) for key in ("lower", "upper", "confidence"))
-                interval = Interval(lower, upper, None, confidence or 0.0, "interval stored in the result")
-                yield f"{start}{name}", EstimatedValue(value, interval if confidence else None)
+                stored = _at(document, f"{place}.{interval_path}".replace("*", unit))
+                yield f"{start}.{name}", EstimatedValue(value, None if stored is None else stored_interval(stored))
         for i, axis in enumerate("" if names else "xyz"):
-            variance = _at(document, f"{place}centred_covariance_{unit}2.{i}.{i}")
+            variance = _at(document, f"{place}.centred_covariance_{unit}2.{i}.{i}")
             if variance is not None:
-                yield f"{start}sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
+                yield f"{start}.sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
 
 
-def _stages(document: Document) -> tuple[tuple[str, str, str], ...]:
-    """Return the stages of a fit; without held-out poses, the stages on calibration poses take their place."""
-    if _at(document, "after.held_out") is not None:
-        return _STAGES
-    return tuple((start.replace("held_out", "fitted"), stage, "fitted") for start, stage, _ in _STAGES[:3])
+def stored_interval(stored: Document) -> Interval:
+    """Return the interval that a result stores, under the names of an interval or of a gain."""
+    lower, upper = stored.get("lower", stored.get("low")), stored.get("upper", stored.get("high"))
+    method = stored.get("method") or "interval stored in the result"
+    return Interval(
+        lower, upper, stored.get("upper_bound"), stored.get("confidence") or 0.95, method, stored.get("why")
+    )
 
 
-def _errors(document: Document, command: str, n: int) -> Iterator[tuple[str, ErrorSet]]:
-    places = []
-    if command == "estimate":
-        places = [("", "poses", n, "{0}.errors_{1}")]
-    for start, stage, kind in _stages(document) if command in FITS else ():
-        poses, name = "poses", stage
-        if kind == "held_out" and document.get("poses_apart") is not None:
-            poses = "poses_apart"
-        elif kind == "held_out":
-            name = f"held_out_{stage}"
-        size = n if poses == "poses" else len(document[poses]["line"])
-        places.append((start, poses, size, f"{poses}.errors_{{1}}.{name}"))
-    for start, path, size, errors in places:
-        poses_of_rows = ComparedPoses(
-            size,
-            _column(document, f"{path}.q", size, 0),
-            _column(document, f"{path}.commanded_m", size, 3),
-            _column(document, f"{path}.pose", size),
-            _column(document, f"{path}.target", size),
-        )
-        for quantity in _QUANTITIES:
-            vectors = _column(document, errors.format(quantity, unit_of(quantity)), size, 3)
-            if vectors is not None and size:
-                independent = _at(document, f"{quantity}.independent_poses") if command == "estimate" else None
-                yield f"{start}{quantity}", ErrorSet(vectors, poses_of_rows, independent)
+def errors_behind(document: Document, place: str) -> ErrorSet | None:
+    """Return the errors behind the figures of a place; None if the result does not list them.
 
+    Args:
+        document: The JSON document of a result.
+        place: ``position`` of an estimate, ``after.held_out.position`` of a fit …; its metrics count outliers.
 
-def _scale(grade: Document) -> Scale | None:
-    """Return the grade scale of a result, if its document stores the complete scale."""
-    if any(grade.get(key) is None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
+    Raises:
+        ValueError: The lists of the document do not belong together.
+    """
+    *stage, quantity = place.split(".")
+    if quantity not in _QUANTITIES or stage[1:] not in ([], ["fitted"], ["held_out"]):
         return None
-    steps = [GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]]
-    return Scale(grade["scale"], grade["statistic"], grade["confidence"], tuple(steps), grade["otherwise"])
+    unit, rows, kind = unit_of(quantity), "poses", "poses"
+    path = f"{quantity}.errors_{unit}"
+    if stage:
+        name = stage[0]
+        if stage[1:] == ["held_out"] and document.get("poses_apart") is not None:
+            rows, kind = "poses_apart", "holdout"
+        elif stage[1:] == ["held_out"]:
+            name = f"held_out_{name}"
+        path = f"{rows}.errors_{unit}.{name}"
+    n = document.get("n_poses", 0) if rows == "poses" else len(document[rows]["line"])
+    vectors, groups = _column(document, path, n, 3), _column(document, f"{rows}.group", n)
+    if vectors is None or n == 0:
+        return None
+    return ErrorSet(
+        vectors,
+        np.arange(n) if groups is None else np.unique(groups, return_inverse=True)[1].astype(np.int64),
+        _column(document, f"{rows}.q", n, 0),
+        _column(document, f"{rows}.commanded_m", n, 3),
+        _column(document, f"{rows}.pose", n),
+        _column(document, f"{rows}.target", n),
+        tuple(entry["sha256"] for entry in document.get("inputs", ()) if entry["kind"] == kind),
+        None if stage else _at(document, f"{quantity}.independent_poses"),
+    )
 
 
 def _provenance(document: Document, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
+
+import numpy as np
 
 from robacc.gates.gate_file import GateCriterion
 from robacc.statistics.confidence_curves import ASSURANCE, ConfidenceCurve, smallest_sufficient
@@ -83,15 +84,11 @@ class BoundCurve:
     def bound(self, level: float) -> float | None:
         """Return the upper bound of the true value at confidence ``level``; None outside the known bounds."""
         z = round(normal_quantile(level), 9)
-        if not self.z or not self.z[0] <= z <= self.z[-1]:
+        if z in self.z:
+            return self.bounds[self.z.index(z)]
+        if not self.z or not self.z[0] < z < self.z[-1]:
             return None
-        i = min(max(bisect_left(self.z, z), 1), len(self.z) - 1)
-        if len(self.z) == 1 or self.z[i] == z:
-            return self.bounds[i]
-        if self.z[i - 1] == z:
-            return self.bounds[i - 1]
-        low, high = self.scale(self.bounds[i - 1]), self.scale(self.bounds[i])
-        between = low + (high - low) * (z - self.z[i - 1]) / (self.z[i] - self.z[i - 1])
+        between = float(np.interp(z, self.z, [self.scale(bound) for bound in self.bounds]))
         return math.exp(between) if self.positive else between
 
     def below(self, limit: float) -> float | None:
@@ -105,10 +102,7 @@ class BoundCurve:
         scaled_limit = self.scale(limit)
         scaled = [self.scale(bound) for bound in self.bounds]
         if scaled[0] <= scaled_limit <= scaled[-1]:
-            i = min(max(bisect_left(scaled, scaled_limit), 1), len(scaled) - 1)
-            step = scaled[i] - scaled[i - 1]
-            share = 1.0 if step == 0.0 else (scaled_limit - scaled[i - 1]) / step
-            return normal_cdf(self.z[i - 1] + share * (self.z[i] - self.z[i - 1]))
+            return normal_cdf(float(np.interp(scaled_limit, scaled, self.z)))
         above = scaled_limit > scaled[-1]
         if not (self.has_upper if above else self.has_lower):
             return None
@@ -165,13 +159,13 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
         return ()
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
-    points = []
-    for k in range(_STEPS + 1):
-        # Distance of the true value above the limit, in standard errors.
-        distance = _AROUND_LIMIT * (2.0 * k / _STEPS - 1.0)
-        place = centre + distance * error
-        points.append((math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift)))
-    return tuple(points)
+    # Distances of the true value above the limit, in standard errors.
+    distances = [_AROUND_LIMIT * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
+    places = [centre + distance * error for distance in distances]
+    return tuple(
+        (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
+        for place, distance in zip(places, distances, strict=True)
+    )
 
 
 Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]

@@ -8,14 +8,12 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.comparison.differences import ErrorSample, difference
+from robacc.comparison.differences import Pairing, difference, pair_poses
+from robacc.comparison.reading import ErrorSet, errors_behind, stored_interval
 from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, Outcome, decide, decide_largest, difference_curve
 from robacc.gates.gate_file import KEYS, Gate, GateCriterion
-from robacc.geometry import Array
-from robacc.statistics.intervals import Interval
 from robacc.statistics.records import Statistic
 
 # Values of a result by their short key: the value, its unit, and the bounds that the result or its poses give.
@@ -23,22 +21,6 @@ from robacc.statistics.records import Statistic
 MOST_POSES = 20_000
 """With more poses, the stored interval is as good as a recomputed one and costs nothing."""
 _DIMENSIONS = {"m": "length", "rad": "angle"}
-
-
-@dataclass(frozen=True, slots=True)
-class GateSample:
-    """Errors of every pose behind a figure."""
-
-    errors: Array
-    """``(3, N)`` m or rad"""
-    groups: NDArray[np.int64]
-    """``(N,)`` number of each row's commanded pose."""
-    rows: NDArray[np.int64]
-    """``(N,)`` index of each row in the file, from 0."""
-    commanded: Array | None
-    """``(3, N)`` commanded position of the target, m."""
-    file: str | None
-    """SHA-256 of the file of poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,73 +93,33 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     statistic = key.rpartition(".")[2]
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
     n = next((int(count) for count in map(_number, counts) if count is not None), None)
-    interval = next((_interval(entry) for entry in stored if isinstance(entry, Mapping)), None)
+    interval = next((stored_interval(entry) for entry in stored if isinstance(entry, Mapping)), None)
     curve = None
     if interval is not None:
         # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
-    sample = sample_at(document, key)
-    if sample is not None and statistic in ("rms", "mean_error", "p95") and sample.rows.size <= MOST_POSES:
-        n = int(np.unique(sample.groups).size)
-        share = (_number(holder.get("independent_poses")) or n) / n
+    errors = _errors_behind(document, key)
+    if errors is not None and statistic in ("rms", "mean_error", "p95") and errors.groups.size <= MOST_POSES:
+        n = errors.n_groups
+        share = (errors.independent_poses or n) / n
         statistics = length_intervals(
-            sample.errors, _levels(confidence), groups=sample.groups, share=share, seed=document.get("seed") or 0
+            errors.vectors, _levels(confidence), groups=errors.groups, share=share, seed=document.get("seed") or 0
         )
         curve = BoundCurve.through([by_name[cast("Statistic", statistic)] for by_name in statistics])
     return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
 
 
+def _errors_behind(document: Mapping[str, Any], key: str) -> ErrorSet | None:
+    try:
+        return errors_behind(document, key.rpartition(".")[0])
+    except ValueError as error:
+        raise NoValueError(f"the result's lists do not belong together: {error}") from None
+
+
 def _levels(confidence: float) -> list[float]:
     """Return the confidences of the intervals behind a curve that has bounds at ``confidence``."""
     return sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
-
-
-def sample_at(document: Mapping[str, Any], key: str) -> GateSample | None:
-    """Return the errors of the poses behind the statistic of a key; None if the result does not list them.
-
-    The metrics of a stage count outliers; those of inliers have keys of their own.
-    """
-    parts = key.split(".")
-    unit = {"position": "m", "orientation": "rad"}.get(parts[-2]) if len(parts) in (2, 4) else None
-    if unit is None:
-        return None
-    source, place, stage, listed = "poses", document.get("poses"), parts[0], document.get(parts[0])
-    name, kind = f"errors_{unit}", parts[1].removesuffix("_inliers")
-    if len(parts) == 4:
-        if kind not in ("fitted", "held_out"):
-            return None
-        if kind == "held_out" and document.get("poses_apart") is not None:
-            source, place = "holdout", document["poses_apart"]
-        elif kind == "held_out" and stage != "nominal_unregistered":
-            stage = f"held_out_{stage}"
-        listed, name = (place or {}).get(name), stage
-    poses, errors = place or {}, (listed or {}).get(name)
-    if errors is None or poses.get("group") is None:
-        return None
-    rows, groups = np.asarray(errors, dtype=float), np.asarray(poses["group"], dtype=np.int64)
-    flags = poses.get("used") if parts[1].endswith("_inliers") else None
-    used = np.ones(len(rows), dtype=bool) if flags is None else np.asarray(flags, dtype=bool)
-    if rows.ndim != 2 or rows.shape[1] != 3 or used.shape != groups.shape or len(rows) != len(groups) or not used.any():
-        return None
-    commanded = poses.get("commanded_m")
-    digests = [entry["sha256"] for entry in document.get("inputs", ()) if entry.get("kind") == source]
-    return GateSample(
-        rows[used].T,
-        groups[used],
-        np.flatnonzero(used),
-        None if commanded is None else np.asarray(commanded, dtype=float)[used].T,
-        digests[0] if digests and digests[0] else None,
-    )
-
-
-def _interval(stored: Mapping[str, Any]) -> Interval:
-    lower, upper, bound = (
-        _number(stored.get(name, stored.get(other)))
-        for name, other in (("lower", "low"), ("upper", "high"), ("upper_bound", ""))
-    )
-    method = stored.get("method") or "interval stored in the result"
-    return Interval(lower, upper, bound, stored.get("confidence") or 0.95, method, stored.get("why"))
 
 
 def _number(value: Any) -> float | None:
@@ -189,8 +131,6 @@ def _number(value: Any) -> float | None:
 
 # Difference between a figure of a result and the same figure of a baseline: paired where the poses are the same.
 
-_SAME_POSITION = 1e-6
-"""m: commanded positions within this distance belong to the same command; robot files have more digits than that."""
 _PAIRABLE = ("rms", "mean_error", "p95", "max")
 
 
@@ -210,21 +150,24 @@ def difference_to_baseline(
         raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
         raise NoValueError(f"{key} has different units in the result and in the baseline")
-    sample, reference_sample = sample_at(document, key), sample_at(baseline, key)
     statistic = key.rpartition(".")[2]
-    if sample is not None and reference_sample is not None and statistic in _PAIRABLE:
-        if pairs := _matching_rows(sample, reference_sample, criterion.paired):
-            seed, groups = document.get("seed") or 0, np.unique(sample.groups[pairs[0]], return_inverse=True)[1]
-            own, other = (
-                ErrorSample(errors[:, rows], groups)
-                for errors, rows in zip((sample.errors, reference_sample.errors), pairs, strict=True)
-            )
+    samples = [_errors_behind(each, key) for each in (baseline, document)] if statistic in _PAIRABLE else []
+    first, second = samples or (None, None)
+    if first is not None and second is not None:
+        if (pair := _paired(first, second, criterion.paired)) is not None:
             differences = [
-                difference(statistic, other, own, paired=True, confidence=level, seed=seed)
+                difference(
+                    statistic,
+                    pair.first,
+                    pair.second,
+                    paired=True,
+                    confidence=level,
+                    seed=document.get("seed") or 0,
+                )
                 for level in _levels(confidence)
             ]
             curve = BoundCurve.through(each.interval for each in differences)
-            return GateFigure(differences[0].value, figure.dimension, curve, own.n_groups), reference.value
+            return GateFigure(differences[0].value, figure.dimension, curve, pair.n_second), reference.value
     elif criterion.paired:
         raise NoValueError("paired: true needs the error of every pose, which the result or the baseline does not list")
     independent = None
@@ -233,28 +176,25 @@ def difference_to_baseline(
     return GateFigure(figure.value - reference.value, figure.dimension, independent, figure.n), reference.value
 
 
-def _matching_rows(
-    sample: GateSample, reference: GateSample, paired: bool | None
-) -> tuple[NDArray[np.intp], NDArray[np.intp]] | None:
-    """Return the indices of the rows that the two samples share; None if their poses differ.
+def _paired(baseline: ErrorSet, errors: ErrorSet, paired: bool | None) -> Pairing | None:
+    """Return the errors by pose, of all poses of both results; None if their poses differ.
 
     Raises:
-        NoValueError: The criterion requires the same poses, and the samples differ in size.
+        NoValueError: The criterion requires the same poses, and the results differ in the number of rows.
     """
     if paired is False:
         return None
-    rows, in_sample, in_reference = np.intersect1d(sample.rows, reference.rows, return_indices=True)
-    same_size = sample.rows.size == reference.rows.size
-    same_poses = sample.file is not None and sample.file == reference.file
-    if not same_poses and sample.commanded is not None and reference.commanded is not None:
-        distance = np.abs(sample.commanded[:, in_sample] - reference.commanded[:, in_reference])
-        same_poses = same_size and rows.size > 0 and bool(np.all(distance < _SAME_POSITION))
-    if paired and not same_poses and not same_size:
+    pair = pair_poses(baseline, errors)
+    if pair.paired and pair.first.n_groups == pair.n_first == pair.n_second:
+        return pair
+    if not paired:
+        return None
+    if errors.groups.size != baseline.groups.size:
         raise NoValueError(
-            f"paired: true needs the same poses, but the result has {sample.rows.size} and the baseline has "
-            f"{reference.rows.size}"
+            f"paired: true needs the same poses, but the result has {errors.groups.size} and the baseline has "
+            f"{baseline.groups.size}"
         )
-    return (in_sample, in_reference) if (same_poses or paired) and rows.size else None
+    return Pairing(baseline, replace(errors, groups=baseline.groups), True, pair.n_first, pair.n_second)
 
 
 COVERAGE_FACTOR = 2.0

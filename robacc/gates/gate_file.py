@@ -176,7 +176,7 @@ def load_gate(text: str, file: str) -> Gate:
         source.report(nodes, "criteria", "the list is empty; a gate needs at least one criterion")
     for index, node in enumerate(items):
         section = source.section(node, f"criteria[{index}]", _KEYS)
-        criterion = None if section is None else _CriterionReader(section, confidence).criterion()
+        criterion = None if section is None else _criterion(section, confidence)
         if criterion is None:
             continue
         if criterion.name in [earlier.name for earlier in criteria]:
@@ -186,139 +186,142 @@ def load_gate(text: str, file: str) -> Gate:
     return Gate(gate_name or "", tuple(criteria))
 
 
-@dataclass(frozen=True, slots=True)
-class _CriterionReader:
-    """Reader of one criterion."""
+def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion | None:
+    """Return a criterion; report its problems and return None if it cannot be read."""
+    from yaml import ScalarNode, SequenceNode
 
-    section: YamlSection
-    confidence: float
-    """Default confidence."""
+    source, n_problems = section.source, len(section.source.problems)
 
-    def report(self, key: str, message: str, fix: str | None = None) -> None:
-        node = self.section.values.get(key, self.section.node)
-        self.section.source.report(node, self.section.at(key), message, fix)
+    def report(name: str, message: str, fix: str | None = None) -> None:
+        source.report(section.values.get(name, section.node), section.at(name), message, fix)
 
-    def text(self, key: str) -> str | None:
-        node = self.section.get(key)
-        return None if node is None else self.section.source.text(node, self.section.at(key))
+    def text(name: str) -> str | None:
+        node = section.get(name)
+        return None if node is None else source.text(node, section.at(name))
 
-    def criterion(self) -> GateCriterion | None:
-        """Return the criterion; report the problems and return None if it cannot be read."""
-        problems = self.section.source.problems
-        n_problems = len(problems)
-        key = None if self.section.require("key") is None else self.text("key")
-        reason = self._reason()
-        if key is None:
-            return None
-        if not is_known(key):
-            self.report("key", f"no result has the key {key!r}", nearest_key(key))
-            return None
-        baseline = self.text("baseline")
-        kind, limit, accepted, at_least = self._limit(key, baseline)
-        rule, confidence = self._rule(kind, baseline)
-        if self.section.get("share") is not None and (not key.endswith(".max") or baseline is not None):
-            self.report("share", "applies only to a largest error (a key ending in .max) without a baseline")
-        share = _between(self.section, "share", DEFAULT_SHARE)
-        paired = self._paired(baseline)
-        if len(problems) > n_problems:
-            return None
-        name = self.text("name") or key
-        return GateCriterion(
-            name, key, kind, limit, accepted, at_least, rule, confidence, share, baseline, paired, reason
-        )
+    def choice(name: str, options: tuple[str, ...]) -> str | None:
+        node = section.get(name)
+        return None if node is None else source.choice(node, section.at(name), options)
 
-    def _reason(self) -> str:
-        """Return the reason for the limit, with several lines joined into one."""
-        from yaml import ScalarNode
+    key = None if section.require("key") is None else text("key")
+    reason = section.require("reason")
+    if reason is not None and not isinstance(reason, ScalarNode):
+        report("reason", "expected text: the reason for the limit")
+    if key is None:
+        return None
+    if not is_known(key):
+        report("key", f"no result has the key {key!r}", nearest_key(key))
+        return None
+    baseline, kind = text("baseline"), KEYS.get(key)
+    given = [name for name in ("limit", "at_least", *_SETTING.values(), "share", "paired") if section.get(name)]
+    limits = [name for name in given if name in ("limit", "at_least")]
+    accepted: tuple[str, ...] = ()
+    limit, is_word, is_list = None, kind in ("word", "grade"), False
+    if is_word and limits == ["limit"]:
+        node = section.values["limit"]
+        is_list = isinstance(node, SequenceNode)
+        texts = [source.text(item, section.at("limit")) for item in (node.value if is_list else [node])]
+        accepted = tuple(text for text in texts if text is not None)
+    elif not is_word and limits:
+        limit, kind = _limit(section, limits[0], key, baseline)
+    elif not is_word:
+        limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
+    kind = kind or "number"
+    default: Rule = "simple" if kind in ("word", "number") else "bound"
+    rule = cast("Rule", choice("rule", tuple(RULES)) or ("guarded_rejection" if baseline is not None else default))
+    setting = _SETTING.get(rule, "")
+    words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
+    missing = "is missing; give a maximum (limit) or a minimum (at_least)"
+    mistakes: tuple[tuple[bool, str, str, str | None], ...] = (
+        (
+            len(limits) == 2,
+            "at_least",
+            "limit (a maximum) and at_least (a minimum) exclude each other",
+            "give only one",
+        ),
+        (not is_word and not limits and baseline is None, "limit", missing, None),
+        (
+            is_word and baseline is not None,
+            "baseline",
+            "only numbers can be compared with a baseline; the value of this key is a word",
+            None,
+        ),
+        (is_word and limits != ["limit"], "limit", f"expected {words}", None),
+        (is_list and kind == "grade", "limit", "expected one grade (better grades meet it too), found a list", None),
+        (is_list and kind == "word" and not accepted, "limit", "the list of words that pass is empty", None),
+        (kind == "word" and rule != "simple", "rule", "a word has no uncertainty; use rule: simple", None),
+        (
+            kind == "grade" and rule in ("guard_band", "guarded_rejection"),
+            "rule",
+            "a grade takes rule: bound, at the confidence of its scale, or rule: simple",
+            None,
+        ),
+        *(
+            (name in given and name != setting, name, f"does not apply to rule: {rule}", f"it belongs to rule: {other}")
+            for other, name in _SETTING.items()
+        ),
+        (
+            kind == "grade" and "confidence" in given,
+            "confidence",
+            "the scale of the grade sets the confidence; remove this key",
+            None,
+        ),
+        (
+            rule == "guard_band" and setting not in given,
+            setting,
+            "is missing; give the accepted risk of a false accept, as in 0.05",
+            None,
+        ),
+        (
+            "share" in given and (not key.endswith(".max") or baseline is not None),
+            "share",
+            "applies only to a largest error (a key ending in .max) without a baseline",
+            None,
+        ),
+        ("paired" in given and baseline is None, "paired", "applies only with a baseline", None),
+    )
+    for applies, name, message, fix in mistakes:
+        if applies:
+            report(name, message, fix)
+    if rule in ("guard_band", "guarded_rejection"):
+        confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)
+    else:
+        confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
+    share, paired = _between(section, "share", DEFAULT_SHARE), choice("paired", ("true", "false"))
+    if len(source.problems) > n_problems or reason is None:
+        return None
+    return GateCriterion(
+        name=text("name") or key,
+        key=key,
+        kind=kind,
+        limit=limit,
+        accepted=accepted,
+        at_least=not is_word and (limits == ["at_least"] or (not limits and key in LARGER_IS_BETTER)),
+        rule=rule,
+        confidence=confidence,
+        share=share,
+        baseline=baseline,
+        paired=None if paired is None else paired == "true",
+        reason=" ".join(reason.value.split()),
+    )
 
-        node = self.section.require("reason")
-        if node is None:
-            return ""
-        if not isinstance(node, ScalarNode):
-            self.report("reason", "expected text: the reason for the limit")
-            return ""
-        return " ".join(node.value.split())
 
-    def _limit(self, key: str, baseline: str | None) -> tuple[Kind, float | None, tuple[str, ...], bool]:
-        """Return the kind of the key, the limit, the accepted words, and whether the limit is a minimum."""
-        kind = KEYS.get(key)
-        limit_keys = [name for name in ("limit", "at_least") if self.section.get(name) is not None]
-        if len(limit_keys) == 2:
-            self.report("at_least", "limit (a maximum) and at_least (a minimum) exclude each other", "give only one")
-        if kind in ("word", "grade"):
-            return kind, None, self._accepted(kind, limit_keys, baseline), False
-        if not limit_keys:
-            if baseline is None:
-                self.report("limit", "is missing; give a maximum (limit) or a minimum (at_least)")
-            # With a baseline, the default question is whether the figure got worse at all.
-            return kind or "number", 0.0, (), key in LARGER_IS_BETTER
-        name, text = limit_keys[0], self.text(limit_keys[0])
-        if text is None:
-            return kind or "number", None, (), False
-        expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
-        limit, dimension = parse_quantity(text) or (None, None)
-        if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
-            units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
-            wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
-            examples = {"length": "as in 0.2 mm", "angle": "as in 0.1 deg", None: "as in 0.2 mm"}
-            self.report(name, f"expected {wanted}, found {text!r}", examples.get(kind))
-        elif limit < 0 and baseline is None and expected is not None and key != "gain":
-            self.report(name, f"{key} is never negative, so no result can meet {text!r}")
-        return kind or dimension or "number", limit, (), name == "at_least"
-
-    def _accepted(self, kind: Kind, limit_keys: list[str], baseline: str | None) -> tuple[str, ...]:
-        """Return the words that pass, or the one grade to meet."""
-        if baseline is not None:
-            self.report("baseline", "only numbers can be compared with a baseline; the value of this key is a word")
-        if limit_keys != ["limit"]:
-            expected = "the grade to meet" if kind == "grade" else "a list of the words that pass"
-            self.report("limit", f"expected {expected}")
-            return ()
-        node = self.section.values["limit"]
-        path = self.section.at("limit")
-        from yaml import SequenceNode
-
-        if kind == "grade" and isinstance(node, SequenceNode):
-            self.report("limit", "expected one grade (better grades meet it too), found a list")
-            return ()
-        nodes = list(node.value) if isinstance(node, SequenceNode) else [node]
-        texts = [self.section.source.text(item, path) for item in nodes]
-        if not texts:
-            self.report("limit", "the list of words that pass is empty")
-        return tuple(text for text in texts if text is not None)
-
-    def _rule(self, kind: Kind, baseline: str | None) -> tuple[Rule, float]:
-        """Return the rule and the confidence of its bounds."""
-        default: Rule = "simple" if kind in ("word", "number") else "bound"
-        rule = default if baseline is None else "guarded_rejection"
-        if (node := self.section.get("rule")) is not None:
-            rule = cast("Rule", self.section.source.choice(node, self.section.at("rule"), tuple(RULES)) or rule)
-        if kind == "word" and rule != "simple":
-            self.report("rule", "a word has no uncertainty; use rule: simple")
-        if kind == "grade" and rule in ("guard_band", "guarded_rejection"):
-            self.report("rule", "a grade takes rule: bound, at the confidence of its scale, or rule: simple")
-        for other, key in _SETTING.items():
-            if other != rule and self.section.get(key) is not None:
-                self.report(key, f"does not apply to rule: {rule}", f"it belongs to rule: {other}")
-        if kind == "grade" and self.section.get("confidence") is not None:
-            self.report("confidence", "the scale of the grade sets the confidence; remove this key")
-        if rule == "simple":
-            return rule, self.confidence
-        setting = _SETTING[rule]
-        if rule == "bound":
-            return rule, _between(self.section, setting, self.confidence)
-        if rule == "guard_band" and self.section.get(setting) is None:
-            self.report(setting, "is missing; give the accepted risk of a false accept, as in 0.05")
-        return rule, 1.0 - _between(self.section, setting, 1.0 - self.confidence, 0.0, 0.5)
-
-    def _paired(self, baseline: str | None) -> bool | None:
-        node = self.section.get("paired")
-        if node is None:
-            return None
-        if baseline is None:
-            self.report("paired", "applies only with a baseline")
-        choice = self.section.source.choice(node, self.section.at("paired"), ("true", "false"))
-        return None if choice is None else choice == "true"
+def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> tuple[float | None, Kind | None]:
+    """Return the limit under ``name`` in m, rad or as a bare number, and its kind; report one that does not fit."""
+    node, path, kind = section.values[name], section.at(name), KEYS.get(key)
+    text = section.source.text(node, path)
+    if text is None:
+        return None, kind
+    expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
+    limit, dimension = parse_quantity(text) or (None, None)
+    if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
+        units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
+        wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
+        example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
+        section.source.report(node, path, f"expected {wanted}, found {text!r}", example)
+    elif limit < 0 and baseline is None and expected is not None and key != "gain":
+        section.source.report(node, path, f"{key} is never negative, so no result can meet {text!r}")
+    return limit, kind or dimension
 
 
 def _between(section: YamlSection, key: str, default: float, low: float = 0.5, high: float = 1.0) -> float:

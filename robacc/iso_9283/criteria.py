@@ -154,15 +154,10 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
             return characteristic("AP", [], confidence, NO_COMMAND)
         angles = None if pose.turn is None or not pose.oriented else tuple(map(estimates.mean, pose.turn))
         axes = tuple(map(estimates.mean, pose.deviation))
-        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position_accuracy(pose.deviation), axes, angles))
+        covariance = np.cov(pose.deviation, ddof=1) / pose.n if pose.n > 1 else np.zeros((3, 3))
+        position = distance(pose.deviation.mean(axis=1), covariance, pose.n - 1)
+        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, axes, angles))
     return characteristic("AP", places, confidence, NO_COMMAND)
-
-
-def position_accuracy(deviation: Array) -> IntervalEstimate:
-    """Return AP_p from deviations ``(3, n)`` of the visits from the command."""
-    n = deviation.shape[1]
-    covariance = np.cov(deviation, ddof=1) / n if n > 1 else np.zeros((3, 3))
-    return distance(deviation.mean(axis=1), covariance, n - 1)
 
 
 def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) -> Characteristic:
@@ -229,25 +224,20 @@ def exchangeability(
     places = []
     for label in [label for label in by_label[0] if all(label in labels for labels in by_label[1:])]:
         shared, groups = zip(*(labels[label] for labels in by_label), strict=True)
-        if (reason := _command_mismatch(shared)) is not None:
-            return characteristic("E", [], confidence, reason)
+        first = shared[0]
+        for pose in shared[1:]:
+            if first.commanded is None or pose.commanded is None:
+                break
+            offset = float(np.linalg.norm(pose.commanded - first.commanded))
+            if offset > _SAME_COMMAND:
+                reason = (
+                    f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
+                    "exchangeability needs the same commanded poses"
+                )
+                return characteristic("E", [], confidence, reason)
         position, _, between = separation(groups, [pose.source for pose in shared], None)
         places.append(IsoCriterion((label,), None, sum(pose.n for pose in shared), position, between=between))
     return characteristic("E", places, confidence, "the files share no commanded pose")
-
-
-def _command_mismatch(poses: Sequence[CommandedPose]) -> str | None:
-    first = poses[0]
-    for pose in poses[1:]:
-        if first.commanded is None or pose.commanded is None:
-            return None
-        offset = float(np.linalg.norm(pose.commanded - first.commanded))
-        if offset > _SAME_COMMAND:
-            return (
-                f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
-                "exchangeability needs the same commanded poses"
-            )
-    return None
 
 
 # Distance accuracy and distance repeatability: clause 7.3 of ISO 9283:1998.
@@ -359,7 +349,10 @@ def drift(
     if all(pose.deviation is not None for pose, _ in divided):
         accurate = [_accuracy_change(*entry) for entry in divided]
     repeated = [_repeatability_change(*entry, seed) for entry in divided]
-    shifted = [_barycentre_shift(*entry) for entry in divided]
+    shifted = []
+    for pose, window_rows in divided:
+        first, *later = (pose.attained[:, rows] for rows in window_rows)
+        shifted.append(_drift_place(pose, [separation([first, visits], ("", ""), None)[0] for visits in later]))
     return (
         characteristic("dAP", accurate, confidence, NO_COMMAND if divided else why, notes),
         characteristic("dRP", repeated, confidence, why, notes),
@@ -429,8 +422,3 @@ def _repeatability_change(pose: CommandedPose, window_rows: Sequence[NDArray[np.
     if pose.turn is not None:
         angle_changes = [changes([threefold_std(angle[rows]) for rows in window_rows]) for angle in pose.turn]
     return _drift_place(pose, changes(repeatabilities), angle_changes)
-
-
-def _barycentre_shift(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> Place:
-    first, *later = (pose.attained[:, rows] for rows in window_rows)
-    return _drift_place(pose, [separation([first, visits], ("", ""), None)[0] for visits in later])

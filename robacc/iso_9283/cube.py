@@ -91,21 +91,16 @@ def fit_cube(points: Array) -> CubeFit | str:
     # A corner's coordinate along each axis is 1/sqrt(3) of its distance from the centre.
     half = mean_radius / math.sqrt(3.0)
     if np.max(np.abs(np.abs(outer) - half)) <= _SIZE_TOLERANCE * mean_radius:
-        return CubeFit(centre, float(half), _rising_plane(outer))
+        slopes = {
+            plane: outer["xy".index(plane[0])] * outer[2] * (1.0 if plane[1] == "+" else -1.0) for plane in PLANES
+        }
+        return CubeFit(centre, float(half), next((plane for plane in PLANES if np.all(slopes[plane] > 0.0)), None))
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
         return "the poses lie in a diagonal plane of a cube whose edges are not parallel to the axes of the base"
     size = f"{sides[0] * 1e3:.0f} mm by {sides[1] * 1e3:.0f} mm"
     return f"the outer poses form a rectangle of {size}; a diagonal plane has sides of 1 : √2"
-
-
-def _rising_plane(outer: Array) -> Plane | None:
-    for plane in PLANES:
-        slopes = np.sign(outer["xy".index(plane[0])] * outer[2])
-        if np.all(slopes == slopes[0]) and (slopes[0] > 0) == (plane[1] == "+"):
-            return plane
-    return None
 
 
 # Centres of cubes that an arm reaches, in front of it, the most used place first.
@@ -240,7 +235,15 @@ def propose(
     """
     if edge is not None and not 0.0 < edge < math.inf:
         raise UsageError(f"the cube's edge is a length above 0, not {edge:g} m")
-    single, notes = _single_target(robot, target)
+    if target is not None and target not in robot.targets:
+        names = ", ".join(robot.targets) or "one tool without a name"
+        raise UsageError(f"no target {target!r}; the robot file has {names}")
+    single, target_name = robot, target or next(iter(robot.targets), None)
+    if target_name is not None:
+        single = dataclasses.replace(robot, tool=robot.targets[target_name], targets={})
+    notes = []
+    if target is None and len(robot.targets) > 1:
+        notes = [f"for the target {target_name}, the first of {len(robot.targets)}"]
     # In the base's axes, to which the cube's edges are parallel.
     arm = Arm.of(dataclasses.replace(single, base=Frame(), effects=()))
     base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
@@ -255,7 +258,6 @@ def propose(
                 proposal = _best_proposal(arm, reachable[candidate_edge], candidate_edge, plane, candidate)
                 if proposal is not None:
                     all_notes = (*notes, *_notes(robot, proposal, orientation))
-                    target_name = target or next(iter(robot.targets), None)
                     return dataclasses.replace(
                         proposal, poses=base @ proposal.poses, notes=all_notes, target=target_name
                     )
@@ -275,18 +277,6 @@ def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None)
         target=None if proposal.target is None else np.full(visit.size, proposal.target),
         payload=None if payload is None else np.full(visit.size, payload),
     )
-
-
-def _single_target(robot: Robot, target: str | None) -> tuple[Robot, list[str]]:
-    if target is not None and target not in robot.targets:
-        raise UsageError(
-            f"no target {target!r}; the robot file has {', '.join(robot.targets) or 'one tool without a name'}"
-        )
-    if not robot.targets:
-        return robot, []
-    name = target or next(iter(robot.targets))
-    notes = [] if target or len(robot.targets) == 1 else [f"for the target {name}, the first of {len(robot.targets)}"]
-    return dataclasses.replace(robot, tool=robot.targets[name], targets={}), notes
 
 
 def _notes(robot: Robot, proposal: Proposal, requested: Orientation | None) -> list[str]:

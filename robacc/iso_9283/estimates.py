@@ -15,12 +15,19 @@ import numpy as np
 
 from robacc.geometry import Array
 from robacc.statistics.distributions import normal_quantile, student_quantile
-from robacc.statistics.intervals import EstimateOrReason, Interval, chi2_interval, interpolated, tails
+from robacc.statistics.intervals import (
+    STUDENT,
+    EstimateOrReason,
+    Interval,
+    chi2_interval,
+    interpolated,
+    student_interval,
+    tails,
+)
 from robacc.statistics.lengths import mean_lengths
 from robacc.statistics.multivariate import principal_axes
 from robacc.statistics.quadratic_form import length_probability
 
-STUDENT = "Student's t"
 CHI_SQUARE = "chi-square"
 MOVER = "from the intervals of both estimates (method of variance estimates recovery)"
 ONE_VISIT = "one visit has no scatter to estimate an interval from"
@@ -34,16 +41,10 @@ class IntervalEstimate:
     value: float
     interval_at: Callable[[float], Interval]
     """Interval at a confidence."""
-    lower_at: Callable[[float], float | None] | None = None
-    """Lower limit alone, where it costs less; the largest of many estimates needs it at a stricter confidence."""
 
     def __post_init__(self) -> None:
         """Cache the intervals: each place and the largest over places use the same ones."""
         object.__setattr__(self, "interval_at", lru_cache(maxsize=8)(self.interval_at))
-
-    def lower(self, confidence: float) -> float | None:
-        """Return the lower limit of the interval at a confidence."""
-        return self.interval_at(confidence).lower if self.lower_at is None else self.lower_at(confidence)
 
     def figure(self, confidence: float) -> EstimateOrReason:
         """Return the number with its interval at a confidence."""
@@ -59,29 +60,13 @@ def student(value: float, standard_error: float, dof: float, method: str = STUDE
     """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
     if dof < 1:
         return without_interval(value, ONE_VISIT)
-
-    def interval_at(confidence: float) -> Interval:
-        below, _, bound = (
-            normal_quantile(probability) if math.isinf(dof) else student_quantile(probability, dof)
-            for probability in tails(confidence)
-        )
-        return Interval(
-            value + below * standard_error,
-            value - below * standard_error,
-            value + bound * standard_error,
-            confidence,
-            method,
-        )
-
-    return IntervalEstimate(value, interval_at)
+    return IntervalEstimate(value, lambda confidence: student_interval(value, standard_error, dof, confidence, method))
 
 
 def mean(values: Array, offset: float = 0.0) -> IntervalEstimate:
     """Return the mean of ``values`` ``(n,)`` minus ``offset``, by Student's t."""
-    value = float(np.mean(values)) - offset
-    if values.size < 2:
-        return without_interval(value, ONE_VISIT)
-    return student(value, float(np.std(values, ddof=1)) / math.sqrt(values.size), values.size - 1)
+    deviation = float(np.std(values, ddof=1)) if values.size > 1 else 0.0
+    return student(float(np.mean(values)) - offset, deviation / math.sqrt(values.size), values.size - 1)
 
 
 def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
@@ -95,11 +80,7 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
         bound = abs(signed.value) + (interval.upper_bound - signed.value)
         return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
 
-    def lower_at(confidence: float) -> float | None:
-        lower = signed.lower(confidence) if signed.value >= 0.0 else interval_at(confidence).lower
-        return None if lower is None else max(lower, 0.0)
-
-    return IntervalEstimate(abs(signed.value), interval_at, lower_at)
+    return IntervalEstimate(abs(signed.value), interval_at)
 
 
 def threefold_std(values: Array) -> IntervalEstimate:
@@ -149,26 +130,22 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
     missing = next((interval for interval in intervals if interval.upper is None), None)
     if missing is not None or len(estimates) == 1:
         return largest, EstimateOrReason(value, missing or intervals[0])
-    lower = _lower_of_largest(estimates, confidence)
+    adjusted, lower = 1.0 - (1.0 - confidence) / len(estimates), 0.0
+    for plain, i in sorted(((interval.lower or 0.0, i) for i, interval in enumerate(intervals)), reverse=True):
+        # A limit at a stricter confidence is lower, so that the first few decide.
+        if plain <= lower:
+            break
+        lower = max(lower, estimates[i].interval_at(adjusted).lower or 0.0)
     upper = max(interval.upper or 0.0 for interval in intervals)
     upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
     method = f"{intervals[largest].method}; largest of {len(estimates)}"
     return largest, EstimateOrReason(value, Interval(lower, upper, upper_bound, confidence, method))
 
 
-def _lower_of_largest(estimates: Sequence[IntervalEstimate], confidence: float) -> float:
-    adjusted = 1.0 - (1.0 - confidence) / len(estimates)
-    return max(estimate.lower(adjusted) or 0.0 for estimate in estimates)
-
-
 def largest_estimate(estimates: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Return the largest of the estimates' true values, as an estimate."""
     value = max(estimate.value for estimate in estimates)
-    return IntervalEstimate(
-        value,
-        lambda confidence: largest_figure(estimates, confidence)[1].interval,
-        lambda confidence: _lower_of_largest(estimates, confidence),
-    )
+    return IntervalEstimate(value, lambda confidence: largest_figure(estimates, confidence)[1].interval)
 
 
 # Length of a mean vector with its interval: the distance between barycentres.
@@ -232,12 +209,9 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         )
         return Interval(solve(tail, True), upper, bound, confidence, NONCENTRAL)
 
-    def lower_at(confidence: float) -> float:
-        return solve(0.5 * (1.0 - confidence), True)
-
     if not np.any(variances > 0.0):
         return IntervalEstimate(value, lambda confidence: Interval.exact(value, confidence))
-    return IntervalEstimate(value, interval_at, lower_at)
+    return IntervalEstimate(value, interval_at)
 
 
 def _likeliest_mean(components: Array, variances: Array, length: float) -> Array:

@@ -18,7 +18,6 @@ from robacc.iso_9283.criteria import (
     drift,
     exchangeability,
     multidirectional,
-    position_accuracy,
     repeatability,
 )
 from robacc.iso_9283.cube import PREFERRED_EDGES, PREFERRED_SIZES, fit_cube
@@ -130,8 +129,11 @@ def _load(loads: list[Array], rated: float | None) -> Finding:
 
 
 def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
-    if any(_from_order(data) for data in files):
-        return "unknown", "speeds are derived from the order of rows: they are relative, not absolute"
+    for data, speed in zip(files, speeds, strict=True):
+        if data.q is not None:
+            visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+            if np.allclose(speed, motion_between_visits(data.q, visits)[1], atol=1e-9):
+                return "unknown", "speeds are derived from the order of rows: they are relative, not absolute"
     fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])
     fastest = fastest[fastest > 0.0]
     if fastest.size == 0:
@@ -140,14 +142,6 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
         extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
         return "not met", f"the fastest joint's speed varies {extent}"
     return _rated_share(float(fastest.mean()), _VELOCITIES, "the fastest joint's last motion", "velocity")
-
-
-def _from_order(data: Measurements) -> bool:
-    """Return True if the speeds are derived from the rows' order, which makes them relative."""
-    if data.speed is None or data.q is None:
-        return False
-    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
-    return bool(np.allclose(data.speed, motion_between_visits(data.q, visits)[1], atol=1e-9))
 
 
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
@@ -242,13 +236,24 @@ def iso9283(
         raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
     if rated_load is not None and not 0.0 < rated_load < np.inf:
         raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
-    sources = _file_names(files)
+    names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
+    sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
     commands = [
         None if robot is None and data.commanded_position is None else commanded_poses(data, robot) for data in files
     ]
     nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
-    _check_count(nominal_poses)
+    problems = [
+        Problem(
+            f"has {len(poses)} commanded poses; the standard's criteria need a few poses, at most {_MAX_POSES}",
+            poses[0].source,
+            fix="name the commanded poses in a column pose; the command estimate takes poses that are visited once",
+        )
+        for poses in nominal_poses
+        if len(poses) > _MAX_POSES
+    ]
+    if problems:
+        raise InputError(problems)
     if align and robot is None and any(data.commanded_position is None for data in files):
         raise UsageError(
             "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
@@ -289,34 +294,9 @@ def iso9283(
     )
 
 
-def _file_names(files: Sequence[Measurements]) -> list[str]:
-    """Return a unique name for each file."""
-    names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
-    return [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
-
-
-def _check_count(poses_by_file: Sequence[Sequence[CommandedPose]]) -> None:
-    """Reject files with too many commanded poses, in which few poses are visited again.
-
-    Raises:
-        InputError: A file has too many commanded poses.
-    """
-    problems = [
-        Problem(
-            f"has {len(poses)} commanded poses; the standard's criteria need a few poses, at most {_MAX_POSES}",
-            poses[0].source,
-            fix="name the commanded poses in a column pose; the command estimate takes poses that are visited once",
-        )
-        for poses in poses_by_file
-        if len(poses) > _MAX_POSES
-    ]
-    if problems:
-        raise InputError(problems)
-
-
 def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
     """Return the largest AP_p, m."""
-    return max(position_accuracy(pose.deviation).value for pose in poses if pose.deviation is not None)
+    return max(float(np.linalg.norm(pose.deviation.mean(axis=1))) for pose in poses if pose.deviation is not None)
 
 
 def _positions_in_shared_frame(

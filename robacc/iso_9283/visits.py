@@ -84,53 +84,47 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
     if data.target is not None:
         targets = np.unique(data.target, return_inverse=True)[1]
         groups = np.unique(groups * (targets.max() + 1) + targets, return_inverse=True)[1]
-    commanded_block = None if commanded is None else commanded.block(slice(0, data.n))
+    commands = None if commanded is None else commanded.block(slice(0, data.n))
     _, first = np.unique(groups, return_index=True)
     members = np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
     order = np.argsort(first, kind="stable")
-    return tuple(
-        _commanded_pose(data, members[i], commanded_block, index, source, number) for index, i in enumerate(order)
-    )
+    poses = []
+    for index, i in enumerate(order):
+        rows = members[i]
+        if data.time is not None:
+            rows = rows[np.argsort(data.time[rows], kind="stable")]
+        attained = data.position[:, rows]
+        position, rotation = (
+            None if part is None else part[..., rows] for part in ((None, None) if commands is None else commands)
+        )
+        reference, turn, at_pole = _turns(data, rows, rotation)
+        label = f"pose {index + 1}" if data.pose is None else str(data.pose[rows[0]])
+        if data.target is not None and np.unique(data.target).size > 1:
+            label += f" {data.target[rows[0]]}"
+        poses.append(
+            CommandedPose(
+                label=label,
+                source=source,
+                number=number,
+                rows=rows,
+                attained=attained,
+                commanded=None if position is None else position[:, 0],
+                deviation=None if position is None else attained - position,
+                reference=reference,
+                turn=turn,
+                oriented=rotation is not None,
+                at_pole=at_pole,
+                cycle=None if data.cycle is None else data.cycle[rows],
+                time=None if data.time is None else data.time[rows],
+                direction=None if data.direction is None else data.direction[:, rows],
+            )
+        )
+    return tuple(poses)
 
 
 def wrapped(angle: Array) -> Array:
     """Return the same angle in (-pi, pi]."""
     return np.asarray(np.pi - (np.pi - angle) % (2.0 * np.pi))
-
-
-def _commanded_pose(
-    data: Measurements,
-    rows: NDArray[np.int64],
-    commanded: tuple[Array, Array | None] | None,
-    index: int,
-    source: str,
-    number: int,
-) -> CommandedPose:
-    if data.time is not None:
-        rows = rows[np.argsort(data.time[rows], kind="stable")]
-    attained = data.position[:, rows]
-    commanded_position = None if commanded is None else commanded[0][:, rows]
-    commanded_rotation = None if commanded is None or commanded[1] is None else commanded[1][..., rows]
-    reference, turn, at_pole = _turns(data, rows, commanded_rotation)
-    label = f"pose {index + 1}" if data.pose is None else str(data.pose[rows[0]])
-    if data.target is not None and np.unique(data.target).size > 1:
-        label += f" {data.target[rows[0]]}"
-    return CommandedPose(
-        label=label,
-        source=source,
-        number=number,
-        rows=rows,
-        attained=attained,
-        commanded=None if commanded_position is None else commanded_position[:, 0],
-        deviation=None if commanded_position is None else attained - commanded_position,
-        reference=reference,
-        turn=turn,
-        oriented=commanded_rotation is not None,
-        at_pole=at_pole,
-        cycle=None if data.cycle is None else data.cycle[rows],
-        time=None if data.time is None else data.time[rows],
-        direction=None if data.direction is None else data.direction[:, rows],
-    )
 
 
 def _turns(

@@ -34,8 +34,9 @@ from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quan
 # Resamples of poses for the bootstrap.
 
 
+@lru_cache(maxsize=4)
 def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Array:
-    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``, read-only."""
+    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``, read-only; kept for reuse."""
     indices = np.random.default_rng(seed).integers(size, size=(draws, size))
     indices += size * np.arange(draws)[:, None]
     counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
@@ -43,6 +44,7 @@ def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Arra
     return counts
 
 
+STUDENT = "Student's t"
 FEWEST_FOR_BOOTSTRAP = 10
 """Fewer poses give too few distinct resamples for meaningful quantiles."""
 MOST_FOR_BOOTSTRAP = 1000
@@ -145,6 +147,17 @@ def chi2_interval(value: float, dof: float, confidence: float, method: str) -> I
     return Interval(low, high, bound, confidence, method, curve=ChiSquareCurve(value, dof))
 
 
+def student_interval(
+    value: float, standard_error: float, dof: float, confidence: float, method: str = STUDENT
+) -> Interval:
+    """Return the interval of a number whose standard error has ``dof`` degrees of freedom; infinite: normal."""
+    lower, upper, bound = (
+        value + standard_error * (normal_quantile(p) if math.isinf(dof) else student_quantile(p, dof))
+        for p in tails(confidence)
+    )
+    return Interval(lower, upper, bound, confidence, method)
+
+
 def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
     """Return the interval of a covariance from the variances and covariance of Gaussian data.
 
@@ -164,11 +177,6 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
         scale * (correlation - math.hypot(plus * below, minus * above)),
         scale * (correlation + math.hypot(plus * above, minus * below)),
     )
-
-
-def share_below_maximum(n: float, confidence: float) -> float:
-    """Return the share of poses below the largest of ``n`` with ``confidence``: (1 - confidence)^(1/n)."""
-    return float((1.0 - confidence) ** (1.0 / n))
 
 
 @lru_cache(maxsize=64)
@@ -257,10 +265,6 @@ class PoseSampling:
             return values
         return np.bincount(self.groups, weights=values).astype(float)
 
-    def counts(self) -> Array:
-        """Return how often each resample contains each pose, ``(draws, n_groups)``; every quantity shares them."""
-        return _shared_counts(self.n_groups, self.draws, self.seed)
-
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
         deviations = self.sums(values - float(np.mean(values)))
@@ -300,7 +304,7 @@ class PoseSampling:
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
-        counts, sizes = self.counts(), self.sizes
+        counts, sizes = resampled_counts(self.n_groups, self.draws, self.seed), self.sizes
         sums = self.sums(values - mean)
         size = self.n_groups
         totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
@@ -316,9 +320,3 @@ class PoseSampling:
         root = np.sqrt(np.maximum(mean + shift, 0.0))
         result = 2.0 * root * (root - math.sqrt(mean)) / error
         return result
-
-
-@lru_cache(maxsize=1)
-def _shared_counts(size: int, draws: int, seed: int) -> Array:
-    """Return :func:`resampled_counts`, kept because position and orientation share them."""
-    return resampled_counts(size, draws, seed)

@@ -275,12 +275,20 @@ class LengthShape(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Interpolated:
-    """F of many lengths at once: the logit of F is a polynomial in the logarithm of the squared length.
+class ScaledPercentileCurve:
+    """Confidence curve of the ``p`` quantile of lengths, from the sample's own percentile.
 
-    The square of ``constant``, the part of the mean along axes without scatter, is subtracted from that of the length.
+    F of many lengths at once: the logit of F is a polynomial in the logarithm of the squared length. The square of
+    ``constant``, the part of the mean along axes without scatter, is subtracted from that of the length.
     """
 
+    value: float
+    """Percentile of the sample."""
+    n: int
+    """Number of independent lengths."""
+    p: float
+    true: float
+    """``p`` quantile of the shape."""
     constant: float
     logit: np.polynomial.Chebyshev
     slope: np.polynomial.Chebyshev
@@ -288,8 +296,11 @@ class _Interpolated:
     longest: float
 
     @classmethod
-    def of(cls, shape: LengthShape) -> _Interpolated:
-        """Interpolate between the quantiles :data:`_LEAST` and :data:`_MOST`."""
+    def of(cls, value: float, n: int, p: float, shape: LengthShape) -> ScaledPercentileCurve:
+        """Return the curve of the percentile ``value`` of ``n`` lengths.
+
+        F is interpolated between its quantiles :data:`_LEAST` and :data:`_MOST`.
+        """
         shortest, longest = length_quantile(_LEAST, *shape), length_quantile(_MOST, *shape)
         constant = math.sqrt(float(np.sum(np.square(shape.mean[shape.variances == 0.0]))))
 
@@ -303,7 +314,8 @@ class _Interpolated:
 
         domain = [math.log(length**2 - constant**2) for length in (shortest, longest)]
         fitted = np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
-        return cls(constant, fitted, fitted.deriv(), shortest, longest)
+        true = length_quantile(p, *shape)
+        return cls(value, n, p, true, constant, fitted, fitted.deriv(), shortest, longest)
 
     def shares(self, lengths: Array) -> Array:
         """Return F; beyond the range, of its ends."""
@@ -315,11 +327,11 @@ class _Interpolated:
         shares, squares = self.shares(lengths), np.square(lengths) - self.constant**2
         return np.asarray(shares * (1.0 - shares) * self.slope(np.log(squares)) * 2.0 * lengths / squares)
 
-    def share_below(self, value: float, n: int, p: float) -> float:
-        """Return the probability that the ``p`` percentile of ``n`` lengths is below ``value``."""
+    def share_below(self, value: float, n: int) -> float:
+        """Return the probability that the percentile of ``n`` lengths is below ``value``."""
         if not self.shortest < value < self.longest:
             return float(value >= self.longest)
-        rank = 1.0 + (n - 1.0) * p
+        rank = 1.0 + (n - 1.0) * self.p
         k = min(math.floor(rank), n - 1)
         w = rank - k
         share = float(self.shares(np.array([value]))[0])
@@ -338,30 +350,11 @@ class _Interpolated:
         integrand = np.exp(scale + k * np.log(lower) + (n - k - 1.0) * np.log(upper)) * self.densities(lengths)
         return min(below + 0.5 * reach * float(_WEIGHTS @ integrand), 1.0)
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ScaledPercentileCurve:
-    """Confidence curve of the ``p`` quantile of lengths, from the sample's own percentile."""
-
-    value: float
-    """Percentile of the sample."""
-    n: int
-    """Number of independent lengths."""
-    p: float
-    true: float
-    """``p`` quantile of the shape."""
-    lengths: _Interpolated
-
-    @classmethod
-    def of(cls, value: float, n: int, p: float, shape: LengthShape) -> ScaledPercentileCurve:
-        """Return the curve of the percentile ``value`` of ``n`` lengths."""
-        return cls(value, n, p, length_quantile(p, *shape), _Interpolated.of(shape))
-
     def below(self, value: float) -> float:
         """See :class:`robacc.statistics.confidence_curves.ConfidenceCurve`."""
         if value <= 0.0:
             return 0.0
-        return 1.0 - self.lengths.share_below(self.true * self.value / value, self.n, self.p)
+        return 1.0 - self.share_below(self.true * self.value / value, self.n)
 
     def interval(self, confidence: float, method: str) -> Interval:
         """Return the interval; the curve at each of its bounds is that bound's level."""
@@ -376,19 +369,19 @@ class ScaledPercentileCurve:
         def suffices(poses: int) -> bool:
             # The bound is the sample's percentile over this ratio, so the percentile must be below limit times it.
             reach = limit / self.value * self._ratio(1.0 - confidence, poses)
-            return self.lengths.share_below(self.true * reach, poses, self.p) >= ASSURANCE
+            return self.share_below(self.true * reach, poses) >= ASSURANCE
 
         return smallest_sufficient(suffices, 2.0 * n)
 
     def _ratio(self, level: float, n: int) -> float:
         """Return the quantile of the sample's percentile over the true percentile."""
-        low, high = (self.lengths.shortest, 0.0), (self.lengths.longest, 1.0)
+        low, high = (self.shortest, 0.0), (self.longest, 1.0)
 
         def on_chord() -> float:
             return low[0] + (high[0] - low[0]) * (level - low[1]) / (high[1] - low[1])
 
         for step in range(_HALVINGS + _CHORDS):
             length = 0.5 * (low[0] + high[0]) if step < _HALVINGS else on_chord()
-            middle = length, self.lengths.share_below(length, n, self.p)
+            middle = length, self.share_below(length, n)
             low, high = (middle, high) if middle[1] < level else (low, middle)
         return on_chord() / self.true

@@ -127,7 +127,7 @@ def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     result = estimate(data, robot)
     assert result.commanded == "robot"
     assert result.orientation is None
-    assert any("the cmd_ columns count only without" in note for note in result.warnings)
+    assert any("the cmd_ columns count only without `robot`" in text for text in result.warnings)
     assert any("no orientation was measured" in note for note in result.notes)
     np.testing.assert_allclose(result.errors.position, d, atol=3e-15)
     np.testing.assert_allclose(estimate(data).errors.position, 0, atol=0)

@@ -314,8 +314,7 @@ def test_probability_is_the_confidence_between_the_limits() -> None:
         [within[0], within[1] - within[0], within[2] - within[1], 1.0 - within[2]], abs=1e-9
     )
     assert result.probability == shares[result.grade]
-    assert result.probability_within("C") == pytest.approx(within[2])
-    assert result.probability_within("Z") is None
+    assert result.probability_within(2) == pytest.approx(within[2])
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
@@ -364,7 +363,7 @@ def test_position_and_orientation_together() -> None:
         grade(position, None, SCALE),
         grade(error_statistics(errors_like(500, 1e-6), "m"), orientation, SCALE),
     )
-    first, second, joint = (result.probability_within("A") for result in (by_position, by_orientation, combined))
+    first, second, joint = (result.probability_within(0) for result in (by_position, by_orientation, combined))
     assert joint == pytest.approx(first * second, rel=1e-6)
 
 

@@ -72,22 +72,24 @@ def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Pat
 
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
-    from robacc.gates.evaluate import figure_at, sample_at
+    from robacc.comparison.reading import errors_behind
+    from robacc.gates.evaluate import figure_at
 
     document = json.loads((stored / "calibrate.json").read_text())
     for stage in ("nominal", "before", "after"):
         for kind in ("fitted", "held_out"):
             for quantity in ("position", "orientation"):
                 key = f"{stage}.{kind}.{quantity}.rms"
-                errors, found = sample_at(document, key), figure_at(document, key, 0.95)
-                assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
+                errors, found = errors_behind(document, f"{stage}.{kind}.{quantity}"), figure_at(document, key, 0.95)
+                assert found.value == pytest.approx(float((errors.vectors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
 
 
 @pytest.mark.slow
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
     import numpy as np
 
-    from robacc.gates.evaluate import figure_at, sample_at
+    from robacc.comparison.reading import errors_behind
+    from robacc.gates.evaluate import figure_at
 
     lines = Path(POSES).read_text().splitlines()
     x = lines[1].split(",").index("x")
@@ -99,8 +101,8 @@ def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> No
     traced = document(*command, "--named-only")
     assert np.sum(np.logical_not(traced["poses"]["used"])) == 1
     for key in ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted"):
-        errors, found = sample_at(traced, f"{key}.position.rms"), figure_at(traced, f"{key}.position.rms", 0.95)
-        assert found.value == pytest.approx(float((errors.errors**2).sum(axis=0).mean() ** 0.5))
+        errors, found = errors_behind(traced, f"{key}.position"), figure_at(traced, f"{key}.position.rms", 0.95)
+        assert found.value == pytest.approx(float((errors.vectors**2).sum(axis=0).mean() ** 0.5))
 
 
 def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, tmp_path: Path) -> None:

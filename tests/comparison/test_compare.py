@@ -15,8 +15,8 @@ from scipy import stats
 
 import robacc
 from robacc.comparison.comparing import compare, group_letters, holm, indistinguishable_groups
-from robacc.comparison.differences import SMOOTH, ErrorSample, difference, from_intervals, pair_poses
-from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet
+from robacc.comparison.differences import RESAMPLED, difference, from_intervals, pair_poses
+from robacc.comparison.reading import ComparedResult, ErrorSample, ErrorSet
 from robacc.errors import InputError, UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
 
@@ -45,7 +45,7 @@ def by_hand(statistic: str, vectors: np.ndarray) -> float:
     )
 
 
-@pytest.mark.parametrize("statistic", [*SMOOTH, "p95"])
+@pytest.mark.parametrize("statistic", sorted(RESAMPLED))
 @pytest.mark.parametrize("paired", [True, False])
 def test_a_difference_is_that_of_the_statistics(statistic: str, paired: bool) -> None:
     a, b = errors(seed=1), errors(seed=2, scale=1.3e-4)
@@ -105,7 +105,7 @@ def width(delta: Any) -> float:
     return float(delta.interval.upper - delta.interval.lower)
 
 
-@pytest.mark.parametrize("statistic", [*SMOOTH, "p95"])
+@pytest.mark.parametrize("statistic", sorted(RESAMPLED))
 def test_equal_errors_do_not_differ(statistic: str) -> None:
     delta = difference(statistic, sample(errors()), sample(errors()), paired=True)
     assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
@@ -240,13 +240,14 @@ def test_letters_mean_what_they_say() -> None:
     assert group_letters(28, [(i,) for i in range(28)])[25:] == ["z", "a1", "b1"]
 
 
-def poses(n: int, **changes: Any) -> ComparedPoses:
+def poses(n: int, *columns: Any, **changes: Any) -> ErrorSet:
+    """Errors of n poses: of random joints, or of the given columns q, commanded, pose and target."""
     q = RNG(3).uniform(-2, 2, (6, n))
-    return dataclasses.replace(ComparedPoses(n, q, q[:3], None, None), **changes)
+    return dataclasses.replace(ErrorSet(errors(n), np.arange(n), *(columns or (q, q[:3]))), **changes)
 
 
-def matched(first: ComparedPoses, second: ComparedPoses) -> tuple[bool, int]:
-    pairing = pair_poses(ErrorSet(errors(first.n), first), ErrorSet(errors(second.n, 1), second))
+def matched(first: ErrorSet, second: ErrorSet) -> tuple[bool, int]:
+    pairing = pair_poses(first, second)
     return pairing.paired, pairing.first.n_groups
 
 
@@ -261,15 +262,15 @@ def test_the_same_poses_are_found() -> None:
     assert matched(base, poses(20, q=other, commanded=place + 1.0)) == (False, 20)
     # One arm's poses in another order, and some of them.
     order = RNG(1).permutation(20)
-    assert matched(base, ComparedPoses(20, q[:, order], place[:, order], None, None)) == (True, 20)
-    assert matched(base, ComparedPoses(12, q[:, :12], place[:, :12], None, None)) == (True, 12)
-    assert matched(base, ComparedPoses(5, q[:, :5], place[:, :5], None, None)) == (False, 20)
+    assert matched(base, poses(20, q[:, order], place[:, order])) == (True, 20)
+    assert matched(base, poses(12, q[:, :12], place[:, :12])) == (True, 12)
+    assert matched(base, poses(5, q[:, :5], place[:, :5])) == (False, 20)
 
 
 def test_pairs_belong_together_whatever_the_order() -> None:
     base, order = poses(30), RNG(1).permutation(30)
-    shuffled = ComparedPoses(30, np.asarray(base.q)[:, order], None, None, None)
-    pairing = pair_poses(ErrorSet(errors(30), base), ErrorSet(errors(30)[:, order], shuffled))
+    shuffled = poses(30, np.asarray(base.q)[:, order], vectors=errors(30)[:, order])
+    pairing = pair_poses(base, shuffled)
     gained = difference("rms", pairing.first, pairing.second, paired=pairing.paired)
     assert (gained.value, gained.p_value) == (pytest.approx(0.0, abs=1e-18), 1.0)
 
@@ -277,12 +278,12 @@ def test_pairs_belong_together_whatever_the_order() -> None:
 def test_ids_name_poses_where_joints_are_not_known() -> None:
     names = np.array([f"p{i}" for i in range(10)])
     place = np.asarray(poses(10).commanded)
-    first = ComparedPoses(10, None, place, names, None)
+    first = poses(10, None, place, names)
     order = np.arange(10)[::-1]
-    assert matched(first, ComparedPoses(10, None, place[:, order], names[order], None)) == (True, 10)
+    assert matched(first, poses(10, None, place[:, order], names[order])) == (True, 10)
     # The same ids of other places are other poses.
-    assert matched(first, ComparedPoses(10, None, place[:, order], names, None)) == (False, 10)
-    assert matched(ComparedPoses(10, None, None, None, None), ComparedPoses(10, None, None, None, None)) == (False, 10)
+    assert matched(first, poses(10, None, place[:, order], names)) == (False, 10)
+    assert matched(poses(10, None, None), poses(10, None, None)) == (False, 10)
 
 
 def test_ids_that_the_joints_contradict_do_not_join_poses() -> None:
@@ -293,11 +294,16 @@ def test_ids_that_the_joints_contradict_do_not_join_poses() -> None:
 def test_targets_must_be_the_same() -> None:
     base = poses(4)
     first, second = (dataclasses.replace(base, target=np.array([name] * 4)) for name in ("t1", "t2"))
-    assert pair_poses(ErrorSet(errors(4), first), ErrorSet(errors(4), first)).paired
-    assert not pair_poses(
-        ErrorSet(errors(4), dataclasses.replace(first, q=None)),
-        ErrorSet(errors(4), dataclasses.replace(second, q=None)),
-    ).paired
+    assert pair_poses(first, first).paired
+    assert not pair_poses(dataclasses.replace(first, q=None), dataclasses.replace(second, q=None)).paired
+
+
+def test_rows_of_the_same_file_are_the_same_poses() -> None:
+    """Registration moves the commanded positions, not the rows."""
+    first = poses(20, None, np.zeros((3, 20)), files=("a",))
+    moved = dataclasses.replace(first, commanded=np.ones((3, 20)))
+    assert matched(first, moved) == (True, 20)
+    assert matched(first, dataclasses.replace(moved, files=("b",))) == (False, 20)
 
 
 def made(
@@ -316,7 +322,7 @@ def made(
         "n_poses": n,
         "robot": None,
         "figures": figures,
-        "errors": {} if command == "predict" else {"position": ErrorSet(vectors, poses(n))},
+        "errors": {} if command == "predict" else {"position": poses(n, vectors=vectors)},
         "provenance": {"frame": "tool"},
         "grade": None,
         "scale": None,
@@ -386,19 +392,12 @@ def test_what_was_made_differently_is_warned_of() -> None:
     )
     assert "position.mean_x" not in [row.key for row in comparison.rows]
     assert "position.mean_x" in [row.key for row in compare([made("a", 1), made("b", 2)]).rows]
-    other = dataclasses.replace(
-        made("b", 2), errors={"position": ErrorSet(errors(50, 2), ComparedPoses(50, None, None, None, None))}
-    )
+    other = made("b", 2, errors={"position": poses(50, None, None)})
     assert compare([made("a", 1), other]).warnings == (
         "made differently, poses: a and b have different poses, so their difference cannot be paired",
     )
-    part = made("b", 2)
-    all_errors = part.errors["position"]
-    first_poses = poses(50)
-    first_poses = ComparedPoses(
-        40, np.asarray(first_poses.q)[:, :40], np.asarray(first_poses.commanded)[:, :40], None, None
-    )
-    part = dataclasses.replace(part, errors={"position": ErrorSet(all_errors.vectors[:, :40], first_poses)})
+    q = np.asarray(poses(50).q)[:, :40]
+    part = made("b", 2, errors={"position": poses(40, q, q[:3])})
     assert compare([made("a", 1), part]).warnings == (
         "made differently, poses: a and b share 40 of 50 poses; only these are compared",
     )
@@ -455,7 +454,10 @@ def stored(folder: Path, **changes: Any) -> str:
             "position.errors_m: expected numbers below 1e+09",
         ),
         ({"position": {"rms_m": 1.0}, "poses": {"pose": [1, 2]}}, "r.json, poses.pose[0]: expected text, found 1"),
-        ({"position": {"rms_m": 1.0}, "poses": {"pose": ["1"]}}, "poses.pose: expected 2 rows"),
+        (
+            {"position": {"rms_m": 1.0, "errors_m": [[1, 2, 3], [1, 2, 3]]}, "poses": {"pose": ["1"]}},
+            "poses.pose: expected 2 rows",
+        ),
         ({"position": {"rms_m": 1.0}, "robot": {"name": 3}}, "r.json, robot.name: expected text, found 3"),
         ({}, "r.json: is a result of robacc estimate, but has an unexpected value (no figures to compare)"),
         ({"grade": {"steps": [3]}}, "r.json, grade.steps[0]: expected an object, found 3"),

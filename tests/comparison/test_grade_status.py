@@ -10,7 +10,7 @@ import pytest
 
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.comparison.comparing import GradeStatus, common_scale, grade_statuses
-from robacc.comparison.reading import ComparedPoses, ComparedResult, ErrorSet
+from robacc.comparison.reading import ComparedResult, ErrorSet
 from robacc.errors import UsageError
 from robacc.statistics.intervals import EstimatedValue
 
@@ -34,8 +34,7 @@ def predicted(position: float, orientation: float | None = None) -> ComparedResu
 
 
 def measured(vectors: np.ndarray) -> ComparedResult:
-    n = vectors.shape[1]
-    return result(command="estimate", errors={"position": ErrorSet(vectors, ComparedPoses(n, None, None, None, None))})
+    return result(command="estimate", errors={"position": ErrorSet(vectors, np.arange(vectors.shape[1]))})
 
 
 def status(compared: ComparedResult, grade: str) -> GradeStatus:

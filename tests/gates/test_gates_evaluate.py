@@ -11,6 +11,7 @@ import pytest
 
 from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
+from robacc.comparison.reading import errors_behind
 from robacc.documents.estimate import GRADE
 from robacc.documents.gate import gate_document
 from robacc.documents.parts import STATISTICS
@@ -20,7 +21,6 @@ from robacc.gates.evaluate import (
     NoValueError,
     evaluate_gate,
     figure_at,
-    sample_at,
     value_at,
     word_at,
 )
@@ -153,26 +153,23 @@ def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
     }
 
 
-def test_samples_are_the_rows_that_a_stages_metrics_are_of() -> None:
+def test_errors_are_the_rows_that_a_stages_metrics_are_of() -> None:
     after = errors(n=30)
-    used = np.arange(30) != 7
-    document = stage(after, used)
-    for stage_key, factor in (("after.held_out", 1.1), ("after.fitted", 1.0), ("nominal.held_out", 3.0)):
-        for key, columns in (
-            (f"{stage_key}.position.rms", slice(None)),
-            (f"{stage_key}_inliers.position.rms", used),
-        ):
-            rows = sample_at(document, key)
-            assert rows is not None
-            np.testing.assert_allclose(rows.errors, factor * after[:, columns])
-            assert (7 in rows.rows) == (columns is not used)
-            stage_figure = figure_at(document, key, 0.95)
-            assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.errors**2, axis=0))))
-    apart = {"group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
-    holdout = sample_at({**document, "poses_apart": apart}, "after.held_out.position.rms")
+    document = stage(after, np.arange(30) != 7)
+    for place, factor in (("after.held_out", 1.1), ("after.fitted", 1.0), ("nominal.held_out", 3.0)):
+        rows = errors_behind(document, f"{place}.position")
+        assert rows is not None
+        np.testing.assert_allclose(rows.vectors, factor * after)
+        stage_figure = figure_at(document, f"{place}.position.rms", 0.95)
+        assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.vectors**2, axis=0))))
+    apart = {"line": range(5), "group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
+    holdout = errors_behind({**document, "poses_apart": apart}, "after.held_out.position")
     assert holdout is not None
-    assert holdout.errors.shape == (3, 5)
-    assert sample_at(document, "after.fitted.orientation.rms") is None
+    assert holdout.vectors.shape == (3, 5)
+    assert errors_behind(document, "after.fitted.orientation") is None
+    apart["line"] = range(4)
+    with pytest.raises(NoValueError, match=r"^the result's lists do not belong together: poses_apart\.errors_m\.after"):
+        figure_at({**document, "poses_apart": apart}, "after.held_out.position.rms", 0.95)
 
 
 def test_a_welcome_verdict_needs_poses_held_out_and_says_where_noise_is_not_known() -> None:
@@ -383,6 +380,12 @@ def test_which_poses_are_the_same() -> None:
     moved["poses"]["commanded_m"] = moved["poses"]["commanded_m"] + 1e-3
     assert not (evaluate(entry, moved, b=base).decision.method or "").endswith("paired")
     assert (evaluate(f"{entry}, paired: true", moved, b=base).decision.method or "").endswith("paired")
+    joints = np.random.default_rng(2).uniform(-2.0, 2.0, (N, 6))
+    forward, backward = copy.deepcopy(base), estimate(errors(0)[:, ::-1])
+    forward["poses"]["q"], backward["poses"]["q"], backward["inputs"] = joints, joints[::-1], other["inputs"]
+    backward["poses"]["commanded_m"] = backward["poses"]["commanded_m"][::-1]
+    same = evaluate(entry, backward, b=forward)  # the same poses in another order
+    assert (same.decision.method, same.decision.probability) == ("the same at every pose", 1.0)
     shorter = estimate(errors(0, n=70))
     shorter["inputs"] = moved["inputs"]
     assert evaluate(f"{entry}, paired: true", shorter, b=base).decision.why == (

@@ -82,6 +82,8 @@ class Measurements:
     """``(N,)`` rows that repeat the measured values of an earlier row to the last digit: they show no noise."""
     rows: NDArray[np.int64] | None = None
     """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
+    gaps: tuple[int, ...] = ()
+    """Lines or rows that were left out because a value is missing."""
     counted: Counted = "line"
     source: str | None = None
     """Name of the file as given."""

@@ -112,6 +112,8 @@ class Table:
         self.line = line
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
+        self.sparse: Collection[int] = ()
+        """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
         self.skip_gaps = skip_gaps
         self.remarks: list[str] = []
         """How the table differs from the documented form, and how it came to be, for a message."""
@@ -182,7 +184,7 @@ _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
-    {"lost", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
+    {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
 )
 """Names of a column that says whether a row was measured, and what it says of a row that was not."""
 
@@ -213,6 +215,9 @@ class TextTable(Table):
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
         self.remarks.append(self.dialect.description())
+        again = (line for line in self._pending.lines if self.names[0] in line)
+        self._repeats = any(tuple(self.dialect.split(line)) == self.names for line in again)
+        """Whether the names stand above each block of rows, with other text above them."""
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
@@ -353,7 +358,12 @@ class TextTable(Table):
             if fields is None or self._is_lost(number, fields, numbers, texts):
                 continue
             values.append([self._number(fields[i], number, i) for i in numbers])
-            columns.append([self.text(fields[i], number, self.labels[i]) for i in texts])
+            columns.append(
+                [
+                    "" if i in self.sparse and not fields[i] else self.text(fields[i], number, self.labels[i])
+                    for i in texts
+                ]
+            )
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
@@ -392,8 +402,11 @@ class TextTable(Table):
         """Return whether a row is left out: every value is missing, or one is and the status says not measured."""
         status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
         missing = [fields[i].lower() in GAPS for i in numbers]
-        is_lost = (bool(status & _FAILED) and any(missing)) or (not texts and len(missing) > 1 and all(missing))
-        self.gaps |= {number} if is_lost else set()
+        named = not self.sparse and not all(
+            self.dialect.is_number(fields[i]) for i in texts
+        )  # a number counts the rows
+        is_lost = (bool(status & _FAILED) and any(missing)) or (not named and len(missing) > 1 and all(missing))
+        self.gaps |= {number} if is_lost and not self.sparse else set()
         return is_lost
 
     def _fields(self, number: int, line: str) -> list[str] | None:
@@ -403,6 +416,8 @@ class TextTable(Table):
             self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
         n_fields, expected = len(fields), len(self.labels)
+        if self._repeats and not any(map(self.dialect.is_number, fields)):
+            return None
         if n_fields == expected and any(fields):
             return fields
         if self.skip_gaps and n_fields < expected:

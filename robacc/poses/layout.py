@@ -36,12 +36,13 @@ from robacc.poses.columns import (
     Meaning,
     heading_of,
     is_of_ros,
-    is_pose_word,
+    labelled,
     meaning_of,
+    source_of,
     split_unit,
     time_column,
 )
-from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
+from robacc.poses.reading import AS_NAMED, KnownRobot, Reading, RowKeys
 from robacc.poses.reshaped_tables import advice_on_points
 
 _MAX_LISTED = 6
@@ -189,14 +190,13 @@ def read_layout(
             log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
     names = Names.of(_as_mapped(table, reading), robot)
     layout = documented_columns(table, names, reading)
-    unknown = Counter(name for name in layout.unused if name)
-    for name, count in unknown.items():
-        if count > 1:
-            log.add("the column is a duplicate", line, clip(name), "keep one of them")
     if reading.columns is None and (table.dialect is not PLAIN or _lacks_a_pose(layout, attained, commands)):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
+        unknown = Counter(name for name in layout.unused if name)
+        for name in [name for name, count in unknown.items() if count > 1]:
+            log.add("the column is a duplicate", line, clip(name), "keep one of them")
         for name in [*unknown][:_MAX_WARNINGS]:
             near = documented_name(name) or names.nearest(name)
             log.warn(f"unknown column {clip(name)} is ignored; the nearest known name is {near!r}", line)
@@ -233,7 +233,8 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
     stem, unit = (name, None) if names.key(name) else split_unit(name)
     label = table.names[index]
     if (key := names.key(stem)) is None:
-        return None if reading.columns is None else time_column(name, index, label)
+        is_time = reading.columns is not None or name in ("time", "timestamp", "t")
+        return time_column("time" if name in ("timestamp", "t") else name, index, label) if is_time else None
     kind = names.kind(key)
     fitting = _QUANTITIES.get(kind, ())
     if unit is not None and UNITS[unit][0] not in fitting:
@@ -342,23 +343,51 @@ def listing(names: Sequence[str]) -> str:
     return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
 
 
-# Coordinates of a table that names or numbers its only body: ``Model1 Tx``, ``x1``, and angles ``phix1``.
-
-_NUMBERED = re.compile(r"(?P<axis>(?:phi)?[xyz]) (?P<body>\d+)")
-_OF_BODY = re.compile(r"(?P<body>.*\w\w.*) (?P<axis>t?[xyz]|q[wxyz])")
+# Positions beside each other: those of the controller and of an instrument, of a body and of its markers.
 
 
-def without_body(headings: Sequence[Heading]) -> list[Heading]:
-    """Return headings without the name or number of the only body that is measured."""
-    texts = [item.text for item in headings]
-    for form in (_NUMBERED, _OF_BODY):
-        matches = [match for text in texts if (match := form.fullmatch(text))]
-        axes = sorted(match["axis"][-1] for match in matches if match["axis"] in (*AXES, "tx", "ty", "tz"))
-        bodies = {match["body"] for match in matches}
-        if len(bodies) == 1 and axes == [*AXES] and not {*texts} & {*AXES} and not any(map(is_pose_word, bodies)):
-            axis_of = {match[0]: match["axis"].replace("phi", "r") for match in matches}
-            return [replace(item, words=(axis_of[item.text],)) if item.text in axis_of else item for item in headings]
-    return [*headings]
+def measured_position(table: Table, headings: Sequence[Heading], joints: bool) -> tuple[list[Heading], set[int]]:
+    """Return headings without the words of the position that was measured, and the columns of its rivals.
+
+    Of several positions that of an instrument is the measured one, else an attained one, else that without a word, last
+    the controller's. A body has an orientation, its markers have none. Two that are equally likely are a question.
+
+    Args:
+        table: Table of the headings; its log takes the question.
+        headings: Names of the columns.
+        joints: Whether the file has joints, beside which a reference may be that of an instrument.
+    """
+    places: dict[tuple[str, ...], dict[str, int]] = {}
+    turned: dict[tuple[str, ...], list[int]] = {}
+    for i, heading in enumerate(headings):
+        label, part = labelled(heading) or ((), "")
+        if part == "turn":
+            turned.setdefault(label, []).append(i)
+        elif part:
+            label = (*label, "repeated") if part in places.get(label, ()) else label
+            places.setdefault(label, {})[part] = i
+    ranks = {label: source_of(label) for label, axes in places.items() if len(axes) == len(AXES)}
+    if joints and max(ranks.values(), default=0) == 1:
+        ranks |= {label: 1 for label in ranks if {"ref", "reference"} & {*label}}
+    ranks = {label: rank for label, rank in ranks.items() if rank >= 0}
+    best = [label for label, rank in ranks.items() if rank == max(ranks.values())]
+    if len(best) > 1:
+        bodies = [label for label in best if len(turned.get(label, ())) >= len(AXES)]
+        best = bodies if len(bodies) == 1 else best
+    if len(best) > 1 and () in best:
+        texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
+        fix = "say with `columns` which was measured"
+        table.log.add(f"found several positions: {' or '.join(map(repr, texts))}", table.line, fix=fix)
+        best = [()]
+    is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
+    if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
+        return [*headings], set()
+    result = [*headings]
+    for i in (*places[best[0]].values(), *turned.get(best[0], ())):
+        words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
+        result[i] = replace(headings[i], words=words)
+    rivals = [label for label in ranks if label not in best]
+    return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
 
 
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
@@ -367,6 +396,7 @@ _JOINT = re.compile(r"q\d+")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
+    "abg": ("kuka-abc", "fixed-xyz", "moving-xyz"),
     "wpr": ("fixed-xyz",),
     "oat": ("zyz",),
     "ur": ("rotvec",),
@@ -389,7 +419,10 @@ class _Candidate(NamedTuple):
 
 def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
     """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
-    headings = without_body([heading_of(name) for name in table.names])
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    joints = any(_named_joint(item, names) or _is_joint(meaning_of(item, siblings)) for item in headings)
+    headings, rivals = measured_position(table, headings, joints)
     siblings = frozenset(heading.text for heading in headings)
     for i, heading in enumerate(headings):
         unit = table.cell_units.get(i, heading.unit)
@@ -400,10 +433,18 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
+        if i in rivals and not _is_joint(meaning):
+            if joints:
+                continue  # computed of them
+            meaning = replace(meaning, commanded=True)
         key = meaning.full_key
         # One uncertainty may be of all axes.
         for name in SIGMAS if key == "sigma" else (key,):
             yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
+
+
+def _is_joint(meaning: Meaning | None) -> bool:
+    return meaning is not None and _JOINT.fullmatch(meaning.key) is not None
 
 
 def _named_joint(heading: Heading, names: Names) -> str | None:
@@ -608,6 +649,13 @@ class Values:
     """Takes problems, warnings and notes of the file."""
     header: int | None
     """Line of the columns' names."""
+    gaps: tuple[int, ...] = ()
+    """Lines of rows that were left out because a value is missing."""
+
+    @property
+    def keys(self) -> RowKeys:
+        """Names, times and lines of the rows."""
+        return RowKeys(self.texts.get("pose"), self.column("time_s"), self.lines, self.gaps)
 
     def column(self, key: str) -> Array | None:
         """Return one column ``(N,)``; None where the file does not have it."""

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
@@ -174,9 +174,28 @@ JointLimits = Sequence[tuple[float, float] | None]
 """Lowest and highest value of each joint, rad or m; None for a joint without limits."""
 PoseAt = Callable[[Array], Poses]
 """Nominal poses of the robot at joint variables ``(J, N)``."""
-KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
-"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
-N rows without names; None for what it does not give."""
+
+
+class RowKeys(NamedTuple):
+    """What rows of one file are joined to those of another by."""
+
+    names: NDArray[Any] | None
+    """``(N,)`` names of the poses."""
+    time: Array | None
+    """``(N,)`` s"""
+    lines: NDArray[np.int64]
+    """``(N,)`` line or row in the file."""
+    gaps: tuple[int, ...] = ()
+    """Lines of rows that were left out because a value is missing."""
+
+    def text(self, i: int) -> str:
+        """Return what a message calls row i."""
+        return f"line {self.lines[i]}" if self.names is None else str(self.names[i])
+
+
+KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, NaN where it has no such row;
+None for what it does not give."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -172,6 +172,8 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
     wrong: set[str] = set()
     if values.lines.size == 0 or layout.wrong_unit:
         return joints, frozenset()
+    if layout.without_unit and log.total:
+        return joints, frozenset()  # another problem, without which the values may show the units
     if columns := layout.without_unit:
         # What the values suggest: a question to the user.
         kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
@@ -290,7 +292,10 @@ def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None
     wrong = foreign | doubts(rows)
     if not index.size or layout.wrong_unit or "part" in wrong or not wrong:
         return values
-    known = None if known_poses is None else known_poses(values.texts.get("pose"), values.lines.size)[0]
+    known = None if known_poses is None or values.log.total else known_poses(values.keys)[0]
+    if known is not None:
+        index = index[np.isfinite(known[0, index])]
+        rows = values.rows(index)
     scores = {}
     for units in itertools.product(*(_READINGS[name] if name in wrong else _READINGS[name][:1] for name in _READINGS)):
         trial = _scaled(rows, columns, dict(zip(_READINGS, units, strict=True)))

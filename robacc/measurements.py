@@ -14,6 +14,8 @@ from robacc.geometry import Array, Poses
 
 _BLOCK = 16384
 """Poses hashed per block: the working arrays of a block stay in the cache."""
+MOVES_UNUSED = "moves and is not used"
+"""What a note of a column for an axis outside the robot says, at its end."""
 _SAME_COMMAND = 1e-3
 """rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
 were read back. An arm's error changes by about a thousandth of itself over such a distance."""

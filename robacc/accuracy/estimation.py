@@ -30,7 +30,7 @@ from robacc.errors import InputError, Note, RobaccError, UsageError
 from robacc.fitting.outliers import inlier_mask
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
-from robacc.measurements import Measurements
+from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
 from robacc.statistics.records import ErrorStatistics, Unit
 
@@ -370,6 +370,11 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
         return alone
     if not (far or turned):
         return ()
+    outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
+    if far and outside:
+        return (
+            f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
+        )
     if alignment is None:
         return (unregistered_warning(registered=False),)
     warning = unregistered_warning(registered=True)

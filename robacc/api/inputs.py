@@ -22,7 +22,9 @@ from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
+from robacc.io.files import read_text, sha256_of
 from robacc.measurements import Measurements, commanded_groups
+from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.poses.reading import PoseFile, Reading, RowKeys, SupportsColumns, reading_of
 from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
@@ -235,7 +237,14 @@ def _read_with_commands(
     from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
     from robacc.programs.reading import is_program
 
-    planned = _program(commands) if is_program(commands) else _table(commands, stated, robot, ignore_limits)
+    job = _job(commands) if commands.lower().endswith(".jbi") else None
+    planned = (
+        _program(commands)
+        if is_program(commands) and job is None
+        else _table(commands if job is None else PoseFile(job), stated, robot, ignore_limits)
+    )
+    if job is not None:
+        planned = dataclasses.replace(planned, source=commands, sha256=sha256_of(commands))
 
     def known_poses(keys: RowKeys) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(keys, planned, commands, path)
@@ -262,7 +271,7 @@ def _read_with_commands(
     return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
 
 
-def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
+def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
     """Return a table of commands; the units and angles stated for the measured poses hold for its names too."""
     from robacc.diagnostics.robot_poses import read_robot_poses
     from robacc.poses.csv_file import read_poses
@@ -286,9 +295,24 @@ def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool
     return data if data.commands is not None else read_poses(path, attained=False)
 
 
+def _job(path: str) -> dict[str, list[Any]] | None:
+    """Return the positions of a Yaskawa job in the order of its moves, as columns; None for pulses of the motors."""
+    text = read_text(path)
+    names = {
+        "///ANGLE": [f"q{i}_deg" for i in range(1, 7)],
+        "///RECTAN": [*(f"cmd_{axis}_mm" for axis in AXES), *(f"cmd_{angle}_deg" for angle in RPY)],
+    }
+    form = next((form for form in names if form in text), None)
+    points = {name: values.split(",") for name, values in re.findall(r"^(C\d+)=(\S+)", text, re.M)}
+    moves = [move for move in re.findall(r"^MOV\w*\s+(C\d+)\b[^'\n]*'?[ \t]*(\S*)", text, re.M) if move[0] in points]
+    if form is None or not moves:
+        return None
+    columns = {key: [float(points[name][i]) for name, _ in moves] for i, key in enumerate(names[form])}
+    return {"pose": [label or name for name, label in moves], **columns}
+
+
 def _program(path: str) -> Measurements:
     """Return the targets of a robot program in the order of its motions."""
-    from robacc.io.files import sha256_of
     from robacc.programs.reading import companions, read_program
 
     # A KUKA program has its points in the file of the same name.
@@ -357,7 +381,8 @@ def _joined(
     """
     n, names = keys.lines.size, keys.names
     how, at, most, poses = "", np.full(n, -1), 0.0, names
-    for form in range(4) if names is not None and planned.pose is not None else ():
+    taught = planned.pose is not None and any(not str(name).startswith("line ") for name in planned.pose.tolist())
+    for form in range(4) if names is not None and taught else ():
         given, wanted = _name_keys(planned.pose, min(form, 1) if form < 3 else 3), _name_keys(names, form)
         if form == 3 and (len({*given}), len({*wanted})) != (len({*planned.pose.tolist()}), len({*names.tolist()})):
             continue  # one number of two names
@@ -374,11 +399,13 @@ def _joined(
         message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
         raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
     remark: str = Note(f"commands of {path} joined by the {how}")
-    if not most and keys.time is not None and planned.time is not None and planned.n > 1:
-        planned, at = _by_time(keys.time, planned)
+    # A file that counts from 0 and one that does not have no clock in common.
+    clocks = [time for time in (keys.time, planned.time) if time is not None and time.size > 1]
+    if not most and len(clocks) == 2 and (clocks[0].min() == 0) == (clocks[1].min() == 0):
+        planned, at = _by_time(clocks[0], planned)
         remark = Note(f"commands of {path} joined by the times of the rows")
         if np.mean(at >= 0) <= 0.5:
-            spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in (keys.time, planned.time)]
+            spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in clocks]
             message = f"the times of the rows ({spans[0]}) are not those of the commands in {path} ({spans[1]})"
             raise InputError(Problem(message, source, fix="set both clocks alike, or name the poses in both files"))
     elif not most:

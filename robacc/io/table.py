@@ -11,7 +11,7 @@ import csv
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -114,6 +114,8 @@ class Table:
         """Units behind the numbers of the cells, by the index of the column."""
         self.sparse: Collection[int] = ()
         """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
+        self.times: Set[int] = frozenset()
+        """Columns of times, which may be texts or numbers."""
         self.skip_gaps = skip_gaps
         self.remarks: list[str] = []
         """How the table differs from the documented form, and how it came to be, for a message."""
@@ -211,13 +213,15 @@ class TextTable(Table):
         else:
             names, number = self._documented_names(first, file)
         super().__init__(file, names, number, counted, options.skip_gaps)
+        self._repeats = False
+        """Whether the names stand above each block of rows, with other text above them."""
         with contextlib.suppress(csv.Error):  # the row is reported when it is read
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
+            pairs = itertools.pairwise(filter(self.dialect.is_row, self._pending.lines))
+            blocks = (above for above, line in pairs if tuple(self.dialect.split(line)) == self.names)
+            self._repeats = any(not any(map(self.dialect.is_number, self.dialect.split(above))) for above in blocks)
         self.remarks.append(self.dialect.description())
-        again = (line for line in self._pending.lines if self.names[0] in line)
-        self._repeats = any(tuple(self.dialect.split(line)) == self.names for line in again)
-        """Whether the names stand above each block of rows, with other text above them."""
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []

@@ -169,6 +169,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
     keys = [key for key in _numeric_order(layout) if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
+    table.times = frozenset(columns[key].index for key in times)
     body = table.body([columns[key].index for key in keys], [columns[key].index for key in texts])
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:

@@ -18,6 +18,7 @@ from robacc.geometry import Array
 from robacc.io.dialect import PLAIN
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
+from robacc.measurements import MOVES_UNUSED
 from robacc.poses.columns import (
     AXES,
     BRANCH_KEY,
@@ -386,6 +387,10 @@ def measured_position(table: Table, headings: Sequence[Heading], joints: bool) -
     for i in (*places[best[0]].values(), *turned.get(best[0], ())):
         words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
         result[i] = replace(headings[i], words=words)
+    if best[0]:  # an axis alone, such as X_Value, is none of a position
+        alone = [i for label, axes in places.items() if label not in ranks for i in axes.values()]
+        result = [replace(item, words=()) if i in alone and source_of(item.words) > 0 else item
+                  for i, item in enumerate(result)]  # fmt: skip
     rivals = [label for label in ranks if label not in best]
     return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
 
@@ -393,6 +398,8 @@ def measured_position(table: Table, headings: Sequence[Heading], joints: bool) -
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
 
 _JOINT = re.compile(r"q\d+")
+_EXTERNAL = re.compile(r"(?:.*[^a-z])?E\d\b.*")
+_STATE = re.compile(r"observation\.state_(\d+)")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
@@ -450,6 +457,9 @@ def _is_joint(meaning: Meaning | None) -> bool:
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text = heading.name.lower()
+    joints = len(names.robot.joint_names or ())
+    if (match := _STATE.fullmatch(text)) and int(match[1]) <= joints:  # LeRobot's list
+        return f"q{match[1]}"
     for i, name in enumerate(names.robot.joint_names or ()):
         if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
             others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
@@ -538,6 +548,8 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         remarks.append(f"{text} taken as {unit}, the unit of {columns['x'].name}; `units` states another")
     taken = {column.index for column in columns.values()}
     unused = [name for i, name in enumerate(table.names) if i not in taken and name]
+    moving = [name for i, name in enumerate(table.names) if i not in taken and _EXTERNAL.fullmatch(name)
+              if len({row[i : i + 1] for row in table.dialect.sample}) > 1]  # fmt: skip
     ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
     stated = statement(columns, known.columns)
     for text in (
@@ -545,6 +557,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         f"not used: {', '.join(_with_suggestion(name, known.names) for name in unused)}" if unused else "",
         *remarks,
         remark,
+        f"{', '.join(moving)} {MOVES_UNUSED}" if moving else "",
         f"to use the uncertainties {compact([*expanded])}, give `coverage`: {ways}" if expanded else "",
     ):
         if text:

@@ -320,6 +320,7 @@ class ReshapedTable(Table):
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
         n = len(self._kept)
+        self._table.times = frozenset(self._kept[i] for i in self.times)
         kept = [[self._kept[i] for i in columns if i < n] for columns in (numbers, texts)]
         old = self._table.body([*kept[0], *self._made_of[0]], [*kept[1], *self._made_of[1]])
         self.sha256 = self._table.sha256

@@ -72,7 +72,8 @@ class ParquetTable(ColumnTable):
         if not (types.is_list(field.type) or types.is_fixed_size_list(field.type)):
             return [None]
         first = next(self._opened.iter_batches(1, columns=[field.name]), None)
-        return range(len(first.column(0)[0] or ()) if first is not None else 0)
+        length = len(first.column(0)[0] or ()) if first is not None else 0
+        return range(length) if length > 1 else [None]
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.

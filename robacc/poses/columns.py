@@ -116,7 +116,9 @@ _FILLERS = frozenset(
         "stamped",
     ]
 )
-_ORIENTED = frozenset(["orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"])
+_ORIENTED = frozenset(
+    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"]
+)
 _REFUSED = frozenset(
     [
         "dev",
@@ -127,7 +129,7 @@ _REFUSED = frozenset(
         "error",
         "err",
         "abweichung",
-        *("abw", "residual", "resid", "normal", "gyro", "imu", "écart", "ecart", "desviación", "scarto"),
+        *("min", "max", "abw", "residual", "resid", "normal", "gyro", "imu", "écart", "ecart", "desviación", "scarto"),
         "tolerance",
         "tol",
         "offset",

@@ -6,7 +6,7 @@ import difflib
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -347,17 +347,22 @@ def listing(names: Sequence[str]) -> str:
 # Positions beside each other: those of the controller and of an instrument, of a body and of its markers.
 
 
-def measured_position(table: Table, headings: Sequence[Heading], joints: bool) -> tuple[list[Heading], set[int]]:
+def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[int]]:
     """Return headings without the words of the position that was measured, and the columns of its rivals.
+
+    The rivals stay as commands where the file has no others.
 
     Of several positions that of an instrument is the measured one, else an attained one, else that without a word, last
     the controller's. A body has an orientation, its markers have none. Two that are equally likely are a question.
 
     Args:
         table: Table of the headings; its log takes the question.
-        headings: Names of the columns.
-        joints: Whether the file has joints, beside which a reference may be that of an instrument.
+        names: Names that columns may have.
     """
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    keys = [_named_joint(heading, names) or getattr(meaning_of(heading, siblings), "key", "") for heading in headings]
+    joints = any(map(_JOINT.fullmatch, keys))
     places: dict[tuple[str, ...], dict[str, int]] = {}
     turned: dict[tuple[str, ...], list[int]] = {}
     for i, heading in enumerate(headings):
@@ -382,7 +387,7 @@ def measured_position(table: Table, headings: Sequence[Heading], joints: bool) -
         best = [()]
     is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
     if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
-        return [*headings], set()
+        return headings, set()
     result = [*headings]
     for i in (*places[best[0]].values(), *turned.get(best[0], ())):
         words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
@@ -422,14 +427,13 @@ class _Candidate(NamedTuple):
     """Index in the file."""
     heading: Heading
     meaning: Meaning
+    rival: bool
+    """Whether another position was measured, so that this one is commanded."""
 
 
-def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
-    """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
-    headings = [heading_of(name) for name in table.names]
-    siblings = frozenset(heading.text for heading in headings)
-    joints = any(_named_joint(item, names) or _is_joint(meaning_of(item, siblings)) for item in headings)
-    headings, rivals = measured_position(table, headings, joints)
+def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> list[_Candidate]:
+    """Return what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
+    names, result = known.names, []
     siblings = frozenset(heading.text for heading in headings)
     for i, heading in enumerate(headings):
         unit = table.cell_units.get(i, heading.unit)
@@ -440,18 +444,16 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
-        if i in rivals and not _is_joint(meaning):
-            if joints:
-                continue  # computed of them
-            meaning = replace(meaning, commanded=True)
+        rival = i in rivals and not _JOINT.fullmatch(meaning.key)
+        meaning = replace(meaning, commanded=True) if rival else meaning
         key = meaning.full_key
         # One uncertainty may be of all axes.
         for name in SIGMAS if key == "sigma" else (key,):
-            yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
-
-
-def _is_joint(meaning: Meaning | None) -> bool:
-    return meaning is not None and _JOINT.fullmatch(meaning.key) is not None
+            result.append(_Candidate(i, replace(heading, unit=unit), replace(meaning, key=name), rival))
+    keys = {*known.columns, *(item.meaning.key for item in result if not item.rival)}
+    has_commands = any(_JOINT.fullmatch(key) or key.startswith("cmd_") for key in keys)
+    used = {column.index for column in known.columns.values()}
+    return [item for item in result if item.place not in used and not (item.rival and has_commands)]
 
 
 def _named_joint(heading: Heading, names: Names) -> str | None:
@@ -488,13 +490,12 @@ def _by_key(candidates: list[_Candidate], known: Mapping[str, Column]) -> dict[s
     return result
 
 
-def _chosen(table: Table, known: Mapping[str, Column], names: Names) -> dict[str, _Candidate]:
+def _chosen(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> dict[str, _Candidate]:
     """Return the column for each key that the names stand for; two that are equally good are a question."""
-    used = {column.index for column in known.values()}
-    candidates = [item for item in _candidates(table, names) if item.place not in used]
+    candidates = _candidates(known, table, headings, rivals)
     result: dict[str, _Candidate] = {}
     read_back: dict[str, _Candidate] = {}
-    for key, items in _by_key(candidates, known).items():
+    for key, items in _by_key(candidates, known.columns).items():
         if _JOINT.fullmatch(key):
             # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
             attained = [item for item in items if item.meaning.commanded is False]
@@ -518,7 +519,9 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         known: Columns whose names are documented; they stay as they are.
         reading: Statements of the user.
     """
-    chosen = _chosen(table, known.columns, known.names)
+    headings, rivals = measured_position(table, known.names)
+    known = replace(known, columns={key: item for key, item in known.columns.items() if item.index not in rivals})
+    chosen = _chosen(known, table, headings, rivals)
     open_keys = [key for key, item in chosen.items() if item.meaning.expanded and reading.coverage is None]
     expanded = dict.fromkeys(chosen.pop(key).heading.name for key in open_keys)
     of_preamble, remark = _unit_of_preamble(table)

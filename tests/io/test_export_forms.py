@@ -707,3 +707,60 @@ def test_documents_without_records_get_one_message(text: str, tmp_path: Path) ->
     with pytest.raises(InputError) as caught:
         robacc.read_poses(path)
     assert len(caught.value.problems) == 1
+
+
+def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp_path: Path) -> None:
+    for name in ("Foo {}", "ref_{}"):
+        path = written(beside("{}", name)(campaign), tmp_path)[0]
+        with pytest.raises(InputError, match=r"found several positions: 'X, Y, Z' or .* say with `columns`"):
+            robacc.read_poses(path, robot=ROBOT)
+
+
+def test_a_controllers_position_is_the_command_without_joints(campaign: Campaign, tmp_path: Path) -> None:
+    text = table("Nr;x;y;z;Leica X;Leica Y;Leica Z", campaign.commanded * MM, campaign.position * MM, name="{}")
+    path = written({"both.csv": text}, tmp_path)[0]
+    data = robacc.read_poses(path)
+    np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
+    np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
+
+
+def test_times_without_overlap_are_refused(campaign: Campaign, tmp_path: Path) -> None:
+    files = stamped(campaign)
+    head, *rows = files["joints.csv"].splitlines()
+    late = [f"{float(row.partition(',')[0]) + 3000:.3f},{row.partition(',')[2]}" for row in rows]
+    arguments = written(files | {"joints.csv": "\n".join([head, *late]) + "\n"}, tmp_path)
+    with pytest.raises(InputError, match=r"the times of the rows \(.* s\) are not those of the commands in"):
+        robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+
+
+def test_joints_of_a_moving_arm_are_interpolated(campaign: Campaign, tmp_path: Path) -> None:
+    at = np.arange(40) * 0.1
+    of = lambda time: 0.5 * np.sin(time[:, None] + np.arange(6))  # noqa: E731
+    head = "time," + ",".join(f"q{i}_rad" for i in range(1, 7))
+    joints = {"joints.csv": table(head, 100 + at[:, None], of(at), sep=",")}
+    points = {"points.csv": table("t;X [m];Y [m];Z [m]", 100.03 + at[:24, None], campaign.position)}
+    arguments = written(points | joints, tmp_path)
+    data = robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+    np.testing.assert_allclose(data.q.T, of(at[:24] + 0.03), atol=1e-5)
+
+
+def test_an_external_axis_that_moves_is_named(campaign: Campaign, tmp_path: Path) -> None:
+    rail = 0.4 * (np.arange(N) % 3)[:, None]
+    points = campaign.position + rail * [0, 1, 0]
+    path = written({"rail.csv": table(f"{JOINTS};E1;X;Y;Z", np.degrees(campaign.q), rail * MM, points * MM)}, tmp_path)
+    done = CliRunner().invoke(app, ["estimate", *path, "--robot", ROBOT])
+    assert "the errors are too large for an arm, and E1 moves and is not used" in " ".join(done.stderr.split())
+
+
+def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) -> None:
+    poses = np.hstack((campaign.commanded * MM, campaign.commanded_turn.as_euler("xyz", degrees=True)))
+    files = yaskawa_job(campaign)
+    places = lines(named(poses, "C{:05d}=")).replace("=,", "=")
+    job = files["calib.JBI"].partition("///POSTYPE")[0] + f"///POSTYPE BASE\n///RECTAN\n{places}"
+    job += files["calib.JBI"][files["calib.JBI"].index("//INST") :]
+    arguments = written(files | {"calib.JBI": job}, tmp_path)
+    data = robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+    np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
+    np.testing.assert_allclose(
+        np.moveaxis(data.commanded_rotation, 2, 0), campaign.commanded_turn.as_matrix(), atol=1e-7
+    )

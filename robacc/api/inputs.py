@@ -351,18 +351,15 @@ def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Ar
     return poses.translation, poses.rotation
 
 
-def _name_keys(names: NDArray[Any], form: int) -> list[str]:
-    """Return names for a comparison, shorter by each form.
-
-    0: as they are; 1: without groups, as in ``A::Main::p1``; 2: also without the number of a repetition, as in
-    ``p1_2``; 3: their last number, as in ``Pos 7``.
-    """
-    texts = [str(name).casefold() for name in names.tolist()]
-    if form:
-        texts = [re.sub(r".*(?:::|/)\s*", "", text) for text in texts]
-    if form == 2:
-        texts = [re.sub(r"[\s_.(-]+\d+\)?$", "", text) for text in texts]
-    return [str(int(re.findall(r"\d+", f"0{text}")[-1])) for text in texts] if form == 3 else texts
+_GROUP = r".*(?:::|/)\s*"
+_NAME_FORMS = (
+    (r"^$", r"^$"),
+    (_GROUP, _GROUP),
+    (_GROUP, rf"{_GROUP}|[\s_.(-]+\d+\)?$"),
+    (*[r"^(?:.*\D)?0*(?=\d+\D*$)|\D*$"] * 2,),
+)
+"""Parts that names of commands and of measured poses have beside what they share: none; groups, as in ``A::Main::p1``;
+in measured ones the number of a repetition too, as in ``p1_2``; all but the last number, as in ``Pos 7``."""
 
 
 def _joined(
@@ -380,17 +377,21 @@ def _joined(
         InputError: Most names or times have no command, a name has two, or the numbers of rows differ.
     """
     n, names = keys.lines.size, keys.names
-    how, at, most, poses = "", np.full(n, -1), 0.0, names
-    taught = planned.pose is not None and any(not str(name).startswith("line ") for name in planned.pose.tolist())
-    for form in range(4) if names is not None and taught else ():
-        given, wanted = _name_keys(planned.pose, min(form, 1) if form < 3 else 3), _name_keys(names, form)
-        if form == 3 and (len({*given}), len({*wanted})) != (len({*planned.pose.tolist()}), len({*names.tolist()})):
-            continue  # one number of two names
-        rows = {name: i for i, name in reversed([*enumerate(given)])}
+    at, most, poses = np.full(n, -1), 0.0, names
+    taught, measured = (np.empty(0, dtype=str) if column is None else column for column in (planned.pose, names))
+    is_named = measured.size > 0 and any(not str(name).startswith("line ") for name in taught.tolist())
+    for form in _NAME_FORMS if is_named else ():
+        given, wanted = (
+            [re.sub(pattern, "", str(name).casefold()) for name in column]
+            for pattern, column in zip(form, (taught, measured), strict=True)
+        )
+        rows = {name: i for i, name in reversed([*enumerate(given)]) if name}
+        alike = len({*given}) < len({*taught}) or len({*wanted}) < len({*measured})
+        if form is _NAME_FORMS[-1] and (alike or not {*wanted} - {""} <= rows.keys()):
+            continue  # one number of two names, or other numbers
         found = np.array([rows.get(key, -1) for key in wanted])
         if (share := float(np.mean(found >= 0))) > most:
-            at, most, how = found, share, "names of the poses" if form < 3 else "numbers in the names of the poses"
-            poses = planned.pose if form == 2 else names
+            at, most, poses = found, share, names if form[0] == form[1] else taught[found]
             if share > 0.5:
                 _check_unique(np.array(given), planned, path)
     if names is not None and 0 < most <= 0.5:
@@ -398,16 +399,17 @@ def _joined(
         listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
         message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
         raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
-    remark: str = Note(f"commands of {path} joined by the {how}")
+    remark: str = Note(f"commands of {path} joined by the names of the poses")
     # A file that counts from 0 and one that does not have no clock in common.
     clocks = [time for time in (keys.time, planned.time) if time is not None and time.size > 1]
     if not most and len(clocks) == 2 and (clocks[0].min() == 0) == (clocks[1].min() == 0):
-        planned, at = _by_time(clocks[0], planned)
+        planned, at = _by_time(clocks[0], clocks[1], planned)
         remark = Note(f"commands of {path} joined by the times of the rows")
         if np.mean(at >= 0) <= 0.5:
             spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in clocks]
             message = f"the times of the rows ({spans[0]}) are not those of the commands in {path} ({spans[1]})"
-            raise InputError(Problem(message, source, fix="set both clocks alike, or name the poses in both files"))
+            fix = "set both clocks alike, name the poses in both files, or leave the times out of one of them"
+            raise InputError(Problem(message, source, fix=fix))
     elif not most:
         every = np.union1d(keys.lines, np.array(keys.gaps, dtype=np.int64))
         if every.size == planned.n:  # rows that were left out have a command too
@@ -418,22 +420,22 @@ def _joined(
             message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
             raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
         remark = f"commands of {path} joined by the order of rows: the files share no names"
-    without = [keys.text(i) for i in np.flatnonzero(at < 0)]
+    without = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
     listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
     left_out = (f"rows without a command in {path} are left out: {listed}",) if without else ()
-    given = planned.subset(at)
-    if poses is not None and poses is not planned.pose:
-        given = dataclasses.replace(given, pose=poses)
-    return given, at >= 0, (*left_out, remark)
+    chosen = planned.subset(at)
+    return replace(chosen, pose=chosen.pose if poses is None else poses), at >= 0, (*left_out, remark)
 
 
-def _by_time(time: Array, planned: Measurements) -> tuple[Measurements, NDArray[np.int64]]:
+def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurements, NDArray[np.int64]]:
     """Return commands, and the row of them within half a step of each time ``(N,)`` s; -1 where there is none.
+
+    The commands have the times ``clock``.
 
     Joints of an arm that moves between the rows are interpolated; then each time has its own row.
     """
-    order = np.argsort(planned.time, kind="stable")
-    clock: Array = planned.time[order]  # type: ignore[index]
+    order = np.argsort(clock, kind="stable")
+    clock = clock[order]
     # Each file counts from the midnight before its first row.
     time = time - _DAY * np.round((np.median(time) - np.median(clock)) / _DAY)
     right = np.clip(np.searchsorted(clock, time), 1, clock.size - 1)
@@ -446,8 +448,8 @@ def _by_time(time: Array, planned: Measurements) -> tuple[Measurements, NDArray[
         if second < _SMOOTH * first:
             from scipy.interpolate import CubicSpline
 
-            planned, at = planned.subset(at), np.arange(time.size)
-            planned = dataclasses.replace(planned, q=CubicSpline(clock, q, axis=1)(time), time=time)
+            planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)
+            at = np.arange(time.size)
     return planned, np.where(found, at, -1)
 
 

@@ -288,9 +288,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning((*AXES, *ROTATION_VECTOR)[int(match[1])], True, "ur")
     if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
         return Meaning("qw")
-    # Pairs of hand-eye calibration: the pose of the robot, and the pose that a camera measured.
-    sensed = "robot" in words and any(_ATTAINED & set(sibling.split()) for sibling in siblings)
-    commanded = True if sensed or _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
+    commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
     # A path such as /joint_states/j1/position has both words.
@@ -342,11 +340,10 @@ def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
 
     The label of ``X`` and of ``Measured X`` is empty.
     """
-    words = [word for word in heading.words if word not in _FILLERS | _ATTAINED]
-    axes = [word for word in words if word in ("x", "y", "z")]
-    if len(axes) != 1 or set(heading.words) & (_COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | _ORIENTED):
+    label, axis = labelled(heading) or ((), "turn")
+    if axis == "turn" or source_of(heading.words) < 0:
         return None, None
-    return axes[0], "".join(word for word in words if word != axes[0])
+    return axis, "".join(word for word in label if word not in _FILLERS | _ATTAINED)
 
 
 def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Meaning | None:

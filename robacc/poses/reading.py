@@ -188,10 +188,6 @@ class RowKeys(NamedTuple):
     gaps: tuple[int, ...] = ()
     """Lines of rows that were left out because a value is missing."""
 
-    def text(self, i: int) -> str:
-        """Return what a message calls row i."""
-        return f"line {self.lines[i]}" if self.names is None else str(self.names[i])
-
 
 KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
 """Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, NaN where it has no such row;

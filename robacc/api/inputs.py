@@ -351,11 +351,11 @@ def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Ar
     return poses.translation, poses.rotation
 
 
-_GROUP = r".*(?:::|/)\s*"
+_GROUP = r".*(?:::|/)_?"
 _NAME_FORMS = (
     (r"^$", r"^$"),
     (_GROUP, _GROUP),
-    (_GROUP, rf"{_GROUP}|[\s_.(-]+\d+\)?$"),
+    (_GROUP, rf"{_GROUP}|[_(]+\d+\)?$"),
     (*[r"^(?:.*\D)?0*(?=\d+\D*$)|\D*$"] * 2,),
 )
 """Parts that names of commands and of measured poses have beside what they share: none; groups, as in ``A::Main::p1``;
@@ -382,7 +382,7 @@ def _joined(
     is_named = measured.size > 0 and any(not str(name).startswith("line ") for name in taught.tolist())
     for form in _NAME_FORMS if is_named else ():
         given, wanted = (
-            [re.sub(pattern, "", str(name).casefold()) for name in column]
+            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", str(name).casefold())) for name in column]
             for pattern, column in zip(form, (taught, measured), strict=True)
         )
         rows = {name: i for i, name in reversed([*enumerate(given)]) if name}

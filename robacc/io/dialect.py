@@ -347,7 +347,9 @@ def _with_header(
                 i
                 for i in range(header_line + 1, start)
                 if dialect.is_row(lines[i])
-                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS or _is_gap(grid[i])
+                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS
+                or _is_gap(grid[i])
+                or (len(grid[i]) == width and any(grid[i]) and all(map(dialect.is_number, filter(None, grid[i]))))
             ),
             start,
         )

@@ -69,7 +69,7 @@ _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
             "reflector",
             "reflektor",
         ),
-        *("gt", "truth", "ext", "extern", "external", "prism", "metrology"),
+        *("mess", "analyzer", "gt", "truth", "ext", "extern", "external", "prism", "metrology"),
     ]
 )
 """Instruments, and words that say measured by one."""
@@ -257,7 +257,7 @@ def heading_of(name: str) -> Heading:
         stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
     if match := _CHANNEL.fullmatch(stem):
         stem = match[1]
-    spaced = re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", stem)
+    spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
 
 
@@ -300,24 +300,22 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
 
 _FORMS = _ORIENTED | {"pose", "position", "pos", "point", "translation", "trans"}
 """Words that say no more than the axis beside them."""
-_TURNS = {*ROTATION_VECTOR, *QUATERNION, *RPY, "rw", *itertools.chain(*_FAMILIES.values())}
-
-
-def _part(word: str) -> str:
-    """Return the axis of a coordinate, ``turn`` for an angle, else nothing."""
-    if word in _TURNS or word in ("phix", "phiy", "phiz"):
-        return "turn"
-    return word[-1] if word in _COORDINATES else ""
+_PART_OF = {
+    **{name: meaning.key for name, meaning in _COORDINATES.items() if meaning.key in AXES},
+    **dict.fromkeys(itertools.chain(ROTATION_VECTOR, QUATERNION, RPY, *_FAMILIES.values()), "turn"),
+    **dict.fromkeys(("rw", "phix", "phiy", "phiz"), "turn"),
+}
+"""Axis that a word of a coordinate's name stands for, ``turn`` for an angle."""
 
 
 def labelled(heading: Heading) -> tuple[tuple[str, ...], str] | None:
     """Return the words beside a coordinate, and its axis or ``turn`` for an angle; None for another name."""
     words = heading.words
-    at = next((i for i in (-1, 0) if words and _part(words[i])), None)
+    at = next((i for i in (-1, 0) if words and words[i] in _PART_OF), None)
     if at is None:
         return None
     label = tuple(word for i, word in enumerate(words) if i != at % len(words) and word not in _FORMS)
-    return label, "turn" if _ORIENTED & {*words} else _part(words[at])
+    return label, "turn" if _ORIENTED & {*words} else _PART_OF[words[at]]
 
 
 def source_of(label: Collection[str]) -> int:

@@ -382,8 +382,8 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
         best = bodies if len(bodies) == 1 else best
     if len(best) > 1 and () in best:
         texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
-        fix = "say with `columns` which was measured"
-        table.log.add(f"found several positions: {' or '.join(map(repr, texts))}", table.line, fix=fix)
+        message = f"found several positions: {' or '.join(map(repr, texts))}"
+        table.log.add(message, table.line, fix="say with `columns` which was measured")
         best = [()]
     is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
     if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):

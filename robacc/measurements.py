@@ -14,6 +14,8 @@ from robacc.geometry import Array, Poses
 
 _BLOCK = 16384
 """Poses hashed per block: the working arrays of a block stay in the cache."""
+MOVES_UNUSED = "moves and is not used"
+"""What a note of a column for an axis outside the robot says, at its end."""
 _SAME_COMMAND = 1e-3
 """rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
 were read back. An arm's error changes by about a thousandth of itself over such a distance."""
@@ -82,6 +84,8 @@ class Measurements:
     """``(N,)`` rows that repeat the measured values of an earlier row to the last digit: they show no noise."""
     rows: NDArray[np.int64] | None = None
     """``(N,)`` 1-based line of each pose in the file, or its row where the file has no lines."""
+    gaps: tuple[int, ...] = ()
+    """Lines or rows that were left out because a value is missing."""
     counted: Counted = "line"
     source: str | None = None
     """Name of the file as given."""

@@ -29,7 +29,7 @@ from robacc.accuracy.pose_errors import (
 from robacc.errors import InputError, Note, RobaccError, UsageError
 from robacc.fitting.outliers import inlier_mask
 from robacc.geometry import Array, rms_length
-from robacc.measurements import Measurements
+from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
 from robacc.statistics.records import ErrorStatistics, Unit
 
@@ -354,6 +354,11 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
     if not (far or turned):
         return ()
+    outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
+    if far and outside:
+        return (
+            f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
+        )
     if alignment is None:
         return (unregistered_warning(registered=False),)
     warning = unregistered_warning(registered=True)

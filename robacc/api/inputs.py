@@ -22,9 +22,11 @@ from robacc.documents.envelope import InputFile
 from robacc.documents.read_result import StoredResult, read_result
 from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
+from robacc.io.files import read_text, sha256_of
 from robacc.measurements import Measurements, commanded_groups
+from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, visits_in_order
-from robacc.poses.reading import PoseFile, Reading, SupportsColumns, reading_of
+from robacc.poses.reading import PoseFile, Reading, RowKeys, SupportsColumns, reading_of
 from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.description import Frame, Robot
 
@@ -190,6 +192,11 @@ def _problem(data: Measurements, name: str, message: str, fix: str | None = None
 
 _SHOWN = 6
 """Names that a message lists."""
+_DAY = 86400.0
+_FEWEST_SMOOTH = 8
+"""Rows of joints from which it shows whether the arm moves evenly between them."""
+_SMOOTH = 0.2
+"""Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1."""
 
 
 def read_with_commands(
@@ -230,33 +237,41 @@ def _read_with_commands(
     from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
     from robacc.programs.reading import is_program
 
-    planned = _program(commands) if is_program(commands) else _table(commands, stated, robot, ignore_limits)
+    job = _job(commands) if commands.lower().endswith(".jbi") else None
+    planned = (
+        _program(commands)
+        if is_program(commands) and job is None
+        else _table(commands if job is None else PoseFile(job), stated, robot, ignore_limits)
+    )
+    if job is not None:
+        planned = dataclasses.replace(planned, source=commands, sha256=sha256_of(commands))
 
-    def known_poses(names: NDArray[Any] | None, count: int) -> tuple[Array | None, Array | None]:
-        try:
-            rows, _ = _joined(names, count, planned, commands, path)
-        except InputError:
-            return None, None  # raised below, after the questions of the file of measured poses
-        return _poses(planned.subset(rows), robot)
+    def known_poses(keys: RowKeys) -> tuple[Array | None, Array | None]:
+        given, found, _ = _joined(keys, planned, commands, path)
+        position, rotation = (None if part is None else np.where(found, part, np.nan) for part in _poses(given, robot))
+        return position, rotation
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
     measured = read_poses(path, robot=known, commands=False, known_poses=known_poses)
-    if measured.commands is not None:
+    if measured.q is not None or (measured.commands is not None and planned.q is None):
         message = "the measured poses have commands of their own"
         raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
     if robot is not None:
         check_targets(measured, robot)
-    rows, remark = _joined(measured.pose, measured.n, planned, commands, measured.source)
-    data = _with_rows(measured, planned, rows, ordered)
+    lines = np.arange(1, measured.n + 1) if measured.rows is None else measured.rows
+    keys = RowKeys(measured.pose, measured.time, lines, measured.gaps)
+    given, found, remarks = _joined(keys, planned, commands, measured.source)
+    data = _with_rows(measured.subset(found), given.subset(found), ordered)
     if robot is not None:
         from robacc.diagnostics.robot_poses import check_size
 
         data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
-    warnings = (*data.warnings, *planned.warnings, type(remark)(f"{measured.source}: {remark}"))
+    texts = (type(remark)(f"{measured.source}: {remark}") for remark in remarks)
+    warnings = (*data.warnings, *planned.warnings, *texts)
     return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
 
 
-def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
+def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
     """Return a table of commands; the units and angles stated for the measured poses hold for its names too."""
     from robacc.diagnostics.robot_poses import read_robot_poses
     from robacc.poses.csv_file import read_poses
@@ -267,7 +282,8 @@ def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool
             return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)
         except InputError as error:
             with suppress(InputError):
-                if (data := _table(path, reading, None, ignore_limits)).q is None:
+                data = _table(path, reading, None, ignore_limits)
+                if data.q is None and data.commands is not None:
                     return data  # commanded poses
             raise error from None
     data = read_poses(path, attained=False, commands=False)
@@ -279,9 +295,24 @@ def _table(path: str, reading: Reading, robot: Robot | None, ignore_limits: bool
     return data if data.commands is not None else read_poses(path, attained=False)
 
 
+def _job(path: str) -> dict[str, list[Any]] | None:
+    """Return the positions of a Yaskawa job in the order of its moves, as columns; None for pulses of the motors."""
+    text = read_text(path)
+    names = {
+        "///ANGLE": [f"q{i}_deg" for i in range(1, 7)],
+        "///RECTAN": [*(f"cmd_{axis}_mm" for axis in AXES), *(f"cmd_{angle}_deg" for angle in RPY)],
+    }
+    form = next((form for form in names if form in text), None)
+    points = {name: values.split(",") for name, values in re.findall(r"^(C\d+)=(\S+)", text, re.M)}
+    moves = [move for move in re.findall(r"^MOV\w*\s+(C\d+)\b[^'\n]*'?[ \t]*(\S*)", text, re.M) if move[0] in points]
+    if form is None or not moves:
+        return None
+    columns = {key: [float(points[name][i]) for name, _ in moves] for i, key in enumerate(names[form])}
+    return {"pose": [label or name for name, label in moves], **columns}
+
+
 def _program(path: str) -> Measurements:
     """Return the targets of a robot program in the order of its motions."""
-    from robacc.io.files import sha256_of
     from robacc.programs.reading import companions, read_program
 
     # A KUKA program has its points in the file of the same name.
@@ -320,42 +351,106 @@ def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Ar
     return poses.translation, poses.rotation
 
 
+_GROUP = r".*(?:::|/)_?"
+_NAME_FORMS = (
+    (r"^$", r"^$"),
+    (_GROUP, _GROUP),
+    (_GROUP, rf"{_GROUP}|[_(]+\d+\)?$"),
+    (*[r"^(?:.*\D)?0*(?=\d+\D*$)|\D*$"] * 2,),
+)
+"""Parts that names of commands and of measured poses have beside what they share: none; groups, as in ``A::Main::p1``;
+in measured ones the number of a repetition too, as in ``p1_2``; all but the last number, as in ``Pos 7``."""
+
+
 def _joined(
-    names: NDArray[Any] | None, count: int, planned: Measurements, path: str, source: str | None
-) -> tuple[NDArray[np.int64], str]:
-    """Return the row of ``planned`` for each measured row, and how the rows were joined.
+    keys: RowKeys, planned: Measurements, path: str, source: str | None
+) -> tuple[Measurements, NDArray[np.bool_], tuple[str, ...]]:
+    """Return the command of each measured row, the rows that have one, and how the rows were joined.
 
     Args:
-        names: Names of the measured poses, if there are any.
-        count: Number of measured rows.
+        keys: Names, times and lines of the measured rows.
         planned: Commands.
         path: Their file.
         source: File of the measured poses.
 
     Raises:
-        InputError: A name is missing or has two commands, or the numbers of rows differ.
+        InputError: Most names or times have no command, a name has two, or the numbers of rows differ.
     """
-    if names is not None and planned.pose is not None:
-        # Names of groups may stand before a name: ``A::Main::p1`` is p1.
-        for group in ("", r".*(?:::|/)\s*"):
-            keys, wanted = (
-                np.array([re.sub(group, "", str(name)).casefold() for name in column])
-                for column in (planned.pose, names)
-            )
-            rows = {name: i for i, name in reversed(list(enumerate(keys.tolist())))}
-            missing = [str(name) for name, key in dict(zip(names, wanted, strict=True)).items() if key not in rows]
-            if not missing:
-                _check_unique(keys, planned, path)
-                index = np.array([rows[key] for key in wanted.tolist()], dtype=np.int64)
-                return index, Note(f"commands of {path} joined by the names of the poses")
-        if len(missing) < len(set(names.tolist())) or count != planned.n:
-            listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
-            message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
-            raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
-    if count != planned.n:
-        message = f"found {count} measured rows and {planned.n} commands in {path}, which share no names"
-        raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
-    return np.arange(count), f"commands of {path} joined by the order of rows: the files share no names"
+    n, names = keys.lines.size, keys.names
+    at, most, poses = np.full(n, -1), 0.0, names
+    taught, measured = (np.empty(0, dtype=str) if column is None else column for column in (planned.pose, names))
+    is_named = measured.size > 0 and any(not str(name).startswith("line ") for name in taught.tolist())
+    for form in _NAME_FORMS if is_named else ():
+        given, wanted = (
+            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", str(name).casefold())) for name in column]
+            for pattern, column in zip(form, (taught, measured), strict=True)
+        )
+        rows = {name: i for i, name in reversed([*enumerate(given)]) if name}
+        alike = len({*given}) < len({*taught}) or len({*wanted}) < len({*measured})
+        if form is _NAME_FORMS[-1] and (alike or not {*wanted} - {""} <= rows.keys()):
+            continue  # one number of two names, or other numbers
+        found = np.array([rows.get(key, -1) for key in wanted])
+        if (share := float(np.mean(found >= 0))) > most:
+            at, most, poses = found, share, names if form[0] == form[1] else taught[found]
+            if share > 0.5:
+                _check_unique(np.array(given), planned, path)
+    if names is not None and 0 < most <= 0.5:
+        missing = [str(name) for name in dict.fromkeys(names[at < 0].tolist())]
+        listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
+        message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
+        raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
+    remark: str = Note(f"commands of {path} joined by the names of the poses")
+    # A file that counts from 0 and one that does not have no clock in common.
+    clocks = [time for time in (keys.time, planned.time) if time is not None and time.size > 1]
+    if not most and len(clocks) == 2 and (clocks[0].min() == 0) == (clocks[1].min() == 0):
+        planned, at = _by_time(clocks[0], clocks[1], planned)
+        remark = Note(f"commands of {path} joined by the times of the rows")
+        if np.mean(at >= 0) <= 0.5:
+            spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in clocks]
+            message = f"the times of the rows ({spans[0]}) are not those of the commands in {path} ({spans[1]})"
+            fix = "set both clocks alike, name the poses in both files, or leave the times out of one of them"
+            raise InputError(Problem(message, source, fix=fix))
+    elif not most:
+        every = np.union1d(keys.lines, np.array(keys.gaps, dtype=np.int64))
+        if every.size == planned.n:  # rows that were left out have a command too
+            at = np.searchsorted(every, keys.lines)
+        elif n == planned.n:
+            at = np.arange(n)
+        else:
+            message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
+            raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
+        remark = f"commands of {path} joined by the order of rows: the files share no names"
+    without = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
+    listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
+    left_out = (f"rows without a command in {path} are left out: {listed}",) if without else ()
+    chosen = planned.subset(at)
+    return replace(chosen, pose=chosen.pose if poses is None else poses), at >= 0, (*left_out, remark)
+
+
+def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurements, NDArray[np.int64]]:
+    """Return commands, and the row of them within half a step of each time ``(N,)`` s; -1 where there is none.
+
+    The commands have the times ``clock``.
+
+    Joints of an arm that moves between the rows are interpolated; then each time has its own row.
+    """
+    order = np.argsort(clock, kind="stable")
+    clock = clock[order]
+    # Each file counts from the midnight before its first row.
+    time = time - _DAY * np.round((np.median(time) - np.median(clock)) / _DAY)
+    right = np.clip(np.searchsorted(clock, time), 1, clock.size - 1)
+    nearest = np.where(time - clock[right - 1] < clock[right] - time, right - 1, right)
+    found = np.abs(clock[nearest] - time) <= np.median(np.diff(clock)) / 2
+    at = order[nearest]
+    if planned.q is not None and clock.size > _FEWEST_SMOOTH and np.diff(clock).min() > 0:
+        q = planned.q[:, order]
+        first, second = (np.median(np.abs(np.diff(q, k)).max(axis=0)) for k in (1, 2))
+        if second < _SMOOTH * first:
+            from scipy.interpolate import CubicSpline
+
+            planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)
+            at = np.arange(time.size)
+    return planned, np.where(found, at, -1)
 
 
 def _check_unique(keys: NDArray[Any], planned: Measurements, path: str) -> None:
@@ -365,20 +460,18 @@ def _check_unique(keys: NDArray[Any], planned: Measurements, path: str) -> None:
         raise InputError(Problem(f"pose {name} has two different commands", path, fix="give each pose its own name"))
 
 
-def _with_rows(measured: Measurements, planned: Measurements, rows: NDArray[np.int64], ordered: bool) -> Measurements:
-    def at(values: NDArray[Any] | None) -> NDArray[Any] | None:
-        return None if values is None else values[..., rows]
-
+def _with_rows(measured: Measurements, given: Measurements, ordered: bool) -> Measurements:
+    """Return measured poses with the commands of the same rows."""
     data = dataclasses.replace(
         measured,
-        q=at(planned.q),
-        commanded_position=at(planned.commanded_position),
-        commanded_rotation=at(planned.commanded_rotation),
-        pose=measured.pose if measured.pose is not None else at(planned.pose),
-        direction=at(planned.direction),
-        speed=at(planned.speed),
-        branches=at(planned.branches),
-        branch_names=planned.branch_names,
+        q=given.q,
+        commanded_position=given.commanded_position,
+        commanded_rotation=given.commanded_rotation,
+        pose=given.pose,
+        direction=given.direction,
+        speed=given.speed,
+        branches=given.branches,
+        branch_names=given.branch_names,
         ordered=ordered,
     )
     if not ordered or data.q is None or data.direction is not None:

@@ -78,11 +78,12 @@ def advice(field: str, column: str, decimal_comma: bool) -> str | None:
 UNIT_NAMES: Mapping[str, str] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), "m"),
     **dict.fromkeys(("mm", "millimeter", "millimeters", "millimetre", "millimetres"), "mm"),
+    **dict.fromkeys(("cm", "centimeter", "centimeters", "centimetre", "centimetres"), "cm"),
     **dict.fromkeys(("um", "µm", "μm", "micron", "microns", "micrometer", "micrometre"), "um"),
     **dict.fromkeys(("in", "inch", "inches"), "in"),
     **dict.fromkeys(("rad", "radian", "radians"), "rad"),
     **dict.fromkeys(("mrad",), "mrad"),
-    **dict.fromkeys(("deg", "°", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("deg", "°", "degree", "degrees", "degré", "degrés", "grado", "grados", "gradi"), "deg"),
     **dict.fromkeys(("s", "sec", "second", "seconds"), "s"),
     **dict.fromkeys(("ms", "msec"), "ms"),
     **dict.fromkeys(("us", "µs"), "us"),
@@ -141,12 +142,14 @@ _SAMPLED = 100
 """First lines of the table that are kept as a sample; of numbers without names they show the arm's motion."""
 _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
+_REMARKS = frozenset({"", "comment", "kommentar", "remark", "bemerkung", "commentaire"})
+"""Names of a last column that every row may leave out with its separator."""
 _ABOVE = 3
 """Lines above the first row in which its header is looked for: names, and units in a line of their own."""
 _UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
 """Unit in brackets at the end of a name."""
 _UNIT_FIELD = re.compile(
-    r"[\[(<{]?\s*(m|mm|um|µm|μm|in|inch|(milli)?met(er|re)s?|rad|mrad|radians?|deg|degrees?|Grad|°|s|ms|sec|kg|°C|degC|C|-|)"
+    r"[\[(<{]?\s*(m|mm|cm|um|µm|μm|in|inch|(milli)?met(er|re)s?|rad|mrad|radians?|deg|degrees?|Grad|grados?|gradi|degrés?|°|s|ms|sec|kg|°C|degC|C|-|)"
     r"\s*[\])>}]?"
 )
 
@@ -205,7 +208,12 @@ class TableDialect:
         return (
             len(texts) <= width / 2
             and not any(map(self.is_number, texts.values()))
-            and (not texts or len(fields) != width or any(self.is_number(first.get(i, "")) for i in texts))
+            and (
+                not texts
+                or len(fields) != width
+                or any(self.is_number(first.get(i, "")) for i in texts)
+                or all(text.count(" ") > max(1, first.get(i, "").count(" ")) for i, text in texts.items())  # prose
+            )
         ) or bool(_STATISTIC.fullmatch(next(iter(texts.values()), "")))
 
     def is_number(self, text: str) -> bool:
@@ -315,7 +323,7 @@ def _with_header(
             # Words of the first name, or a last column that every row leaves out.
             extra = 0 if dialect.separator else len(fields) - width
             fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
-        if len(fields) == width + 1 and not fields[-1]:
+        if len(fields) == width + 1 and fields[-1].lower() in _REMARKS:
             fields = fields[:-1]
         if len(fields) == width - 1 and not grid[start][-1]:
             fields = [*fields, ""]  # every row ends with a separator
@@ -339,7 +347,9 @@ def _with_header(
                 i
                 for i in range(header_line + 1, start)
                 if dialect.is_row(lines[i])
-                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS or _is_gap(grid[i])
+                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS
+                or _is_gap(grid[i])
+                or (len(grid[i]) == width and any(grid[i]) and all(map(dialect.is_number, filter(None, grid[i]))))
             ),
             start,
         )

@@ -54,13 +54,26 @@ class ParquetTable(ColumnTable):
         stream.seek(0)
         with self._arrow_errors():
             self._opened = ParquetFile(stream, pre_buffer=False, page_checksum_verification=True)
-            fields = {field.name: field for field in self._opened.schema_arrow}
-            names = [name for name in self._opened.schema_arrow.names if not _INDEX.fullmatch(name)]
-        self._fields = [fields[name] for name in names]
+            fields = [field for field in self._opened.schema_arrow if not _INDEX.fullmatch(field.name)]
+            parts = [(field, part) for field in fields for part in self._parts(field)]
+        self._fields = [field for field, _ in parts]
+        self._part_of = [part for _, part in parts]
+        self._kinds = [field.type if part is None else field.type.value_type for field, part in parts]
+        names = [field.name if part is None else f"{field.name}_{part + 1}" for field, part in parts]
         super().__init__([(name, np.empty(0)) for name in names], file, skip_gaps, digest)
         self.n = self._opened.metadata.num_rows
         if not 0 <= self.n <= _MOST_ROWS:
             raise self._error(f"found {self.n} rows", f"expected at most {_MOST_ROWS}")
+
+    def _parts(self, field: Any) -> Sequence[int | None]:
+        """Return the places in the lists of a column, as long as its first one; None for a column without lists."""
+        from pyarrow import types
+
+        if not (types.is_list(field.type) or types.is_fixed_size_list(field.type)):
+            return [None]
+        first = next(self._opened.iter_batches(1, columns=[field.name]), None)
+        length = len(first.column(0)[0] or ()) if first is not None else 0
+        return range(length) if length > 1 else [None]
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -71,16 +84,16 @@ class ParquetTable(ColumnTable):
         from pyarrow import types
 
         for i in numbers:
-            kind = self._fields[i].type
+            kind = self._kinds[i]
             if not (types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind) or types.is_null(kind)):
                 self.log.add(f"the column holds {kind}, expected numbers", None, self.labels[i], "store it as double")
-        for i in texts:
-            kind = self._fields[i].type
+        for i in {*texts} - self.times:
+            kind = self._kinds[i]
             inner = kind.value_type if types.is_dictionary(kind) else kind
             if not (types.is_string(inner) or types.is_large_string(inner) or types.is_integer(inner)):
                 self.log.add(f"the column holds {kind}, expected text", None, self.labels[i], "store it as string")
         # Arrow cannot select one of two columns with the same name; the log has that problem already.
-        if any(self._fields.count(self._fields[i]) > 1 for i in (*numbers, *texts)) or self.log.total:
+        if any(self.names.count(self.names[i]) > 1 for i in (*numbers, *texts)) or self.log.total:
             self.log.raise_if_any()
         if self.n * len(numbers) > _MOST_NUMBERS:
             raise self._error(f"found {self.n} rows of {len(numbers)} columns", "split the file")
@@ -88,13 +101,15 @@ class ParquetTable(ColumnTable):
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return a column, and where its values are missing."""
-        from pyarrow import float64, string, types
+        from pyarrow import compute, float64, string, types
 
-        field = self._fields[index]
-        inner = field.type.value_type if types.is_dictionary(field.type) else field.type
-        is_text = types.is_string(inner) or types.is_large_string(inner)
+        kind = self._kinds[index]
+        inner = kind.value_type if types.is_dictionary(kind) else kind
+        is_text = types.is_string(inner) or types.is_large_string(inner) or types.is_timestamp(inner)
         with self._arrow_errors():
-            stored = self._opened.read([field.name], use_threads=False).column(0)
+            stored = self._opened.read([self._fields[index].name], use_threads=False).column(0)
+            if (part := self._part_of[index]) is not None:
+                stored = compute.list_element(stored, part)
             missing = np.asarray(stored.is_null())
             if is_text or not types.is_integer(inner) or stored.null_count:
                 stored = stored.cast(string() if is_text else float64(), safe=False)

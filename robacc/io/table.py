@@ -11,7 +11,7 @@ import csv
 import itertools
 import math
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -112,6 +112,10 @@ class Table:
         self.line = line
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
+        self.sparse: Collection[int] = ()
+        """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
+        self.times: Set[int] = frozenset()
+        """Columns of times, which may be texts or numbers."""
         self.skip_gaps = skip_gaps
         self.remarks: list[str] = []
         """How the table differs from the documented form, and how it came to be, for a message."""
@@ -184,7 +188,7 @@ _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
-    {"lost", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
+    {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
 )
 """Names of a column that says whether a row was measured, and what it says of a row that was not."""
 
@@ -211,9 +215,14 @@ class TextTable(Table):
         else:
             names, number = self._documented_names(first, file)
         super().__init__(file, names, number, counted, options.skip_gaps)
+        self._repeats = False
+        """Whether the names stand above each block of rows, with other text above them."""
         with contextlib.suppress(csv.Error):  # the row is reported when it is read
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
+            pairs = itertools.pairwise(filter(self.dialect.is_row, self._pending.lines))
+            blocks = (above for above, line in pairs if tuple(self.dialect.split(line)) == self.names)
+            self._repeats = any(not any(map(self.dialect.is_number, self.dialect.split(above))) for above in blocks)
         self.remarks.append(self.dialect.description())
         self._has_grouped = False
         """Whether a number had separators of thousands."""
@@ -353,7 +362,12 @@ class TextTable(Table):
             if fields is None or self._is_lost(number, fields, numbers, texts):
                 continue
             values.append([self._number(fields[i], number, i) for i in numbers])
-            columns.append([self.text(fields[i], number, self.labels[i]) for i in texts])
+            columns.append(
+                [
+                    "" if i in self.sparse and not fields[i] else self.text(fields[i], number, self.labels[i])
+                    for i in texts
+                ]
+            )
             lines.append(number)
         table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
         arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
@@ -392,8 +406,11 @@ class TextTable(Table):
         """Return whether a row is left out: every value is missing, or one is and the status says not measured."""
         status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
         missing = [fields[i].lower() in GAPS for i in numbers]
-        is_lost = (bool(status & _FAILED) and any(missing)) or (not texts and len(missing) > 1 and all(missing))
-        self.gaps |= {number} if is_lost else set()
+        named = not self.sparse and not all(
+            self.dialect.is_number(fields[i]) for i in texts
+        )  # a number counts the rows
+        is_lost = (bool(status & _FAILED) and any(missing)) or (not named and len(missing) > 1 and all(missing))
+        self.gaps |= {number} if is_lost and not self.sparse else set()
         return is_lost
 
     def _fields(self, number: int, line: str) -> list[str] | None:
@@ -403,6 +420,8 @@ class TextTable(Table):
             self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
             return None
         n_fields, expected = len(fields), len(self.labels)
+        if self._repeats and not any(map(self.dialect.is_number, fields)):
+            return None
         if n_fields == expected and any(fields):
             return fields
         if self.skip_gaps and n_fields < expected:

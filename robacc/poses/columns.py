@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,6 +17,8 @@ _BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
 _SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])")
 _GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?")
 """``Grad`` is a degree in German; ``grad`` may be a gradian, 400 to the turn."""
+_CHANNEL = re.compile(r"\d+\s*<(.*)>")
+"""Name of a channel behind its number, as loggers write it: ``101 <Trk X>``."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
 _ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
@@ -38,14 +41,40 @@ _COMMANDED = frozenset(
         "prog",
         "planned",
         "goal",
+        *("sollwert", "aspos", "rsol", "théorique", "theorique", "consigne", "teorico", "teórico", "nominale"),
     ]
 )
-_ATTAINED = frozenset(
+_ACTUAL = frozenset(["actual", "act", "ist", "istwert", "attained", "real", "aipos"])
+"""Words of what an instrument or the controller may have attained."""
+_ATTAINED = _ACTUAL | frozenset(
     [
-        *("actual", "act", "meas", "measured", "measurement", "ist", "attained", "real", "observed"),
+        *("meas", "measured", "measurement", "observed", "messwert", "gemessen", "messung"),
         *("tracker", "tracking", "camera", "cam", "optical", "marker"),
+        *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata"),
     ]
 )
+_INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
+    [
+        *("trk", "lasertracker", "laser", "lt", "leica", "at", "faro", "api", "radian", "vantage", "smr", "mac"),
+        *("mocap", "aruco", "optitrack", "motive", "vicon", "qualisys", "polaris", "ndi", "optotrak", "creaform"),
+        *(
+            "track",
+            "ctrack",
+            "vxtrack",
+            "photogrammetry",
+            "cmm",
+            "romer",
+            "theodolite",
+            "nikon",
+            "reflector",
+            "reflektor",
+        ),
+        *("mess", "analyzer", "gt", "truth", "ext", "extern", "external", "prism", "metrology"),
+    ]
+)
+"""Instruments, and words that say measured by one."""
+_CONTROLLER = frozenset(["robot", "roboter", "controller", "steuerung", "rist", "est", "estimated", "fk", "ctrl"])
+"""Words of a position that the controller computed."""
 _FILLERS = frozenset(
     [
         "pose",
@@ -87,7 +116,9 @@ _FILLERS = frozenset(
         "stamped",
     ]
 )
-_ORIENTED = frozenset(["orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"])
+_ORIENTED = frozenset(
+    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"]
+)
 _REFUSED = frozenset(
     [
         "dev",
@@ -98,6 +129,7 @@ _REFUSED = frozenset(
         "error",
         "err",
         "abweichung",
+        *("min", "max", "abw", "residual", "resid", "normal", "gyro", "imu", "écart", "ecart", "desviación", "scarto"),
         "tolerance",
         "tol",
         "offset",
@@ -121,10 +153,17 @@ _REFUSED = frozenset(
 )
 """Words that make a name none of a pose's: a deviation from the nominal value, a velocity, a force."""
 _JOINT_WORDS = frozenset(
-    ["q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"]
+    [
+        *("q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"),
+        *("axe", "articulation", "articulación", "articulacion", "eje", "asse", "giunto", "junta"),
+    ]
 )
-_MOTOMAN = ("s", "l", "u", "r", "b", "t")
-"""Yaskawa's letters of the six axes, from the base."""
+_ARMS = (
+    ("s", "l", "u", "r", "b", "t"),
+    ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3"),
+    ("base", "shoulder", "elbow", "w 1", "w 2", "w 3"),
+)
+"""Names of the six axes from the base: Yaskawa's letters, and those on the pendant of Universal Robots."""
 _SPREAD = frozenset(["sigma", "std", "stdev", "stddev", "sd"])
 _UNCERTAIN = frozenset(["u", "uncertainty", "unc", "unsicherheit"])
 _WHOLE_NAMES = {
@@ -132,7 +171,8 @@ _WHOLE_NAMES = {
     **dict.fromkeys(
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
     ),
-    **dict.fromkeys(("object", "object name"), "pose"),  # frames of SpatialAnalyzer
+    **dict.fromkeys(("object", "object name", "collection group point"), "pose"),  # SpatialAnalyzer
+    **dict.fromkeys(("punto", "nombre", "nom", "nome", "merkmal", "characteristic name"), "pose"),
     **dict.fromkeys(("label", "feature", "feature name", "element", "element name"), "pose"),  # CAM2, PolyWorks, GOM
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
@@ -194,6 +234,9 @@ class Meaning:
         return f"cmd_{self.key}" if self.commanded and f"cmd_{self.key}" in FIXED_KINDS else self.key
 
 
+_FAMILIES = {"abc": ("a", "b", "c"), "abg": ("alpha", "beta", "gamma"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
+"""Names of three angles that mean an orientation together."""
+_PLACED = re.compile(r"(?:observation)?(p|tvec|rvec|)\d+")
 _COORDINATES: Mapping[str, Meaning] = {
     **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},
     **{name: Meaning(name) for name in (*QUATERNION, *RPY)},
@@ -212,7 +255,9 @@ def heading_of(name: str) -> Heading:
     matches = filter(None, (form.fullmatch(stem) for form in (_BRACKETED, _SUFFIXED, _GERMAN_DEGREES)))
     if match := next((match for match in matches if match[2] == "Grad" or match[2].lower() in UNIT_NAMES), None):
         stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
-    spaced = re.sub(r"([a-zäöü])([A-Z])", r"\1 \2", stem)
+    if match := _CHANNEL.fullmatch(stem):
+        stem = match[1]
+    spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
 
 
@@ -229,8 +274,9 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         siblings: Texts of all headings of the file, which make single letters unambiguous.
     """
     words, text = heading.words, heading.text
-    if text in _MOTOMAN and {*_MOTOMAN} <= siblings:
-        return Meaning(f"q{_MOTOMAN.index(text) + 1}")
+    for axes in _ARMS:
+        if text in axes and {*axes} <= siblings:
+            return Meaning(f"q{axes.index(text) + 1}")
     if key := _WHOLE_NAMES.get(text):
         return Meaning(key)
     if _REFUSED & set(words) or not words:
@@ -242,9 +288,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning((*AXES, *ROTATION_VECTOR)[int(match[1])], True, "ur")
     if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
         return Meaning("qw")
-    # Pairs of hand-eye calibration: the pose of the robot, and the pose that a camera measured.
-    sensed = "robot" in words and any(_ATTAINED & set(sibling.split()) for sibling in siblings)
-    commanded = True if sensed or _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
+    commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
     # A path such as /joint_states/j1/position has both words.
@@ -254,10 +298,34 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     return None if meaning is None else replace(meaning, commanded=commanded)
 
 
-def is_pose_word(text: str) -> bool:
-    """Return whether a word of a text has a meaning here, so that the text is no name of a body."""
-    known = _COMMANDED | _ATTAINED | _FILLERS | _REFUSED | _SPREAD | _UNCERTAIN | _JOINT_WORDS
-    return bool(known & set(text.split()))
+_FORMS = _ORIENTED | {"pose", "position", "pos", "point", "translation", "trans"}
+"""Words that say no more than the axis beside them."""
+_PART_OF = {
+    **{name: meaning.key for name, meaning in _COORDINATES.items() if meaning.key in AXES},
+    **dict.fromkeys(itertools.chain(ROTATION_VECTOR, QUATERNION, RPY, *_FAMILIES.values()), "turn"),
+    **dict.fromkeys(("rw", "phix", "phiy", "phiz"), "turn"),
+}
+"""Axis that a word of a coordinate's name stands for, ``turn`` for an angle."""
+
+
+def labelled(heading: Heading) -> tuple[tuple[str, ...], str] | None:
+    """Return the words beside a coordinate, and its axis or ``turn`` for an angle; None for another name."""
+    words = heading.words
+    at = next((i for i in (-1, 0) if words and words[i] in _PART_OF), None)
+    if at is None:
+        return None
+    label = tuple(word for i, word in enumerate(words) if i != at % len(words) and word not in _FORMS)
+    return label, "turn" if _ORIENTED & {*words} else _PART_OF[words[at]]
+
+
+def source_of(label: Collection[str]) -> int:
+    """Return how surely a position was measured whose axes have these words beside them.
+
+    3: by an instrument; 2: attained; 1: no word says how; 0: computed by the controller; -1: no attained position.
+    """
+    other = _COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | {"set"}
+    ranks = ((-1, other), (0, _CONTROLLER), (3, _INSTRUMENTS), (2, _ACTUAL))
+    return next((rank for rank, words in ranks if words & {*label}), 1)
 
 
 def is_point_name(name: str) -> bool:
@@ -270,11 +338,10 @@ def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
 
     The label of ``X`` and of ``Measured X`` is empty.
     """
-    words = [word for word in heading.words if word not in _FILLERS | _ATTAINED]
-    axes = [word for word in words if word in ("x", "y", "z")]
-    if len(axes) != 1 or set(heading.words) & (_COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | _ORIENTED):
+    label, axis = labelled(heading) or ((), "turn")
+    if axis == "turn" or source_of(heading.words) < 0:
         return None, None
-    return axes[0], "".join(word for word in words if word != axes[0])
+    return axis, "".join(word for word in label if word not in _FILLERS | _ATTAINED)
 
 
 def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Meaning | None:
@@ -284,17 +351,22 @@ def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Mea
     if oriented and joined in ("x", "y", "z", "w"):
         is_quaternion = any("w" in sibling.split() for sibling in siblings)
         return Meaning(f"q{joined}") if is_quaternion else Meaning(f"r{joined}", family="axes")
-    if joined.isdecimal() and not oriented:  # pos_1, pos_2, pos_3
+    if (match := _PLACED.fullmatch(joined)) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
         places = sorted(sibling for sibling in siblings if sibling.rpartition(" ")[0] == text.rpartition(" ")[0])
-        return Meaning(AXES[places.index(text)]) if len(places) == len(AXES) else None
+        keys = ROTATION_VECTOR if match[1] == "rvec" else AXES
+        if len(places) in (6, 7) and "pose" in core and not {"tcp", "robot", "ee"} & set(core):
+            keys = (*AXES, *(QUATERNION if len(places) == 7 else ROTATION_VECTOR))
+        key = keys[places.index(text)] if len(places) == len(keys) else None
+        family = "ur" if match[1] == "rvec" else "quaternion" if key in QUATERNION else "axes"
+        return None if key is None else Meaning(key, family=None if key in AXES else family)
     if joined in ("rx", "ry", "rz", "rw") and "rw" in siblings:  # Vicon
         return Meaning(f"q{joined[1]}")
     if oriented and joined[-1:] in {*"1234"} and {n for n in "0123456789" if text[:-1] + n in siblings} == {*"1234"}:
         return Meaning(QUATERNION[int(joined[-1]) - 1], family="quaternion")
     letters = {"".join(word for word in name.split() if word not in _COMMANDED | _ATTAINED) for name in siblings}
-    for family in ("abc", "wpr", "oat"):
-        if joined in tuple(family) and set(family) <= letters:
-            return Meaning(f"r{'xyz'[family.index(joined)]}", family=family)
+    for family, names in _FAMILIES.items():
+        if joined in names and {*names} <= letters:
+            return Meaning(ROTATION_VECTOR[names.index(joined)], family=family)
     return _COORDINATES.get(joined)
 
 
@@ -318,6 +390,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "m": ("length", 1.0),
     "mm": ("length", 1e3),
     "um": ("length", 1e6),
+    "cm": ("length", 1e2),
     "in": ("length", 1.0 / 0.0254),
     "rad": ("angle", 1.0),
     "mrad": ("angle", 1e3),

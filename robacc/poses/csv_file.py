@@ -169,6 +169,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
     keys = [key for key in _numeric_order(layout) if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
+    table.times = frozenset(columns[key].index for key in times)
     body = table.body([columns[key].index for key in keys], [columns[key].index for key in texts])
     for row, key in zip(body.numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
@@ -189,7 +190,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         numbers = np.vstack([numbers, read_times(stamps, body.lines, names, columns[times[0]].divisor, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line)
+    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(table.gaps))
 
 
 def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
@@ -247,6 +248,7 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         branches=branches,
         branch_names=() if branches is None else tuple(branch.name for branch in layout.names.robot.branches),
         rows=values.lines,
+        gaps=values.gaps,
         counted=values.log.counted,
         ordered=ordered,
     )

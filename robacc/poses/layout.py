@@ -6,7 +6,7 @@ import difflib
 import itertools
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ from robacc.geometry import Array
 from robacc.io.dialect import PLAIN
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
+from robacc.measurements import MOVES_UNUSED
 from robacc.poses.columns import (
     AXES,
     BRANCH_KEY,
@@ -36,12 +37,13 @@ from robacc.poses.columns import (
     Meaning,
     heading_of,
     is_of_ros,
-    is_pose_word,
+    labelled,
     meaning_of,
+    source_of,
     split_unit,
     time_column,
 )
-from robacc.poses.reading import AS_NAMED, KnownRobot, Reading
+from robacc.poses.reading import AS_NAMED, KnownRobot, Reading, RowKeys
 from robacc.poses.reshaped_tables import advice_on_points
 
 _MAX_LISTED = 6
@@ -189,14 +191,13 @@ def read_layout(
             log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
     names = Names.of(_as_mapped(table, reading), robot)
     layout = documented_columns(table, names, reading)
-    unknown = Counter(name for name in layout.unused if name)
-    for name, count in unknown.items():
-        if count > 1:
-            log.add("the column is a duplicate", line, clip(name), "keep one of them")
     if reading.columns is None and (table.dialect is not PLAIN or _lacks_a_pose(layout, attained, commands)):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
+        unknown = Counter(name for name in layout.unused if name)
+        for name in [name for name, count in unknown.items() if count > 1]:
+            log.add("the column is a duplicate", line, clip(name), "keep one of them")
         for name in [*unknown][:_MAX_WARNINGS]:
             near = documented_name(name) or names.nearest(name)
             log.warn(f"unknown column {clip(name)} is ignored; the nearest known name is {near!r}", line)
@@ -233,7 +234,8 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
     stem, unit = (name, None) if names.key(name) else split_unit(name)
     label = table.names[index]
     if (key := names.key(stem)) is None:
-        return None if reading.columns is None else time_column(name, index, label)
+        is_time = reading.columns is not None or name in ("time", "timestamp", "t")
+        return time_column("time" if name in ("timestamp", "t") else name, index, label) if is_time else None
     kind = names.kind(key)
     fitting = _QUANTITIES.get(kind, ())
     if unit is not None and UNITS[unit][0] not in fitting:
@@ -342,31 +344,71 @@ def listing(names: Sequence[str]) -> str:
     return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
 
 
-# Coordinates of a table that names or numbers its only body: ``Model1 Tx``, ``x1``, and angles ``phix1``.
-
-_NUMBERED = re.compile(r"(?P<axis>(?:phi)?[xyz]) (?P<body>\d+)")
-_OF_BODY = re.compile(r"(?P<body>.*\w\w.*) (?P<axis>t?[xyz]|q[wxyz])")
+# Positions beside each other: those of the controller and of an instrument, of a body and of its markers.
 
 
-def without_body(headings: Sequence[Heading]) -> list[Heading]:
-    """Return headings without the name or number of the only body that is measured."""
-    texts = [item.text for item in headings]
-    for form in (_NUMBERED, _OF_BODY):
-        matches = [match for text in texts if (match := form.fullmatch(text))]
-        axes = sorted(match["axis"][-1] for match in matches if match["axis"] in (*AXES, "tx", "ty", "tz"))
-        bodies = {match["body"] for match in matches}
-        if len(bodies) == 1 and axes == [*AXES] and not {*texts} & {*AXES} and not any(map(is_pose_word, bodies)):
-            axis_of = {match[0]: match["axis"].replace("phi", "r") for match in matches}
-            return [replace(item, words=(axis_of[item.text],)) if item.text in axis_of else item for item in headings]
-    return [*headings]
+def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[int]]:
+    """Return headings without the words of the position that was measured, and the columns of its rivals.
+
+    The rivals stay as commands where the file has no others.
+
+    Of several positions that of an instrument is the measured one, else an attained one, else that without a word, last
+    the controller's. A body has an orientation, its markers have none. Two that are equally likely are a question.
+
+    Args:
+        table: Table of the headings; its log takes the question.
+        names: Names that columns may have.
+    """
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    keys = [_named_joint(heading, names) or getattr(meaning_of(heading, siblings), "key", "") for heading in headings]
+    joints = any(map(_JOINT.fullmatch, keys))
+    places: dict[tuple[str, ...], dict[str, int]] = {}
+    turned: dict[tuple[str, ...], list[int]] = {}
+    for i, heading in enumerate(headings):
+        label, part = labelled(heading) or ((), "")
+        if part == "turn":
+            turned.setdefault(label, []).append(i)
+        elif part:
+            label = (*label, "repeated") if part in places.get(label, ()) else label
+            places.setdefault(label, {})[part] = i
+    ranks = {label: source_of(label) for label, axes in places.items() if len(axes) == len(AXES)}
+    if joints and max(ranks.values(), default=0) == 1:
+        ranks |= {label: 1 for label in ranks if {"ref", "reference"} & {*label}}
+    ranks = {label: rank for label, rank in ranks.items() if rank >= 0}
+    best = [label for label, rank in ranks.items() if rank == max(ranks.values())]
+    if len(best) > 1:
+        bodies = [label for label in best if len(turned.get(label, ())) >= len(AXES)]
+        best = bodies if len(bodies) == 1 else best
+    if len(best) > 1 and () in best:
+        texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
+        message = f"found several positions: {' or '.join(map(repr, texts))}"
+        table.log.add(message, table.line, fix="say with `columns` which was measured")
+        best = [()]
+    is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
+    if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
+        return headings, set()
+    result = [*headings]
+    for i in (*places[best[0]].values(), *turned.get(best[0], ())):
+        words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
+        result[i] = replace(headings[i], words=words)
+    if best[0]:  # an axis alone, such as X_Value, is none of a position
+        alone = [i for label, axes in places.items() if label not in ranks for i in axes.values()]
+        result = [replace(item, words=()) if i in alone and source_of(item.words) > 0 else item
+                  for i, item in enumerate(result)]  # fmt: skip
+    rivals = [label for label in ranks if label not in best]
+    return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
 
 
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
 
 _JOINT = re.compile(r"q\d+")
+_EXTERNAL = re.compile(r"(?:.*[^a-z])?E\d\b.*")
+_STATE = re.compile(r"observation\.state_(\d+)")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
+    "abg": ("kuka-abc", "fixed-xyz", "moving-xyz"),
     "wpr": ("fixed-xyz",),
     "oat": ("zyz",),
     "ur": ("rotvec",),
@@ -385,11 +427,13 @@ class _Candidate(NamedTuple):
     """Index in the file."""
     heading: Heading
     meaning: Meaning
+    rival: bool
+    """Whether another position was measured, so that this one is commanded."""
 
 
-def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
-    """Yield what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
-    headings = without_body([heading_of(name) for name in table.names])
+def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> list[_Candidate]:
+    """Return what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
+    names, result = known.names, []
     siblings = frozenset(heading.text for heading in headings)
     for i, heading in enumerate(headings):
         unit = table.cell_units.get(i, heading.unit)
@@ -400,15 +444,24 @@ def _candidates(table: Table, names: Names) -> Iterator[_Candidate]:
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is None:
             continue
+        rival = i in rivals and not _JOINT.fullmatch(meaning.key)
+        meaning = replace(meaning, commanded=True) if rival else meaning
         key = meaning.full_key
         # One uncertainty may be of all axes.
         for name in SIGMAS if key == "sigma" else (key,):
-            yield _Candidate(i, replace(heading, unit=unit), replace(meaning, key=name))
+            result.append(_Candidate(i, replace(heading, unit=unit), replace(meaning, key=name), rival))
+    keys = {*known.columns, *(item.meaning.key for item in result if not item.rival)}
+    has_commands = any(_JOINT.fullmatch(key) or key.startswith("cmd_") for key in keys)
+    used = {column.index for column in known.columns.values()}
+    return [item for item in result if item.place not in used and not (item.rival and has_commands)]
 
 
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text = heading.name.lower()
+    joints = len(names.robot.joint_names or ())
+    if (match := _STATE.fullmatch(text)) and int(match[1]) <= joints:  # LeRobot's list
+        return f"q{match[1]}"
     for i, name in enumerate(names.robot.joint_names or ()):
         if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
             others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
@@ -437,13 +490,12 @@ def _by_key(candidates: list[_Candidate], known: Mapping[str, Column]) -> dict[s
     return result
 
 
-def _chosen(table: Table, known: Mapping[str, Column], names: Names) -> dict[str, _Candidate]:
+def _chosen(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> dict[str, _Candidate]:
     """Return the column for each key that the names stand for; two that are equally good are a question."""
-    used = {column.index for column in known.values()}
-    candidates = [item for item in _candidates(table, names) if item.place not in used]
+    candidates = _candidates(known, table, headings, rivals)
     result: dict[str, _Candidate] = {}
     read_back: dict[str, _Candidate] = {}
-    for key, items in _by_key(candidates, known).items():
+    for key, items in _by_key(candidates, known.columns).items():
         if _JOINT.fullmatch(key):
             # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
             attained = [item for item in items if item.meaning.commanded is False]
@@ -467,7 +519,9 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         known: Columns whose names are documented; they stay as they are.
         reading: Statements of the user.
     """
-    chosen = _chosen(table, known.columns, known.names)
+    headings, rivals = measured_position(table, known.names)
+    known = replace(known, columns={key: item for key, item in known.columns.items() if item.index not in rivals})
+    chosen = _chosen(known, table, headings, rivals)
     open_keys = [key for key, item in chosen.items() if item.meaning.expanded and reading.coverage is None]
     expanded = dict.fromkeys(chosen.pop(key).heading.name for key in open_keys)
     of_preamble, remark = _unit_of_preamble(table)
@@ -497,6 +551,8 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         remarks.append(f"{text} taken as {unit}, the unit of {columns['x'].name}; `units` states another")
     taken = {column.index for column in columns.values()}
     unused = [name for i, name in enumerate(table.names) if i not in taken and name]
+    moving = [name for i, name in enumerate(table.names) if i not in taken and _EXTERNAL.fullmatch(name)
+              if len({row[i : i + 1] for row in table.dialect.sample}) > 1]  # fmt: skip
     ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
     stated = statement(columns, known.columns)
     for text in (
@@ -504,6 +560,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         f"not used: {', '.join(_with_suggestion(name, known.names) for name in unused)}" if unused else "",
         *remarks,
         remark,
+        f"{', '.join(moving)} {MOVES_UNUSED}" if moving else "",
         f"to use the uncertainties {compact([*expanded])}, give `coverage`: {ways}" if expanded else "",
     ):
         if text:
@@ -608,6 +665,13 @@ class Values:
     """Takes problems, warnings and notes of the file."""
     header: int | None
     """Line of the columns' names."""
+    gaps: tuple[int, ...] = ()
+    """Lines of rows that were left out because a value is missing."""
+
+    @property
+    def keys(self) -> RowKeys:
+        """Names, times and lines of the rows."""
+        return RowKeys(self.texts.get("pose"), self.column("time_s"), self.lines, self.gaps)
 
     def column(self, key: str) -> Array | None:
         """Return one column ``(N,)``; None where the file does not have it."""

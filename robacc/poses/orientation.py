@@ -76,7 +76,7 @@ def conventions(
         if pose_at is not None and (q := values.column_set(layout.joints())) is not None:
             return pose_at(q[:, rows]).rotation
         if known_poses is not None:
-            known = known_poses(values.texts.get("pose"), n)[1]
+            known = known_poses(values.keys)[1]
             return None if known is None else known[..., rows]
         other = "" if prefix else "cmd_"
         keys = orientations.get(other)

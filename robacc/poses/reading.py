@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 _PLACES = 400
 """Comparisons at most."""
-_AGREES = np.radians(3.0)
+AGREES = np.radians(3.0)
 """rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
 _RATIO = 5.0
 """Ratio of the typical disagreements at which the second convention is ruled out."""
@@ -68,7 +68,7 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
     """Return whether the convention with the smallest disagreement fits and another one does not."""
     best = min(trial.values())
-    return bool(best < _AGREES and trial[name] > max(_RATIO * best, _AGREES))
+    return bool(best < AGREES and trial[name] > max(_RATIO * best, AGREES))
 
 
 def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> dict[str, float] | None:
@@ -90,7 +90,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     steps = (0, 1, n // 3 + 1, 2 * n // 3 + 1)
     fours = np.stack([(first + step) % n for step in steps])
     turned = _turns(known, fours)
-    fours, turned = fours[:, turned > 2 * _AGREES], turned[turned > 2 * _AGREES]
+    fours, turned = fours[:, turned > 2 * AGREES], turned[turned > 2 * AGREES]
     if n < len(steps) or turned.size < _FEWEST:
         return None
     tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
@@ -174,9 +174,24 @@ JointLimits = Sequence[tuple[float, float] | None]
 """Lowest and highest value of each joint, rad or m; None for a joint without limits."""
 PoseAt = Callable[[Array], Poses]
 """Nominal poses of the robot at joint variables ``(J, N)``."""
-KnownPoses = Callable[[NDArray[Any] | None, int], tuple[Array | None, Array | None]]
-"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows with these names of poses, or to
-N rows without names; None for what it does not give."""
+
+
+class RowKeys(NamedTuple):
+    """What rows of one file are joined to those of another by."""
+
+    names: NDArray[Any] | None
+    """``(N,)`` names of the poses."""
+    time: Array | None
+    """``(N,)`` s"""
+    lines: NDArray[np.int64]
+    """``(N,)`` line or row in the file."""
+    gaps: tuple[int, ...] = ()
+    """Lines of rows that were left out because a value is missing."""
+
+
+KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, NaN where it has no such row;
+None for what it does not give."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,18 +17,19 @@ from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import PLAIN, number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name
+from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name, source_of
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
 
 _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+_TUM_HEADER = ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
 _UNIT_LENGTH = 1e-3
 _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
 _QUATERNION, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
 _JOINT_UNITS = (("rad", "m"), ("deg", "mm"))
-_LENGTHS = {"m": 1.0, "mm": 1e3, "in": 1 / 0.0254}
+_LENGTHS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 1 / 0.0254}
 """Lengths in a metre."""
 _FEWEST_ROWS = 8
 """24 coordinates, well above the 15 parameters of the affine fit."""
@@ -58,6 +59,8 @@ def with_known_names(
         InputError: The rows have no known form, or several forms fit.
     """
     dialect, width = table.dialect, len(table.names)
+    if dialect.separator is None and [name.lower() for name in dialect.names] == _TUM_HEADER:
+        return _TUM
     if dialect is PLAIN or dialect.names:
         return table.names
     cells = [[number_of(text, dialect.decimal_comma) for text in row] for row in dialect.sample if len(row) == width]
@@ -212,7 +215,9 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
 
 
-_AXIS_NAMES = frozenset({"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente"})
+_AXIS_NAMES = frozenset(
+    {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
+)
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
 _MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
 _NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
@@ -253,11 +258,13 @@ def with_named_quaternion(table: Table) -> tuple[str, ...]:
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
     """Return the columns ``X1, Y1, Z1, X2 …`` by label and axis; empty unless two labels have an axis."""
     points: dict[str, dict[str, int]] = {}
+    sources = set()
     for index, name in enumerate(names):
         axis, label = axis_and_label(heading_of(name))
         if axis is not None and label is not None:
             points.setdefault(label, {}).setdefault(axis, index)
-    return {} if "" in points or len(points) < 2 else points
+            sources.add(source_of(heading_of(name).words))
+    return {} if "" in points or len(points) < 2 or len(sources) > 1 else points
 
 
 def advice_on_points(names: Sequence[str]) -> str | None:
@@ -314,6 +321,7 @@ class ReshapedTable(Table):
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
         n = len(self._kept)
+        self._table.times = frozenset(self._kept[i] for i in self.times)
         kept = [[self._kept[i] for i in columns if i < n] for columns in (numbers, texts)]
         old = self._table.body([*kept[0], *self._made_of[0]], [*kept[1], *self._made_of[1]])
         self.sha256 = self._table.sha256
@@ -363,6 +371,7 @@ def _axes_in_rows(table: Table) -> Table | None:
         return rows, [value[row] for value in old.numbers for row in rows]
 
     texts = axis if point is None else [*axis, point]
+    table.sparse = frozenset(texts)
     return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
 
 
@@ -374,6 +383,8 @@ def _rows_of_points(old: TableBody, table: Table, name: str) -> NDArray[np.int64
     unused: dict[str, None] = {}
     axes = [text.strip().lower() for text in old.texts[0].tolist()]
     labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
+    # A name may stand in the first row of its point only.
+    labels = [*itertools.accumulate(labels, lambda above, label: label or above)]
     points: list[tuple[str, dict[str, int]]] = []
     for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
         if axis not in AXES:

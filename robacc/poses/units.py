@@ -15,7 +15,8 @@ from robacc.geometry import Array
 from robacc.io.files import ProblemLog
 from robacc.poses.columns import AXES, COMMANDED_AXES, JOINT_COLUMN, SIGMAS, UNITS, Column
 from robacc.poses.layout import QUANTITY, Values, compact, listing
-from robacc.poses.reading import JointLimits, KnownPoses, KnownRobot
+from robacc.poses.reading import AGREES, JointLimits, KnownPoses, KnownRobot, try_conventions
+from robacc.poses.reshaped_tables import unit_of_positions
 from robacc.statistics.intervals import interpolated
 
 # Plausibility of units: columns without a unit in their names must not be in degrees or millimetres.
@@ -138,7 +139,9 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
 
 # Units of columns without a unit in their names: checks, and the choice where one reading is left.
 
-_READINGS = {"length": ("m", "mm", "in"), "angle": ("rad", "deg")}
+_READINGS = {"length": ("m", "mm", "in", "cm"), "angle": ("rad", "deg")}
+_FITS = 10.0
+"""Advantage of a reading under which the positions, or the orientations, follow the arm."""
 _NEAR, _APART = math.log(5.0), math.log(4.0)
 """Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
 ratio by which another reading is worse. Units differ by 25 or more."""
@@ -172,6 +175,8 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
     wrong: set[str] = set()
     if values.lines.size == 0 or layout.wrong_unit:
         return joints, frozenset()
+    if layout.without_unit and log.total:
+        return joints, frozenset()  # another problem, without which the values may show the units
     if columns := layout.without_unit:
         # What the values suggest: a question to the user.
         kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
@@ -290,12 +295,17 @@ def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None
     wrong = foreign | doubts(rows)
     if not index.size or layout.wrong_unit or "part" in wrong or not wrong:
         return values
-    known = None if known_poses is None else known_poses(values.texts.get("pose"), values.lines.size)[0]
+    known = (None, None) if known_poses is None or values.log.total else known_poses(values.keys)
+    if known[0] is not None:
+        index = index[np.isfinite(known[0][0, index])]
+        rows = values.rows(index)
     scores = {}
     for units in itertools.product(*(_READINGS[name] if name in wrong else _READINGS[name][:1] for name in _READINGS)):
         trial = _scaled(rows, columns, dict(zip(_READINGS, units, strict=True)))
         if not doubts(trial):
-            scores[units] = _distance(trial, robot, None if known is None else known[:, index])
+            scores[units] = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
+            if units[0] == "cm" and scores[units] > 0:
+                del scores[units]  # too near to an inch to be told by the range
     best = min(scores.values(), default=math.inf)
     # Of documented names the motion of the arm decides: the lengths, and the angles of the joints.
     of_arm = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
@@ -325,11 +335,22 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
     return replace(values, numbers=numbers, layout=layout)
 
 
-def _distance(values: Values, robot: KnownRobot, known: Array | None) -> float:
-    """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio."""
-    q, measured = values.column_set(values.layout.joints()), values.column_set(AXES)
-    of_arm = None if q is None or robot.pose_at is None else robot.pose_at(q).translation
-    positions = [measured, *(p for p in (of_arm, known, values.column_set(COMMANDED_AXES)) if p is not None)]
-    ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in positions[:2]]
-    shows = len(ranges) == 2 and ranges[0] > 0 and SMALL_RANGE < ranges[1] < _LARGEST
-    return abs(math.log(ranges[0] / ranges[1])) if shows else math.inf
+def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:
+    """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio.
+
+    It is less by :data:`_FITS` where positions, and where orientations, follow the arm.
+    """
+    q, measured, commanded = (values.column_set(keys) for keys in (values.layout.joints(), AXES, COMMANDED_AXES))
+    if q is not None and robot.pose_at is not None:
+        poses = robot.pose_at(q)
+        known = (poses.translation, poses.rotation)
+    at = commanded if known[0] is None else known[0]
+    ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in (measured, at)]
+    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < _LARGEST):
+        return math.inf
+    fits = float(measured is not None and unit_of_positions(measured, *known) == "m")
+    angles = values.column_set(values.layout.orientation() or ())
+    if angles is not None and len(angles) == 3 and known[1] is not None:
+        tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
+        fits += float(min((tried or {"": math.inf}).values()) < AGREES)
+    return abs(math.log(ranges[0] / ranges[1])) - _FITS * fits

@@ -89,10 +89,14 @@ def test_commands_of_a_robot_program(data: robacc.Measurements, tmp_path: Path) 
     assert any("joined by the order of rows" in warning for warning in read.warnings)
 
 
-def test_names_that_do_not_fit_are_listed(data: robacc.Measurements, tmp_path: Path) -> None:
+def test_points_without_a_command_are_left_out_unless_they_are_most(data: robacc.Measurements, tmp_path: Path) -> None:
     (tmp_path / "points.txt").write_text(tracker(data, list(range(COUNT))), encoding="utf-8")
     (tmp_path / "joints.csv").write_text(joints(data, list(range(2, COUNT))), encoding="utf-8")
-    with pytest.raises(robacc.InputError, match=r"2 of the measured poses have no command in .*joints\.csv: p0, p1"):
+    read = robacc.read_poses(tmp_path / "points.txt", commanded=tmp_path / "joints.csv")
+    np.testing.assert_allclose(read.q, data.q[:, 2:], atol=1e-8)
+    assert any("rows without a command in " in text and text.endswith(": p0, p1") for text in read.warnings)
+    (tmp_path / "joints.csv").write_text(joints(data, list(range(8, COUNT))), encoding="utf-8")
+    with pytest.raises(robacc.InputError, match=r"8 of the measured poses have no command in .*joints\.csv: p0, p1"):
         robacc.read_poses(tmp_path / "points.txt", commanded=tmp_path / "joints.csv")
 
 

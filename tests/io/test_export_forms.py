@@ -18,6 +18,7 @@ import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError, Note
 
+Form = Callable[["Campaign"], dict[str, str]]
 N = 24
 ROBOT = "ur10e"
 MM = 1e3
@@ -348,18 +349,221 @@ def commanded_and_read_joints(c: Campaign) -> dict[str, str]:
     return {"both.csv": lines(named(values), ",", head)}
 
 
-Form = Callable[[Campaign], dict[str, str]]
+def table(head: str, *columns: np.ndarray, sep: str = ";", name: str = "", tail: str = "") -> str:
+    values = np.hstack(columns)
+    return lines(named(values, name) if name else values, sep, head + "\n", tail)
+
+
+JOINTS = "A1;A2;A3;A4;A5;A6"
+
+
+def beside(controller: str, measured: str) -> Form:
+    """A controller's position, of its own frame, beside that of an instrument."""
+
+    def form(c: Campaign) -> dict[str, str]:
+        names = [text.format(axis) for text in (controller, measured) for axis in "XYZ"]
+        return {"both.csv": table(";".join((JOINTS, *names)), np.degrees(c.q), c.commanded * MM, c.position * MM)}
+
+    form.__name__ = f"{controller} beside {measured}"
+    return form
+
+
+BESIDE = [
+    *(
+        ("{}", text)
+        for text in ("Laser {}", "{}_tracker", "T-Mac {}", "AT960_{}", "OptiTrack {}", "{}_LT", "{} Messung")
+    ),
+    *(("{}", text) for text in ("{}_meas", "{} Messung", "{}_ext", "gt_{}", "SMR {}", "Leica{}")),
+    *(("Robot {}", "{}"), ("{} Roboter", "{} Lasertracker"), ("TCP {}", "Laser {}"), ("Actual {}", "Laser {}")),
+    *(("{}_est", "{}_gt"), ("RIst.{}", "TRK.{}"), ("Controller\\TCP\\{}", "Tracker {}"), ("Pos_{}", "Trk_{}")),
+]
+
+
+def controller_pose_and_leica(c: Campaign) -> dict[str, str]:
+    angles = c.commanded_turn.as_euler("ZYX", degrees=True)
+    head = f"Nr;{JOINTS};X;Y;Z;A;B;C;Leica X;Leica Y;Leica Z"
+    return {"kuka.csv": table(head, np.degrees(c.q), c.commanded * MM, angles, c.position * MM, name="{}")}
+
+
+def joints_in_another_order(c: Campaign, name: str, of: str) -> dict[str, str]:
+    """Points of which one has no command, and commands in another order, whose names are alike."""
+    points = table("Name;X;Y;Z", c.position * MM, name=name, tail="Drift A;2000;100;30\n")
+    rows = named(np.degrees(c.q), of)[::-1]
+    return {"points.csv": points, "joints.csv": lines(rows, ";", f"Name;{JOINTS}\n")}
+
+
+def names_by_number(c: Campaign) -> dict[str, str]:
+    return joints_in_another_order(c, "Pos {}", "XP{:03d}")
+
+
+def names_in_groups(c: Campaign) -> dict[str, str]:
+    files = joints_in_another_order(c, "Cell::Arm::P{}", "P{}")
+    return files | {"points.csv": files["points.csv"].replace("Name", "Collection::Group::Point", 1)}
+
+
+def names_of_repetitions(c: Campaign) -> dict[str, str]:
+    return joints_in_another_order(c, "P{}_1", "P{}")
+
+
+def stamped(c: Campaign) -> dict[str, str]:
+    """Rows at rest, of which each file lacks another one, by times that differ by some milliseconds."""
+    at = 1.7956e9 + 5.0 * np.arange(N + 2)[:, None]
+    poses = np.vstack((c.position[:1] + 0.1, c.position))
+    turns = np.vstack((c.turn.as_quat()[:1], c.turn.as_quat()))
+    head = "# timestamp tx ty tz qx qy qz qw"
+    joints = np.vstack((c.q, c.q[:1] + 0.1))
+    names = "time," + ",".join(f"q{i}_rad" for i in range(1, 7))
+    return {
+        "measured.tum": table(head, at[:-1] + 0.017, poses, turns, sep=" "),
+        "joints.csv": table(names, at[1:], joints, sep=","),
+    }
+
+
+def in_rows(c: Campaign, head: str, sep: str, row: Callable[[int, str, float], str], above: str = "") -> dict[str, str]:
+    text = "".join(
+        above.format(i) + "".join(row(i, axis, value) for axis, value in zip("XYZ", values, strict=True))
+        for i, values in enumerate(c.position * MM, 1)
+    )
+    return {"report.txt": head + text, "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+
+def polyworks_blocks(c: Campaign) -> dict[str, str]:
+    head = "Report\nUnits: Millimeters\n\nName\tControl\tNominal\tMeasured\tTest\n"
+    return in_rows(
+        c,
+        head,
+        "\t",
+        lambda i, axis, v: (
+            f"{f'P{i}' * (axis == 'X')}\t{axis}\t{v + 1:.6f}\t{v:.6f}\tPass\n" + "\t3D Dist\t\t\tPass\n" * (axis == "Z")
+        ),
+    )
+
+
+def metrolog(c: Campaign) -> dict[str, str]:
+    head = "METROLOG\tcell 4\nFeature\tType\tCharacteristic\tNominal\tActual\tStatus\n"
+    return in_rows(c, head, "\t", lambda i, axis, v: f"P{i}\tPoint\t{axis}\t{v + 1:.6f}\t{v:.6f}\tOK\n")
+
+
+def pc_dmis(c: Campaign) -> dict[str, str]:
+    above = "\nDIM LOC{0}= LOCATION OF POINT P{0}  UNITS=MM\nAX    NOMINAL    +TOL    MEAS    DEV\n"
+    return in_rows(c, "PART NAME  : CELL\n", " ", lambda i, axis, v: f"{axis} {v + 1:.6f} 0.5 {v:.6f} -1.0\n", above)
+
+
+def istwert(c: Campaign) -> dict[str, str]:
+    names = [f"{word} {axis}" for word in ("Istwert", "Sollwert", "Abweichung") for axis in "XYZ"]
+    values = (c.position * MM, c.commanded * MM, c.position * MM - c.commanded * MM)
+    text = table(";".join(["Merkmal", *names]), *values, name="P{}")
+    return {"ist.csv": text, "joints.csv": table(f"Name;{JOINTS}", np.degrees(c.q), name="P{}")}
+
+
+def prose_below(c: Campaign) -> dict[str, str]:
+    tail = ";;;;\nErstellt am 25.11.2026 um 14:02;;;;\n"
+    points = table("Element;X;Y;Z;Form", c.position * MM, 0 * c.position[:, :1], name="XP{}", tail=tail)
+    return {"points.csv": points, "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+
+def labview(c: Campaign) -> dict[str, str]:
+    end = "***End_of_Header***\t\n"
+    head = f"LabVIEW Measurement\t\nSeparator\tTab\n{end}\t\nChannels\t9\nX0\t0.0\n{end}"
+    names = "\t".join(["X_Value", *(f"J{i}" for i in range(1, 7)), "Trk X", "Trk Y", "Trk Z", "Comment"])
+    times = 2.5 * np.arange(N)[:, None]
+    return {"run.lvm": table(head + names, times, np.degrees(c.q), c.position * MM, sep="\t")}
+
+
+def translated(joint: str, measured: str, units: str = "") -> Form:
+    def form(c: Campaign) -> dict[str, str]:
+        names = [*(joint.format(i) for i in range(1, 7)), *(measured.format(axis) for axis in "XYZ")]
+        text = table(";".join(["Punto", *names]) + units, np.degrees(c.q), c.position * MM, name="P{}")
+        return {"mesure.csv": text}
+
+    form.__name__ = joint
+    return form
+
+
+def pendant(c: Campaign) -> dict[str, str]:
+    head = "base shoulder elbow wrist1 wrist2 wrist3 tx ty tz"
+    return {"ur.txt": table(head, c.q, c.position, sep=" ")}
+
+
+def matlab_table(c: Campaign) -> dict[str, str]:
+    names = [*(f"q_{i}" for i in range(1, 7)), "p_1", "p_2", "p_3"]
+    return {"run.csv": table(",".join(["t", *names]), 7.0 * np.arange(N)[:, None], c.q, c.position, sep=",")}
+
+
+def centimetres(c: Campaign) -> dict[str, str]:
+    return {"cm.csv": table(f"{JOINTS};X;Y;Z", np.degrees(c.q), c.position * 100)}
+
+
+def open_cv(c: Campaign) -> dict[str, str]:
+    names = [f"{stem}_{i}" for stem, n in (("joint", 6), ("tvec", 3), ("rvec", 3)) for i in range(n)]
+    return {"aruco.csv": table(",".join(names), c.q, c.position, c.turn.as_rotvec(), sep=",")}
+
+
+def euler_radians(c: Campaign) -> dict[str, str]:
+    names = ";".join(f"A{i} [rad]" for i in range(1, 7))
+    return {"abc.csv": table(f"{names};X;Y;Z;Alpha;Beta;Gamma", c.q, c.position * MM, c.turn.as_euler("ZYX"))}
+
+
+def body_and_marker(c: Campaign) -> dict[str, str]:
+    """Motive's export with a marker of the rigid body, and rows in which the body was lost."""
+    head = ",Type" + ",Rigid Body" * 7 + ",Rigid Body Marker" * 3 + "\n,ID" + ',"7A2"' * 7 + ',"7A3"' * 3 + "\n"
+    head += f",,{'Rotation,' * 4}{'Position,' * 6}".rstrip(",") + "\nFrame,Time (Seconds),X,Y,Z,W,X,Y,Z,X,Y,Z\n"
+    rows = [[i, i / 120, *row] for i, row in enumerate(np.hstack((c.turn.as_quat(), c.position, c.position + 0.03)), 1)]
+    lost = "0,0.0" + "," * 10 + "\n"
+    joints = np.vstack((c.q[:1] + 0.1, c.q))
+    return {"take.csv": lines(rows, ",", head + lost), "joints.csv": table("J1;J2;J3;J4;J5;J6", joints)}
+
+
+def tool_and_stray(c: Campaign) -> dict[str, str]:
+    head = "Tools,Frame,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,State,Tx,Ty,Tz\n"
+    values = np.hstack((np.roll(c.turn.as_quat(), 1, axis=1), c.position * MM))
+    rows = [["1", i, "OK", *row, 0.04, "OK", *(row[4:] + 20)] for i, row in enumerate(values)]
+    rows.insert(3, ["1", 99, "Missing", *[""] * 8, "Missing", *[""] * 3])
+    joints = np.insert(c.q, 3, 0.5, axis=0)
+    return {"polaris.csv": lines(rows, ",", head), "joints.csv": table("J1;J2;J3;J4;J5;J6", joints)}
+
+
+def optotrak(c: Campaign) -> dict[str, str]:
+    head = "Number of frames: 24\nUnits: mm\n\nFrame,Marker_1 x,Marker_1 y,Marker_1 z\n"
+    return {"marker.csv": lines(named(c.position * MM, "{}"), ",", head), "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+
+def channels(c: Campaign) -> dict[str, str]:
+    head = "Name:,Scan\n\nScan,101 <Trk X> (mm),102 <Trk Y> (mm),103 <Trk Z> (mm)\n"
+    return {"scan.csv": lines(named(c.position * MM, "{}"), ",", head), "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+
+def yaskawa_job(c: Campaign) -> dict[str, str]:
+    places = lines(named(np.degrees(c.q), "C{:05d}=")).replace("=,", "=")
+    moves = "".join(f"MOVJ C{i:05d} VJ=10.00 ' P{i}\n" for i in range(1, N + 1))
+    job = f"/JOB\n//POS\n///POSTYPE ANGLE\n///ANGLE\n{places}//INST\nNOP\n{moves}END\n"
+    return {"points.csv": table("Target name;X;Y;Z", c.position * MM, name="P{}"), "calib.JBI": job}
+
+
+def le_robot(c: Campaign) -> dict[str, str]:
+    pose = np.hstack((c.position, c.turn.as_quat())).tolist()
+    rows = [{"observation.state": q, "action": q, "observation.tracker_pose": p, "timestamp": i / 30}
+            for i, (q, p) in enumerate(zip(c.q.tolist(), pose, strict=True))]  # fmt: skip
+    return {"episode.jsonl": "".join(f"{json.dumps(row)}\n" for row in rows)}
+
+
 POSITIONS: tuple[Form, ...] = (
     *(polyworks, cam2_and_kuka, kuka_points_alone, rtde_and_leica, fanuc_in_inches, robodk, laboratory),
     *(spatial_analyzer_and_rapid, yaml_records, json_columns, trials),
     *(bare_degrees_and_mm, bare_points_and_joints, bare_position_first, bare_with_rows_of_nan, matlab),
     *(radian_tracker, target_report, nikon, qualisys, kawasaki, yaskawa, ros_echo, plotjuggler),
     *(two_header_lines, german, comments_below, side_by_side, commanded_and_read_joints),
+    *(beside(controller, measured) for controller, measured in BESIDE),
+    *(controller_pose_and_leica, names_by_number, names_in_groups, names_of_repetitions, polyworks_blocks, metrolog),
+    *(pc_dmis, istwert, prose_below, labview, pendant, matlab_table, centimetres, optotrak, channels, yaskawa_job),
+    *(translated("Axe {} (°)", "{} mesuré (mm)"), translated("Articulación {}", "{} medido")),
+    translated("Asse {}", "{} misurato", "\n;" + ";".join(["gradi"] * 6 + ["mm"] * 3)),
 )
 POSES: tuple[Form, ...] = (
     *(vicon, counted_quaternion, json_lines, json_records, bare_matrices),
     *(bare_quaternions, creaform, optitrack, qualisys_bodies),
     *(hand_eye_matrices, hand_eye_transforms, trajectories),
+    *(stamped, open_cv, euler_radians, body_and_marker, tool_and_stray, le_robot),
 )
 WITHOUT_ROBOT = (hand_eye_matrices, hand_eye_transforms, trajectories)
 
@@ -503,3 +707,60 @@ def test_documents_without_records_get_one_message(text: str, tmp_path: Path) ->
     with pytest.raises(InputError) as caught:
         robacc.read_poses(path)
     assert len(caught.value.problems) == 1
+
+
+def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp_path: Path) -> None:
+    for name in ("Foo {}", "ref_{}"):
+        path = written(beside("{}", name)(campaign), tmp_path)[0]
+        with pytest.raises(InputError, match=r"found several positions: 'X, Y, Z' or .* say with `columns`"):
+            robacc.read_poses(path, robot=ROBOT)
+
+
+def test_a_controllers_position_is_the_command_without_joints(campaign: Campaign, tmp_path: Path) -> None:
+    text = table("Nr;x;y;z;Leica X;Leica Y;Leica Z", campaign.commanded * MM, campaign.position * MM, name="{}")
+    path = written({"both.csv": text}, tmp_path)[0]
+    data = robacc.read_poses(path)
+    np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
+    np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
+
+
+def test_times_without_overlap_are_refused(campaign: Campaign, tmp_path: Path) -> None:
+    files = stamped(campaign)
+    head, *rows = files["joints.csv"].splitlines()
+    late = [f"{float(row.partition(',')[0]) + 3000:.3f},{row.partition(',')[2]}" for row in rows]
+    arguments = written(files | {"joints.csv": "\n".join([head, *late]) + "\n"}, tmp_path)
+    with pytest.raises(InputError, match=r"the times of the rows \(.* s\) are not those of the commands in"):
+        robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+
+
+def test_joints_of_a_moving_arm_are_interpolated(campaign: Campaign, tmp_path: Path) -> None:
+    at = np.arange(40) * 0.1
+    of = lambda time: 0.5 * np.sin(time[:, None] + np.arange(6))  # noqa: E731
+    head = "time," + ",".join(f"q{i}_rad" for i in range(1, 7))
+    joints = {"joints.csv": table(head, 100 + at[:, None], of(at), sep=",")}
+    points = {"points.csv": table("t;X [m];Y [m];Z [m]", 100.03 + at[:24, None], campaign.position)}
+    arguments = written(points | joints, tmp_path)
+    data = robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+    np.testing.assert_allclose(data.q.T, of(at[:24] + 0.03), atol=1e-5)
+
+
+def test_an_external_axis_that_moves_is_named(campaign: Campaign, tmp_path: Path) -> None:
+    rail = 0.4 * (np.arange(N) % 3)[:, None]
+    points = campaign.position + rail * [0, 1, 0]
+    path = written({"rail.csv": table(f"{JOINTS};E1;X;Y;Z", np.degrees(campaign.q), rail * MM, points * MM)}, tmp_path)
+    done = CliRunner().invoke(app, ["estimate", *path, "--robot", ROBOT])
+    assert "the errors are too large for an arm, and E1 moves and is not used" in " ".join(done.stderr.split())
+
+
+def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) -> None:
+    poses = np.hstack((campaign.commanded * MM, campaign.commanded_turn.as_euler("xyz", degrees=True)))
+    files = yaskawa_job(campaign)
+    places = lines(named(poses, "C{:05d}=")).replace("=,", "=")
+    job = files["calib.JBI"].partition("///POSTYPE")[0] + f"///POSTYPE BASE\n///RECTAN\n{places}"
+    job += files["calib.JBI"][files["calib.JBI"].index("//INST") :]
+    arguments = written(files | {"calib.JBI": job}, tmp_path)
+    data = robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2])
+    np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
+    np.testing.assert_allclose(
+        np.moveaxis(data.commanded_rotation, 2, 0), campaign.commanded_turn.as_matrix(), atol=1e-7
+    )

@@ -326,10 +326,10 @@ def test_many_problems_are_counted(read: Reader, cell: str) -> None:
 
 
 def test_unknown_columns_are_named_with_their_nearest(read: Reader) -> None:
-    data = read("q1,x,y,z,time,sigm_r,\n0,1,2,3,noon,,\n")
+    data = read("q1,x,y,z,tims,sigm_r,\n0,1,2,3,noon,,\n")
     texts = [text.partition("poses.csv:")[2] for text in data.warnings]
     assert texts == [
-        "1: unknown column 'time' is ignored; the nearest known name is 'time_s'",
+        "1: unknown column 'tims' is ignored; the nearest known name is 'time_s'",
         "1: unknown column 'sigm_r' is ignored; the nearest known name is 'sigma_r'",
         "1: columns without a name are ignored: 1",
     ]

@@ -282,8 +282,11 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    refusals = enumerate(body.targets.refusals)
-    outside = [(i, each.reason) for i, each in refusals if each is not None and each.cause is Cause.out_of_range]
+    outside = [
+        (i, refusal.reason)
+        for i, refusal in enumerate(body.targets.refusals)
+        if refusal is not None and refusal.cause is Cause.out_of_range
+    ]
     if strict_range and outside:
         first, reason = outside[0]
         message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
@@ -530,10 +533,7 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
             first = first or last
         elif last is not None:
             before.setdefault(move.target, last)
-    if first is None:
-        return None
-    start = first
-    return np.array([before.get(i, start) for i in numbers], dtype=float).T
+    return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
 
 
 def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:

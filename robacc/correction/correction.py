@@ -411,8 +411,9 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
     part = 2.0 / (9.0 * dof)
     quantile = dof * (1.0 - part + normal_quantile(probability) * np.sqrt(part)) ** 3
     quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
-    result: Array = np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
-    return result
+    return np.asarray(
+        np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -114,8 +114,7 @@ def _step(
         matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
         damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
     largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
-    result: Array = step * np.minimum(1.0, _LARGEST_STEP / largest)
-    return result
+    return np.asarray(step * np.minimum(1.0, _LARGEST_STEP / largest))
 
 
 def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Array:
@@ -127,11 +126,9 @@ def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Ar
     weak = (damping * size)[:, None, None]
     if columns < rows:
         normal = transposed @ stacked + weak * np.eye(columns)
-        solution: Array = np.linalg.solve(normal, transposed @ error.T[..., None])[..., 0].T
-        return solution
+        return np.asarray(np.linalg.solve(normal, transposed @ error.T[..., None])[..., 0].T)
     if columns == rows:
         back = np.zeros_like(back)
     remaining = error - np.einsum("ijm,jm->im", matrix, back)
     normal = stacked @ transposed + weak * np.eye(rows)
-    solution = back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T
-    return solution
+    return np.asarray(back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T)

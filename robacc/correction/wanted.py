@@ -40,18 +40,17 @@ class Circumstances:
         if not self.follows_order:
             return self.columns.direction, self.columns.speed
         direction, speed = motion_between_visits(q, self.visits)
-        columns = self.columns
         return (
-            direction if columns.direction is None else columns.direction,
-            speed if columns.speed is None else columns.speed,
+            direction if self.columns.direction is None else self.columns.direction,
+            speed if self.columns.speed is None else self.columns.speed,
         )
 
     def at(self, q: Array, motion: tuple[Array | None, Array | None], index: NDArray[np.int64]) -> Measurements:
         """Return the poses of the targets ``index`` at commands ``q`` ``(J, M)``, with their circumstances."""
         direction, speed = (None if part is None else part[:, index] for part in motion)
-        position = np.zeros((3, index.size))
-        columns = self.columns.subset(index)
-        return dataclasses.replace(columns, position=position, q=q, direction=direction, speed=speed)
+        return dataclasses.replace(
+            self.columns.subset(index), position=np.zeros((3, index.size)), q=q, direction=direction, speed=speed
+        )
 
 
 def circumstances(
@@ -304,9 +303,9 @@ def _searched_joints(pair: RobotPair, wanted: Poses, oriented: bool) -> Array:
     if pair.nominal.robot.targets:
         raise InputError(Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …"))
     low, high = joint_ranges(pair.nominal)
-    middle = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
+    # The first is nearest to the middle of the ranges.
+    previous = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
     result = np.empty((low.size, wanted.translation.shape[1]))
-    previous = middle
     for start in range(0, result.shape[1], _BLOCK):
         index = np.arange(start, min(start + _BLOCK, result.shape[1]))
         solutions = inverse_kinematics(pair.nominal, part_of(wanted, index), oriented=oriented)

@@ -336,17 +336,15 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
             f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
         }
 
-    grades = None
-    if errors.grades is not None:
-        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
-        # The best first.
-        grades = {name: counts[name] for name in (*(step.grade for step in result.scale.steps), result.scale.otherwise)}
+    # The best grade first.
+    names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
+    counts = Counter(() if errors.grades is None else np.array(errors.grades)[result.targets.is_corrected].tolist())
     return {
         "position": part(errors.position, errors.position_rms, errors.position_bound, "m"),
         "orientation": part(errors.orientation, _orientation_rms(errors), errors.orientation_bound, "rad")
         if oriented
         else None,
-        "grades": grades,
+        "grades": None if errors.grades is None else {name: counts[name] for name in names},
     }
 
 

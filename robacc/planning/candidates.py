@@ -41,11 +41,8 @@ class SafetyBox:
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which points ``(3, ...)`` lie inside."""
-        inside: NDArray[np.bool_] = np.all(
-            [(row >= low) & (row <= high) for row, low, high in zip(points, self.low, self.high, strict=True)],
-            axis=0,
-        )
-        return inside
+        sides = zip(points, self.low, self.high, strict=True)
+        return np.asarray(np.all([(row >= low) & (row <= high) for row, low, high in sides], axis=0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +55,7 @@ class HalfSpace:
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which points ``(3, ...)`` lie inside."""
-        inside: NDArray[np.bool_] = np.einsum("i,i...->...", np.array(self.normal), points) <= self.offset
-        return inside
+        return np.asarray(np.einsum("i,i...->...", np.array(self.normal), points) <= self.offset)
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,14 +255,12 @@ def _targets(arm: Arm, q: Array) -> list[Poses]:
 
 def targets_in_base(robot: Robot, q: Array) -> Array:
     """Return ``(3, N)`` nominal positions of the target in the base frame, m; the mean of several targets."""
-    result: Array = np.mean([target.translation for target in _targets(Arm.of(robot), q)], axis=0)
-    return result
+    return np.asarray(np.mean([target.translation for target in _targets(Arm.of(robot), q)], axis=0))
 
 
 def moving_points(arm: Arm, q: Array) -> Array:
     """Return ``(3, K, N)`` corners of the arm's outline that move, in the base frame, m."""
-    motions = arm.chain.motions
-    counts = [k + 1 for k, motion in enumerate(motions[: arm.flange]) if motion.kind == "translation"]
+    counts = [k + 1 for k, motion in enumerate(arm.chain.motions[: arm.flange]) if motion.kind == "translation"]
     n = q.shape[1]
     frames = arm.chain.sweep(arm.chain.scalars(q), n, (), counts).frames
     points = np.stack([frame.translation for frame in frames], axis=1) if frames else np.zeros((3, 0, n))
@@ -283,8 +277,7 @@ def joint_condition(arm: Arm, q: Array) -> Array:
     jacobian[:3] /= max(float(np.mean(np.linalg.norm(place, axis=0))), 1e-9)
     values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
     with np.errstate(divide="ignore"):
-        result: Array = values[:, 0] / values[:, -1]
-    return result
+        return np.asarray(values[:, 0] / values[:, -1])
 
 
 def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> Excluded:
@@ -396,8 +389,14 @@ def _feasible(
         text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
         raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
     at = np.flatnonzero(number == 0)[:count]
-    source = f"{q.shape[1]} samples within the joint limits"
-    return CandidatePoses(q[:, at], position[:, at], None if ids is None else ids[at], q.shape[1], exclusions, source)
+    return CandidatePoses(
+        q[:, at],
+        position[:, at],
+        None if ids is None else ids[at],
+        q.shape[1],
+        exclusions,
+        f"{q.shape[1]} samples within the joint limits",
+    )
 
 
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:

@@ -99,29 +99,25 @@ class FitCriterion:
         turned = rows @ covariance
         spread = np.eye(rows.shape[1]) + turned @ np.swapaxes(rows, 1, 2)
         if self.name == "D":
-            result: Array = -np.linalg.slogdet(spread)[1]
-            return result
+            return np.asarray(-np.linalg.slogdet(spread)[1])
         share = np.ones(self.region.shape[1])
         if self.name == "G":
             variance = region_variance(self.region, covariance)
             share = np.power(variance / variance.max(), _PEAKING)
         weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
         reach = turned @ weight @ np.swapaxes(turned, 1, 2)
-        result = -np.sum(np.linalg.inv(spread) * reach, axis=(1, 2))
-        return result
+        return np.asarray(-np.sum(np.linalg.inv(spread) * reach, axis=(1, 2)))
 
 
 def region_variance(region: Array, covariance: NDArray[np.floating[Any]]) -> Array:
     """Return ``(T,)`` variance of the predicted position at each task pose, m^2, summed over x, y, z."""
-    result: Array = np.sum((region @ covariance) * region, axis=(0, 2))
-    return result
+    return np.asarray(np.sum((region @ covariance) * region, axis=(0, 2)))
 
 
 def information_of(rows: Array) -> Array:
     """Return ``(P, P)`` information of rows ``(..., P)``."""
     flat = rows.reshape(-1, rows.shape[-1])
-    result: Array = flat.T @ flat
-    return result
+    return np.asarray(flat.T @ flat)
 
 
 def greedy(costs: Callable[[NDArray[np.int64]], Array], n: int, count: int) -> NDArray[np.int64]:

@@ -298,8 +298,7 @@ class Expectation:
             return None
         gain = np.linalg.inv(scaled) / scale[:, None] / scale
         # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
-        result: Array = gain @ (normal + precision / BADLY_MADE**2) @ gain
-        return result
+        return np.asarray(gain @ (normal + precision / BADLY_MADE**2) @ gain)
 
     def point(self, rows: Array, n: int, random_rms: float | None = None) -> AccuracyPoint | None:
         """Return the predicted accuracy of poses ``(n, M, P)``."""

@@ -258,8 +258,7 @@ class PowerCriterion:
         with_itself = with_itself + np.sum(np.square(white), axis=1)
         with_rival = with_rival + np.sum(white * white[:, :, self.rival], axis=1)
         detected, separated = self._probabilities(with_itself, with_rival)
-        result: Array = -0.5 * (detected + separated)
-        return result
+        return np.asarray(-0.5 * (detected + separated))
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,5 +331,4 @@ def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
     similarity = np.square(new.T @ new)
     similarity[similarity > 1.0 - _EXACT] = 0.0
     rival = np.argmax(similarity, axis=1)
-    result: NDArray[np.int64] = np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size))
-    return result
+    return np.asarray(np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size)))

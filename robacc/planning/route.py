@@ -93,8 +93,7 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
 
 def _from_middle(scaled: Array) -> Array:
     """Return the squared distance ``(n,)`` of poses from the middle of all."""
-    result: Array = np.sum(np.square(scaled - np.median(scaled, axis=1, keepdims=True)), axis=0)
-    return result
+    return np.asarray(np.sum(np.square(scaled - np.median(scaled, axis=1, keepdims=True)), axis=0))
 
 
 def _ordered(scaled: Array, repeats: int, check: int | None, every: int, seed: int) -> tuple[NDArray[np.int64], int]:
@@ -124,8 +123,7 @@ def direction_shares(direction: Array) -> Array:
     """Return ``(J,)`` share of the rarer direction among the approaches of each joint; 0.5 is balanced."""
     up = np.count_nonzero(direction > 0, axis=1)
     down = np.count_nonzero(direction < 0, axis=1)
-    share: Array = np.minimum(up, down) / np.maximum(up + down, 1)
-    return share
+    return np.asarray(np.minimum(up, down) / np.maximum(up + down, 1))
 
 
 def _length(scaled: Array) -> float:
@@ -133,8 +131,8 @@ def _length(scaled: Array) -> float:
 
 
 def _missing_approaches(scaled: Array) -> float:
-    shares = direction_shares(np.sign(np.diff(scaled, axis=1)))
-    return float(np.sum(np.maximum(LEAST_DIRECTION_SHARE + 0.05 - shares, 0.0)) * scaled.shape[1])
+    missing = LEAST_DIRECTION_SHARE + 0.05 - direction_shares(np.sign(np.diff(scaled, axis=1)))
+    return float(np.sum(np.maximum(missing, 0.0)) * scaled.shape[1])
 
 
 def _cost(scaled: Array) -> float:
@@ -165,8 +163,7 @@ def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
                 j = i + 2 + best
                 tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1]
                 improved = True
-    result: NDArray[np.int64] = nodes[tour]
-    return result
+    return np.asarray(nodes[tour])
 
 
 def _in_passes(scaled: Array, nodes: NDArray[np.int64], repeated: NDArray[np.int64], passes: int) -> NDArray[np.int64]:

@@ -62,8 +62,12 @@ def correct(
         corrected = correct_program(targets, frames=frames or [], **options)
         with warnings_below(corrected.warnings):
             write_bytes(output, corrected.data)
-            parts = [part.payload() for part in corrected.corrections]
-            draw(correction_text(parts, len(corrected.program.targets), names, output), sys.stdout)
+            draw(
+                correction_text(
+                    [part.payload() for part in corrected.corrections], len(corrected.program.targets), names, output
+                ),
+                sys.stdout,
+            )
             sys.stdout.flush()
         return
     if frames:

@@ -28,7 +28,6 @@ _CAUSES = {
     "too_large": "correction too large",
     "out_of_range": "outside the range of the model",
 }
-_STAGES = ("before", "after")
 _ROWS = 40
 """Targets that are not corrected and that the page lists."""
 _PARTS = (("position", "m", IN_MM, 1e-3), ("orientation", "rad", IN_DEGREES, 1e-4))
@@ -63,7 +62,12 @@ def correction_text(
     """
     targets, model = names
     title = f"Correction of {targets} by {model}"
-    if all(_is_none(part["correction"]) for part in parts):
+    sizes = [part["correction"] for part in parts]
+    if not any(
+        size[name] and size[name][f"max_{unit}"] * factor >= least
+        for size in sizes
+        for name, unit, factor, least in _PARTS
+    ):
         same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
         yield Section(f"{title}: nothing to correct", [Text(same)])
         ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
@@ -93,14 +97,14 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
     correction, expected = document["correction"], document["expected"]
     if document["n_corrected"]:
-        rows = [_row(f"error {stage}", expected[stage], "expected_rms", "largest_bound95") for stage in _STAGES]
+        rows = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
         rows.append(_row("change of the command", correction, "rms", "max"))
         columns = 5 if correction["orientation"] is not None else 3
         header = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
         grades = [
             f"{', '.join(f'{name} {number}' for name, number in counts.items() if number)} {stage}"
-            for stage in _STAGES
-            if (counts := expected[stage]["grades"])
+            for stage, part in expected.items()
+            if (counts := part["grades"])
         ]
         frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
         texts = [
@@ -108,8 +112,11 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
             "the frames to the nominal arm alone, so that their figure is smaller",
         ]
         if grades:
-            most = "error at most: at every target, 95 % of the errors are smaller"
-            texts = [f"targets by grade: {'; '.join(grades)}", most, *texts]
+            texts = [
+                f"targets by grade: {'; '.join(grades)}",
+                "error at most: at every target, 95 % of the errors are smaller",
+                *texts,
+            ]
         kind = "joint" if document["given"] == "joints" else "Cartesian"
         count = f"{document['n_corrected']} corrected {kind} target{'s' * (document['n_corrected'] > 1)}"
         yield Section(
@@ -117,14 +124,6 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
         )
     refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
     yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
-
-
-def _is_none(correction: Part) -> bool:
-    """Return whether no command changes."""
-    return all(
-        correction[name] is None or correction[name][f"max_{unit}"] * factor < least
-        for name, unit, factor, least in _PARTS
-    )
 
 
 def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:

@@ -147,14 +147,16 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
         errors: ``(3, N)`` attained minus commanded positions in the measuring frame, m.
     """
     model = Model.of(robot)
-    joints, covariance = _rounding(model, data)
+    rounding = _evident_rounding(model, data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
-    rounded = math.hypot(joints.position, *(step / math.sqrt(12.0) for step, _ in steps))
-    if rms_length(errors) <= _AS_SMALL * rounded:
-        size = f"{1e3 * rms_length(errors):.2g} mm rms"
-        return (f"the errors ({size}) are the rounding of the numbers: these positions look computed, not measured",)
-    is_evident = _is_evident(joints, covariance, errors)
-    return (f"{joints.size}; record more digits",) if is_evident else ()
+    parts = [] if rounding is None else [rounding.position]
+    is_small = rms_length(errors) <= _AS_SMALL * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    computed = "the positions look computed from the joints, not measured"
+    if rounding is not None:
+        text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
+        return (f"{text}{f', or {computed}' * is_small}",)
+    size = f"{1e3 * rms_length(errors):.2g} mm rms"
+    return (f"the errors ({size}) are the rounding of the file: {computed}",) if is_small else ()
 
 
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
@@ -163,27 +165,17 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     if data.n > _MOST_ROWS:
         rows = random_rows(data, _MOST_ROWS)
         return _evident_rounding(model, data.subset(rows), residual[:, rows])
-    rounding, covariance = _rounding(model, data)
-    return rounding if _is_evident(rounding, covariance, residual) else None
-
-
-def _rounding(model: Model, data: Measurements) -> tuple[Rounding, Array]:
-    """Return the rounding of the joint variables, and ``(N, 3, 3)`` what it adds to the positions' covariances."""
-    assert data.q is not None
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
     steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
     std = np.array([step for step, _ in steps]) / math.sqrt(12.0)
     columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
-    return Rounding(max(steps)[1], std, position), covariance
-
-
-def _is_evident(rounding: Rounding, covariance: Array, residual: Array) -> bool:
-    """Return whether a residual ``(3, N)`` is more likely with the rounding than without."""
-    if rounding.position == 0.0 or rms_length(residual) <= _SHARES[0] * rounding.position:
-        return False
-    return _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) >= _EVIDENT
+    if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
+        return None
+    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
+        return None
+    return Rounding(max(steps)[1], std, position)
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import arm
 from independent_arm import DECLARED, LIMITS, Run, measured, robot, run, target
 
 import robacc
@@ -20,6 +21,7 @@ from robacc.modelling.model import Model
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
+from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
@@ -211,3 +213,13 @@ def test_an_estimate_names_the_rounding_that_its_errors_show(tmp_path: Path, is_
     assert len(texts) == (0 if is_command else 1)
     if texts:
         assert texts[0].startswith("the joint variables are rounded to 0.1 degrees, which moves the target by ")
+
+
+def test_positions_that_a_controller_computed_are_told_from_measured_ones(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    for noise, told in ((0.0, True), (2e-5, False)):
+        data = simulate(arm("puma560").robot, Plan(40, seed=4, noise_position=noise, orientation=False)).data
+        rounded_to_um = dataclasses.replace(data, position=np.round(data.position, 6))
+        path.write_text(format_poses(rounded_to_um), encoding="utf-8")
+        warnings = robacc.estimate(path, robot=arm("puma560").robot, align="none").warnings
+        assert any("look computed from the joints, not measured" in text for text in warnings) == told

@@ -126,8 +126,8 @@ def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
         assert abs(parameter.value - value) < 4 * parameter.std
     assert finding.held_out_after < 0.7 * finding.held_out_before
     assert found.after.held_out is not None
-    # The only finding: without it is before.
-    assert finding.held_out_before == pytest.approx(found.before.held_out.position.rms, rel=0.02)
+    # The only finding: without it is before, but for constants that take its place where they are not shrunk.
+    assert 0.98 < finding.held_out_before / found.before.held_out.position.rms < 1.1
     assert 0 < found.gain.low < found.gain.value < found.gain.high
 
 

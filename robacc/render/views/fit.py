@@ -391,7 +391,9 @@ def causes_blocks(document: Document, most: int | None = _MAX_CAUSES, *, short: 
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
     yield Text(f"{before} rms to {after} rms on {of_poses}: {named}{others}")
-    shown = causes if most is None else notable[:most]
+    # Effects that were found come before declared ones where there is no room for all.
+    first = sorted(notable, key=lambda cause: cause["declared"])[:most]
+    shown = causes if most is None else [cause for cause in notable if cause in first]
     if not shown:
         return
     is_mixed = len({cause["declared"] for cause in causes}) > 1

@@ -771,3 +771,9 @@ def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) 
     np.testing.assert_allclose(
         np.moveaxis(data.commanded_rotation, 2, 0), campaign.commanded_turn.as_matrix(), atol=1e-7
     )
+
+
+def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -> None:
+    text = table(f"{JOINTS};dX;dY;dZ", np.degrees(campaign.q), campaign.position)
+    with pytest.raises(InputError, match="columns x, y, z are missing"):
+        robacc.read_poses(written({"deviations.csv": text}, tmp_path)[0], robot=ROBOT)

@@ -392,13 +392,10 @@ def _joined(
         found = np.array([rows.get(key, -1) for key in wanted])
         if (share := float(np.mean(found >= 0))) > most:
             at, most, poses = found, share, names if form[0] == form[1] else taught[found]
-            if share > 0.5:
-                _check_unique(np.array(given), planned, path)
-    if names is not None and 0 < most <= 0.5:
-        missing = [str(name) for name in dict.fromkeys(names[at < 0].tolist())]
-        listed = ", ".join(missing[:_SHOWN]) + (" …" if len(missing) > _SHOWN else "")
-        message = f"{len(missing)} of the measured poses have no command in {path}: {listed}"
-        raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
+            grouping = commanded_groups(np.array(given), planned.commands)
+            if share > 0.5 and grouping is not None and grouping.contradicted is not None:
+                message = f"pose {taught[np.argmax(grouping.contradicted)]} has two different commands"
+                raise InputError(Problem(message, path, fix="give each pose its own name"))
     remark: str = Note(f"commands of {path} joined by the names of the poses")
     # A file that counts from 0 and one that does not have no clock in common.
     clocks = [time for time in (keys.time, planned.time) if time is not None and time.size > 1]
@@ -420,8 +417,12 @@ def _joined(
             message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
             raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
         remark = f"commands of {path} joined by the order of rows: the files share no names"
-    without = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
+    unmatched = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
+    without = list(dict.fromkeys(map(str, unmatched)))
     listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
+    if 0 < most <= 0.5:
+        message = f"{len(without)} of the measured poses have no command in {path}: {listed}"
+        raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
     left_out = (f"rows without a command in {path} are left out: {listed}",) if without else ()
     chosen = planned.subset(at)
     return replace(chosen, pose=chosen.pose if poses is None else poses), at >= 0, (*left_out, remark)
@@ -451,13 +452,6 @@ def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurem
             planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)
             at = np.arange(time.size)
     return planned, np.where(found, at, -1)
-
-
-def _check_unique(keys: NDArray[Any], planned: Measurements, path: str) -> None:
-    grouping = commanded_groups(keys, planned.commands)
-    if grouping is not None and grouping.contradicted is not None and planned.pose is not None:
-        name = planned.pose[np.argmax(grouping.contradicted)]
-        raise InputError(Problem(f"pose {name} has two different commands", path, fix="give each pose its own name"))
 
 
 def _with_rows(measured: Measurements, given: Measurements, ordered: bool) -> Measurements:

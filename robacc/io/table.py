@@ -221,7 +221,11 @@ class TextTable(Table):
             rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
             self.cell_units = units_of_columns(rows)
             pairs = itertools.pairwise(filter(self.dialect.is_row, self._pending.lines))
-            blocks = (above for above, line in pairs if tuple(self.dialect.split(line)) == self.names)
+            blocks = (
+                above
+                for above, line in pairs
+                if self.names[0] in line and tuple(self.dialect.split(line)) == self.names
+            )
             self._repeats = any(not any(map(self.dialect.is_number, self.dialect.split(above))) for above in blocks)
         self.remarks.append(self.dialect.description())
         self._has_grouped = False

@@ -323,7 +323,7 @@ def source_of(label: Collection[str]) -> int:
 
     3: by an instrument; 2: attained; 1: no word says how; 0: computed by the controller; -1: no attained position.
     """
-    other = _COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | {"set"}
+    other = _COMMANDED | _REFUSED | _SPREAD | _UNCERTAIN | {"set"} | {*"deavfw" * (len(label) == 1)}  # dX, vX
     ranks = ((-1, other), (0, _CONTROLLER), (3, _INSTRUMENTS), (2, _ACTUAL))
     return next((rank for rank, words in ranks if words & {*label}), 1)
 

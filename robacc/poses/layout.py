@@ -195,6 +195,10 @@ def read_layout(
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
+        time = next((name for name in ("time", "timestamp", "t") if name in layout.unused), None)
+        if time is not None and reading.columns is None and "time_s" not in layout.columns:
+            columns = {**layout.columns, "time": Column(time, table.names.index(time), "time", "text", None)}
+            layout = replace(layout, columns=columns, unused=[name for name in layout.unused if name != time])
         unknown = Counter(name for name in layout.unused if name)
         for name in [name for name, count in unknown.items() if count > 1]:
             log.add("the column is a duplicate", line, clip(name), "keep one of them")
@@ -234,8 +238,7 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
     stem, unit = (name, None) if names.key(name) else split_unit(name)
     label = table.names[index]
     if (key := names.key(stem)) is None:
-        is_time = reading.columns is not None or name in ("time", "timestamp", "t")
-        return time_column("time" if name in ("timestamp", "t") else name, index, label) if is_time else None
+        return None if reading.columns is None else time_column(name, index, label)
     kind = names.kind(key)
     fitting = _QUANTITIES.get(kind, ())
     if unit is not None and UNITS[unit][0] not in fitting:

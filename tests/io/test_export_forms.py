@@ -716,6 +716,13 @@ def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp
             robacc.read_poses(path, robot=ROBOT)
 
 
+@pytest.mark.parametrize("name", ["d{}", "{} dev", "Vel {}", "v{}", "Abw. {}", "RMS {}"])
+def test_what_is_no_position_is_no_rival(name: str, campaign: Campaign, tmp_path: Path) -> None:
+    path = written(beside(name, "{}")(campaign), tmp_path)[0]
+    data = robacc.read_poses(path, robot=ROBOT)
+    np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
+
+
 def test_a_controllers_position_is_the_command_without_joints(campaign: Campaign, tmp_path: Path) -> None:
     text = table("Nr;x;y;z;Leica X;Leica Y;Leica Z", campaign.commanded * MM, campaign.position * MM, name="{}")
     path = written({"both.csv": text}, tmp_path)[0]
@@ -764,3 +771,9 @@ def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) 
     np.testing.assert_allclose(
         np.moveaxis(data.commanded_rotation, 2, 0), campaign.commanded_turn.as_matrix(), atol=1e-7
     )
+
+
+def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -> None:
+    text = table(f"{JOINTS};dX;dY;dZ", np.degrees(campaign.q), campaign.position)
+    with pytest.raises(InputError, match="columns x, y, z are missing"):
+        robacc.read_poses(written({"deviations.csv": text}, tmp_path)[0], robot=ROBOT)

@@ -139,3 +139,10 @@ def test_four_q_columns_may_be_a_quaternion(read: Reader) -> None:
         read, "x,y,z,q1,q2,q3,q4\n1,2,3,1,0,0,0\n", robot=KnownRobot(joint_names=[f"j{i}" for i in range(6)])
     )
     assert "if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`" in problem
+
+
+@pytest.mark.parametrize("name", ["time", "timestamp", "t"])
+def test_a_time_beside_documented_names_is_one(read: Reader, name: str) -> None:
+    data = read(f"q1,x,y,z,{name}\n0,1,2,3,12.5\n0.1,1,2,4,13\n")
+    assert data.time.tolist() == [12.5, 13.0]
+    assert data.warnings == ()

@@ -24,6 +24,8 @@ SHOWS_COMMANDS = {
     "render/html/page.py",  # the command that makes a result again
     "render/views/estimate.py",  # the command that comes next
     "render/views/fit.py",  # the same
+    "render/views/plan.py",  # the same
+    "render/views/correct.py",  # the same
     "simulation/templates.py",  # comments of files that `robacc init` writes
     "poses/column_proposal.py",  # the same
     "render/plots/canvas.py",  # variables of CSS

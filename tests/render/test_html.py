@@ -134,7 +134,7 @@ def test_a_trace_shows_the_error_before_and_no_figure_twice() -> None:
 def test_the_first_screen_says_why_and_what_next() -> None:
     facts = headline_of(results.document("estimate")).facts
     assert [name for name, _ in facts[:2]] == ["Why", "Next"]
-    assert facts[1][1].startswith("robacc trace poses.csv --robot robot.yaml")
+    assert facts[1][1].endswith(": robacc trace poses.csv --robot robot.yaml")
     assert headline_of(results.document("trace")).facts[0][0] == "Next"
 
 

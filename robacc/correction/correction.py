@@ -492,12 +492,12 @@ def correction(
 def _notes(pair: RobotPair, targets: CorrectedTargets, setting: Circumstances, limits: Limits) -> list[str]:
     notes = []
     if targets.wanted.given == "joints":
-        notes.append("joint targets mean the pose that the nominal robot has there")
+        notes.append("a joint target is taken as the pose that the nominal robot has there")
     if pair.left_out:
         listed = ", ".join(map(str, pair.left_out))
         notes.append(f"{listed}: an effect of the measurement, not of the arm, is not corrected")
     if setting.follows_order and setting.columns.direction is None and setting.columns.speed is None:
-        notes.append("the arm drives from target to target in their order; the approach to the first is unknown")
+        notes.append("assumed: the arm drives to the targets in their order; the approach to the first is unknown")
     if targets.wanted.oriented and targets.q.shape[0] < 6:
         notes.append(
             f"{targets.q.shape[0]} axes do not reach every pose: the correction has the least error, where 1° of "

@@ -198,8 +198,8 @@ def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
     lines = screen.splitlines()
     assert len(lines) <= 25
     assert max(map(len, lines[:1] + lines[2:])) <= 80
-    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " rms on held-out poses: ", "next: ")
-    assert in_order(one_line(screen), (*parts, "--full adds"))
+    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
+    assert in_order(one_line(screen), (*parts, "--full adds", "next: "))
     # Without --fit the effects of every arm are fitted, which these are.
     bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml")
     assert one_line(bare) == one_line(screen).replace(

@@ -130,7 +130,7 @@ def test_the_first_screen_says_how_good_why_and_what_now(files: Path, poses: str
     assert max(len(line) for line in lines if str(files) not in line) <= 80
     found = document(files, poses=poses)
     held_out = [found[stage]["held_out"]["position"]["rms_m"] * 1e3 for stage in ("nominal", "after")]
-    assert "{:.3g} mm rms to {:.3g} mm rms on held-out poses".format(*held_out) in done.stdout
+    assert "{:.3g} mm rms before, {:.3g} mm rms after, on held-out poses".format(*held_out) in done.stdout
     assert ("backlash[j2]" in done.stdout) == (poses == "poses")
     assert ("next: nothing to correct" in done.stdout) == (held_out[1] > 0.9 * held_out[0])
     assert "--full adds" in done.stdout
@@ -140,7 +140,7 @@ def test_a_clean_arm(files: Path) -> None:
     found = document(files, poses="clean")
     assert (found["verdict"], found["findings"], found["after"]) == ("clean", [], found["before"])
     table = output(*command(files, poses="clean"), "--full")
-    told = ("nothing found beyond the declared effects", "none, at a false-alarm rate")
+    told = ("declared effects explain it; nothing else found", "none, at a false-alarm rate")
     assert missing(table, *told, "extended model") == ["extended model"]
 
 

@@ -108,13 +108,13 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
         ]
         frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
         texts = [
-            f"error before: of the nominal arm in the {frames} of the model; robacc estimate and robacc calibrate fit "
-            "the frames to the nominal arm alone, so that their figure is smaller",
+            f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
+            "nominal arm best, which robacc calibrate and a registered estimate take",
         ]
         if grades:
             texts = [
                 f"targets by grade: {'; '.join(grades)}",
-                "error at most: at every target, 95 % of the errors are smaller",
+                "at most: 95 % limit of the worst target",
                 *texts,
             ]
         kind = "joint" if document["given"] == "joints" else "Cartesian"
@@ -123,7 +123,7 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
             f"Errors to expect at {count}", [Grid(header[:columns], [row[:columns] for row in rows]), Listing(texts)]
         )
     refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-    yield Section("", [Grid(("not corrected, by cause", "targets"), refused)])
+    yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
 
 
 def _row(label: str, part: Part, typical: str, largest: str) -> Sequence[Cell]:

@@ -155,7 +155,8 @@ def _short(document: Document, poses: str, robot: str | None) -> Iterator[Sectio
     grade = document["grade"]
     first, *others = grade["reason"].split(". ")
     # The last sentence says why a grade is not confirmed.
-    unconfirmed = [] if grade["demonstrated"] else [*others[-1:], *_confirming(grade, "it")]
+    is_said = grade["demonstrated"] or not _is_met(grade)
+    unconfirmed = [] if is_said else [*others[-1:], *_confirming(grade, "it")]
     yield _grade(grade, [Listing([first, *unconfirmed])])
     parts = [(document[name], f"{name}, {sign}", *unit) for name, sign, *unit in _QUANTITIES if document[name]]
     heads = [head for part, title, *_ in parts for head in (title, percent(part["confidence"]))]
@@ -171,14 +172,14 @@ def _short(document: Document, poses: str, robot: str | None) -> Iterator[Sectio
         for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
     )
     ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-    yield Section("", [Text(f"largest errors: {worst}"), Text(ahead, wraps=False), Text(_MORE, is_note=True)])
+    yield Section("", [Text(f"largest errors: {worst}"), Text(_MORE, is_note=True), Text(ahead, wraps=False)])
 
 
 def _opening(document: Document, poses: str, robot: str | None) -> Section:
     """Return the title, the files and the registration."""
     source = "standard input" if poses == "-" else poses
     reference = f"the model {robot}" if document["commanded"] == "robot" else "its cmd_ columns"
-    registration, alignment = "not registered", document["alignment"]
+    registration, alignment = "frames as given, not registered", document["alignment"]
     if alignment is not None:
         fitted = " and ".join(alignment["what"])
         registration = f"registered: {fitted} fitted, {alignment['n_parameters']} parameters"
@@ -194,9 +195,15 @@ def _opening(document: Document, poses: str, robot: str | None) -> Section:
     return Section(heading, lines)
 
 
+def _is_met(grade: Part) -> bool:
+    """Return whether the grade is a step of the scale; else it is below all of them."""
+    return grade["grade"] in [step["grade"] for step in grade["steps"]]
+
+
 def _grade(grade: Part, blocks: Sequence[Block]) -> Section:
     """Return the section of the grade: green if it is confirmed, yellow if not."""
-    text = f"Grade {grade['grade']}, {confirmation(grade['demonstrated'], grade['confidence'])}"
+    met = confirmation(grade["demonstrated"], grade["confidence"]) if _is_met(grade) else "no step of the scale is met"
+    text = f"Grade {grade['grade']}, {met}"
     return Section(f"{text} (scale: {grade['scale']})", blocks, "green" if grade["demonstrated"] else "bold yellow")
 
 

@@ -213,13 +213,18 @@ def _next(document: Document) -> str:
     return next_step(document).replace("`robacc correct`", "robacc correct")
 
 
-def next_step(document: Document, model: str | None = None) -> str:
-    """Return what to do after a trace or a calibration; ``model`` is the file of the model if it was written."""
+def _is_worth_it(document: Document) -> bool:
+    """Return whether the model is better than the nominal arm by so much that it is worth its use."""
     poses, _ = _pose_set(document)
     before, after = (document[stage][poses]["position"]["rms_m"] for stage in (_nominal(document), "after"))
+    return bool(after <= _WORTH_CORRECTING * before)
+
+
+def next_step(document: Document, model: str | None = None) -> str:
+    """Return what to do after a trace or a calibration; ``model`` is the file of the model if it was written."""
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
-    if after > _WORTH_CORRECTING * before:
+    if not _is_worth_it(document):
         registered = " with base and tool registered" if _nominal(document) == "nominal" else ""
         return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
     start = "" if model else "write the model (`write_model`), then "
@@ -240,7 +245,10 @@ def trace_view(
     if form == "page":
         yield from (*trace_sections(document, None), _all_coefficients(document))
         return
-    title = f"Trace of {document['n_poses']} measured poses: {_VERDICTS[document['verdict']][2]}"
+    said = _VERDICTS[document["verdict"]][2]
+    if document["verdict"] == "clean" and _is_worth_it(document):
+        said = "declared effects explain it; nothing else found"
+    title = f"Trace of {document['n_poses']} measured poses: {said}"
     yield _opening(document, "declared", title, f"{poses} against the model {robot}")
     if form == "short":
         yield from _first_screen(document, _MORE["trace"], model)
@@ -271,7 +279,7 @@ def _first_screen(document: Document, more: str, model: str | None) -> Iterator[
         hints = unexplained["hints"]
         notes += [f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}", *hints[:_MAX_HINTS]]
         notes += [f"and {len(hints) - _MAX_HINTS} more hints"] * (len(hints) > _MAX_HINTS)
-    yield Section("", [Listing(notes), Text(f"next: {next_step(document, model)}"), Text(more, is_note=True)])
+    yield Section("", [Listing(notes), Text(more, is_note=True), Text(f"next: {next_step(document, model)}")])
 
 
 def trace_sections(document: Document, most: int | None = _MAX_CAUSES) -> Iterator[Section]:
@@ -390,7 +398,7 @@ def causes_blocks(document: Document, most: int | None = _MAX_CAUSES, *, short: 
     ]
     named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
     others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{before} rms to {after} rms on {of_poses}: {named}{others}")
+    yield Text(f"{before} rms before, {after} rms after, on {of_poses}: {named}{others}")
     # Effects that were found come before declared ones where there is no room for all.
     first = sorted(notable, key=lambda cause: cause["declared"])[:most]
     shown = causes if most is None else [cause for cause in notable if cause in first]
@@ -411,7 +419,7 @@ def causes_blocks(document: Document, most: int | None = _MAX_CAUSES, *, short: 
     columns = [column for column in table if not (short and column[0].startswith("without"))]
     yield Grid([head for head, _ in columns], [*zip(*(cells for _, cells in columns), strict=True)])
     if hidden := len(causes) - len(shown):
-        yield Text(f"and {hidden} smaller; the JSON result has all of them", is_note=True)
+        yield Text(f"and {hidden} of a smaller share; the JSON result has all of them", is_note=True)
     without = "" if short else "without it: rms error that no other effect can describe; "
     yield Text(
         f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "

@@ -118,7 +118,7 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     if form == "short":
         found = [] if document["power"] is None else [*_found(document["power"])]
         ahead = Text(f"next: {_next_step(document, robot, output)}")
-        yield Section("", [Listing(found), ahead, Text(_MORE, is_note=True)])
+        yield Section("", [Listing(found), Text(_MORE, is_note=True), ahead])
         return
     most = _LISTED_PAIRS[form]
     if document["purpose"] in ("calibrate", "health"):
@@ -179,8 +179,8 @@ def _facts(document: Document, full: bool) -> Iterator[str]:
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
     ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
     yield (
-        f"instrument {three_digits(noise['position_m'] * IN_MM)} mm along each axis{orientation}, repeatability "
-        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm ({noise['source']}{ask})"
+        f"instrument {three_digits(noise['position_m'] * IN_MM)} mm and repeatability "
+        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm along each axis{orientation} ({noise['source']}{ask})"
     )
     if full:
         least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
@@ -236,7 +236,7 @@ def _needed(entries: Sequence[Part]) -> Section:
         for entry in entries
     ]
     texts.append("the nearer the true value to the limit, the more poses; `expected` states the value that you expect")
-    title = "Poses that decide 9 tests of 10, if the true value is this share of the limit"
+    title = "Poses to decide with a probability of 90 %, by true value in % of the limit"
     return Section(title, [Grid(header, rows), Listing(texts)])
 
 
@@ -252,11 +252,11 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
             *(["planned"] if planned is not None and n == planned["n_poses"] else []),
             *(["enough"] if n == enough and not is_addition else []),
         ]
-        values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "random_rms", "worst"))
+        values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms"))
         if is_curve or marks:
             rows.append((str(n), *values, ", ".join(marks)))
     first = "more poses" if is_addition else "poses"
-    yield Grid((first, "to expect, rms", "model, rms", "at random, rms", "model, worst", "remark"), rows)
+    yield Grid((first, "to expect, rms", "model, rms", "model, worst", "model, random", "remark"), rows)
     if planned is None:
         advice = ["the planned poses do not identify all coefficients; plan more poses or fit less"]
     elif enough is None:
@@ -265,12 +265,12 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
         spare = planned["n_poses"] - enough
         advice = [
             f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
-            + f"; if there is time, the other {spare} are a reserve for failed rows and for checking the fit"
+            + f"; if there is time, the other {spare} are a reserve for failed measurements and for checking the fit"
             * (spare > 0)
         ]
     meaning = (
-        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability; at "
-        "random: the same from random poses"
+        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
+        "at its worst pose and fitted to random poses"
     )
     yield Listing([meaning] if is_addition and planned is not None else [meaning, *advice])
 
@@ -327,8 +327,8 @@ def _found(power: Part) -> Iterator[str]:
     yield (
         "this is good: more causes of their usual size are found than missed"
         if power["found"] >= _FINDS_MOST
-        else "this is low: most causes are found only if they are larger than usual; less noise of the instrument "
-        "(`noise`) raises it, more poses (`poses`) a little"
+        else "this is low: most causes are found only if they are larger than usual; a better instrument "
+        "(`noise` states it) raises it, more poses (`poses`) a little"
     )
 
 

@@ -340,8 +340,8 @@ def _moves(data: Measurements) -> bool:
 
 def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
-    usual, size = _usual(errors.position), lengths(errors.position)
-    beyond = np.flatnonzero(~_near(errors.position))
+    near, size = _near(errors.position), lengths(errors.position)
+    usual, beyond = rms_length(errors.position[:, near]), np.flatnonzero(~near)
     if beyond.size:
         largest = beyond[np.argsort(-size[beyond])][:N_WORST]
         named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)

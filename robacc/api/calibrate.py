@@ -135,7 +135,8 @@ def calibrate(
         holdout=inputs.holdout,
         progress=progress or (lambda label, done, total: None),
     )
-    asked = ",".join(baseline.names) if fit is None else joined(fit)
-    options = options_of(calibrate, arguments, **inputs.names, fit=asked)
+    options = options_of(
+        calibrate, arguments, **inputs.names, fit=",".join(baseline.names) if fit is None else joined(fit)
+    )
     made = Provenance(options, inputs.files, seed, inputs.use)
     return Calibrated(**with_inputs(calibration, inputs), baseline=baseline, made=made)

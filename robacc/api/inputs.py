@@ -237,14 +237,14 @@ def _read_with_commands(
     from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
     from robacc.programs.reading import is_program
 
-    job = _job(commands) if commands.lower().endswith(".jbi") else None
-    planned = (
-        _program(commands)
-        if is_program(commands) and job is None
-        else _table(commands if job is None else PoseFile(job), stated, robot, ignore_limits)
-    )
-    if job is not None:
-        planned = dataclasses.replace(planned, source=commands, sha256=sha256_of(commands))
+    if commands.lower().endswith(".jbi") and (job := _job(commands)) is not None:
+        planned = dataclasses.replace(
+            _table(PoseFile(job), stated, robot, ignore_limits), source=commands, sha256=sha256_of(commands)
+        )
+    elif is_program(commands):
+        planned = _program(commands)
+    else:
+        planned = _table(commands, stated, robot, ignore_limits)
 
     def known_poses(keys: RowKeys) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(keys, planned, commands, path)
@@ -381,6 +381,8 @@ def _joined(
     taught, measured = (np.empty(0, dtype=str) if column is None else column for column in (planned.pose, names))
     is_named = measured.size > 0 and any(not str(name).startswith("line ") for name in taught.tolist())
     for form in _NAME_FORMS if is_named else ():
+        if most == 1.0:
+            break
         given, wanted = (
             [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", str(name).casefold())) for name in column]
             for pattern, column in zip(form, (taught, measured), strict=True)

@@ -11,7 +11,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, TextIO
 
 from robacc.cli import clock
-from robacc.cli.options import CsvOutlets, Format, Outlets, PlainFormat
+from robacc.cli.options import Call, CsvOutlets, Format, Outlets, PlainFormat
 
 if TYPE_CHECKING:
     from robacc.api.estimate import Estimate
@@ -104,16 +104,16 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
     conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
 
 
-def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, full: bool) -> None:
-    """Write the model of a fit and deliver the result.
+def deliver_fit(call: Call, write_model: str | None, outlets: Outlets, full: bool) -> None:
+    """Run the call of a fit with a progress bar, write its model and deliver the result.
 
     A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
     status 5 too; its model says so.
 
     Args:
+        call: Call that gives the result of a fit.
         write_model: File for the model; None for none.
         outlets: Forms and files.
-        result: Result of a fit.
         full: A table has all that was computed.
 
     Raises:
@@ -125,6 +125,8 @@ def deliver_fit(write_model: str | None, outlets: Outlets, result: FitResult, fu
 
     from robacc.render.text.console import say_warnings
 
+    with progress_bar() as progress:
+        result: FitResult = call(progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)
     deliver(outlets, result, lambda stream: result.draw(stream, full, write_model))

@@ -146,8 +146,7 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
         data: The measured poses.
         errors: ``(3, N)`` attained minus commanded positions in the measuring frame, m.
     """
-    model = Model.of(robot)
-    rounding = _evident_rounding(model, data, errors)
+    rounding = _evident_rounding(Model.of(robot), data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
     is_small = rms_length(errors) <= _AS_SMALL * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))

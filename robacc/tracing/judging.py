@@ -253,7 +253,8 @@ def judge(
     fit, gravity = structure.fit, before.model.arm.robot.gravity
     # Findings may stand for what is wrong with the frames, and corrections without a cause have many coefficients.
     without_findings = before if found else fit
-    (held_out_before,), (held_out_after,) = how.residuals(before), how.residuals(fit)
+    (held_out_after,) = how.residuals(fit)
+    held_out_before = held_out_after if before is fit else how.residuals(before)[0]
     ends = None if held_out_before is None or held_out_after is None else (held_out_before, held_out_after)
     stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how, is_nominal)
     nominal = stages.nominal if any(each.traits.is_frame for each in fit.model.free) else stages.nominal_unregistered

@@ -22,8 +22,6 @@ def calibrate(
 
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
-    from robacc.cli.output import deliver_fit, progress_bar
+    from robacc.cli.output import deliver_fit
 
-    with progress_bar() as progress:
-        result = call(progress=progress)
-    deliver_fit(write_model, outlets, result, full)
+    deliver_fit(call, write_model, outlets, full)

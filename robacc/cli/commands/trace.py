@@ -19,8 +19,6 @@ def trace(
 
     Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
-    from robacc.cli.output import deliver_fit, progress_bar
+    from robacc.cli.output import deliver_fit
 
-    with progress_bar() as progress:
-        result = call(progress=progress)
-    deliver_fit(write_model, outlets, result, full)
+    deliver_fit(call, write_model, outlets, full)

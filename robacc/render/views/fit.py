@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Any
 
 from robacc.effects import REGISTRY
+from robacc.effects.request import FRAMES
 from robacc.render.text.layout import (
     IN_DEGREES,
     IN_MM,
@@ -169,8 +170,11 @@ def _pose_set(document: Document) -> tuple[str, str]:
 
 def _nominal(document: Document) -> str:
     """Return the stage to compare a fit with: the nominal model, registered if the fit has a frame."""
-    has_frames = any(name.startswith(("base_frame", "tool_frame")) for name in document["declared"]["effects"])
-    return "nominal" if has_frames else "nominal_unregistered"
+    return (
+        "nominal"
+        if any(name.startswith(FRAMES) for name in document["declared"]["effects"])
+        else "nominal_unregistered"
+    )
 
 
 def _rms(document: Document, stage: str) -> Number:

@@ -5,26 +5,29 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from robacc.effects.base import About, Effect, Term, Traits, as_plain, commanded, scaled, setting
+from robacc.chain import BASE
+from robacc.effects.base import About, Effect, Part, Term, Traits, as_plain, commanded, scaled, setting
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
-_MOST = 80
-"""Largest number of centres: with six joints the basis has some hundred columns."""
+_MOST_TERMS = 480
+"""Largest number of coefficients: as many as six profiles of a joint have together."""
 _LEFT = 0.01
-"""Share of the process's variance that the centres may leave out at a pose: a std changes by 0.5 %."""
+"""Share of the variance of a pose's error and noise that the centres may leave out: a std changes by 0.5 %."""
 _JITTER = 1e-9
 """Added to the kernel of the centres, so that its factor exists where two of them nearly coincide."""
 
 
 ABOUT = About(
-    summary="empirical correction of one joint as a smooth function of a driver, or of joints as one of the pose",
+    summary="empirical correction of one joint as a smooth function of a driver, or of joints or the position as one "
+    "of the pose",
     equation="theta_j + sum c_k T_k(x), T_k Chebyshev polynomials of the driver scaled to its range; or theta_j + "
-    "sum c_jk phi_k(q), phi a basis of a Gaussian process over the joints",
+    "sum c_jk phi_k(q), phi a basis of a Gaussian process over the joints; or the same of the position",
     unit="rad (m for a prismatic joint)",
     usual_size="1e-5 to 1e-3 rad",
     usual_range=(1e-05, 0.001),
@@ -39,7 +42,7 @@ ABOUT = About(
 
 @dataclass(frozen=True)
 class PoseCorrection(Effect):
-    """Joint variables plus a Gaussian process over all of them, in the basis of some centres.
+    """Joint variables, or the position, plus a Gaussian process over all joints, in the basis of some centres.
 
     It is the form of `joint_correction` with the settings ``lengths`` and ``centres``.
     The kernel of two poses is exp(-sum (2 sin(d_k / 2))^2 / (2 l_k^2)), d_k the difference of joint k (a slide has d_k
@@ -50,20 +53,34 @@ class PoseCorrection(Effect):
 
     lengths: tuple[float, ...] = setting((), written=True, above=0.0)
     centres: tuple[tuple[float, ...], ...] = setting((), written=True)
+    moves: Literal["joints", "position"] = setting("joints")
+    """Whether each joint has a process, or the target's position one along each axis of the measuring frame."""
 
     name = "joint_correction"
     traits = Traits(extrapolates="it fades to zero away from the poses that it was fitted to", is_empirical=True)
     about = ABOUT
 
     @classmethod
-    def over(cls, arm: Arm, data: Measurements, joints: Sequence[str], lengths: Sequence[float]) -> PoseCorrection:
-        """Return the correction with centres among these poses, by pivots of their kernel's Cholesky factor."""
-        effect = cls(tuple(joints), tuple(map(float, lengths)))
+    def over(
+        cls,
+        arm: Arm,
+        data: Measurements,
+        joints: Sequence[str],
+        lengths: Sequence[float],
+        moves: Literal["joints", "position"] = "joints",
+        noise: float = 0.0,
+    ) -> PoseCorrection:
+        """Return the correction with centres among these poses, by pivots of their kernel's Cholesky factor.
+
+        ``noise`` is the variance of the noise over that of the process.
+        """
+        effect = cls(tuple(joints), tuple(map(float, lengths)), moves=moves)
+        most = _MOST_TERMS // len(effect.carriers(arm))
         q = commanded(data, cls.name)[[arm.number(joint) for joint in joints]]
         left, factor, chosen = np.ones(data.n), np.zeros((0, data.n)), list[int]()
         # The first centre is the pose nearest to their mean, whatever the order of the rows.
         score = -np.sum(np.square((q - q.mean(axis=1, keepdims=True)) / np.array(lengths)[:, None]), axis=0)
-        while data.n and len(chosen) < _MOST and left.max() > _LEFT:
+        while data.n and len(chosen) < most and left.max() > _LEFT * (1.0 + noise):
             pivot = int(np.argmax(score))
             row = effect._kernel(arm, q[:, [pivot]], q)[0] - factor[:, pivot] @ factor
             factor = np.vstack((factor, row / np.sqrt(left[pivot])))
@@ -79,10 +96,16 @@ class PoseCorrection(Effect):
         kernel = self._kernel(arm, centres, centres) + _JITTER * np.eye(len(self.centres))
         basis = np.linalg.solve(np.linalg.cholesky(kernel), self._kernel(arm, centres, q))
         return tuple(
-            self.joint_term(arm, joint, row, f"c{k}", group=self.name)
-            for joint in self.joints
+            Term(f"{self.name}.{label}.c{k}", unit, 1e-4, (Part(motion, row),), group=self.name)
+            for label, unit, motion in self.carriers(arm)
             for k, row in enumerate(basis, 1)
         )
+
+    def carriers(self, arm: Arm) -> list[tuple[str, str, int]]:
+        """Return label, unit and motion of what the processes move: the joints, or the base along its axes."""
+        if self.moves == "position":
+            return [(axis, "m", arm.chain.index(BASE, axis)) for axis in "xyz"]
+        return [(joint, arm.unit(joint), arm.axis_motion(joint)) for joint in self.joints]
 
     def _kernel(self, arm: Arm, first: Array, second: Array) -> Array:
         """Return ``(A, B)`` the kernel of poses ``(J, A)`` and ``(J, B)``."""
@@ -112,4 +135,4 @@ class PoseCorrection(Effect):
     @property
     def term_of_covariance(self) -> str | None:
         """Return the process over all joints."""
-        return "smooth"
+        return "smooth" if self.moves == "joints" else "field"

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from robacc.effects.base import Effect
 from robacc.effects.pose_correction import PoseCorrection
 from robacc.effects.transmission_error import TransmissionError
-from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 # Periodic errors of one joint as a search builds them: of one order, or the joint's profile of orders.
@@ -54,6 +51,4 @@ def profile(joint: str, orders: tuple[float, ...]) -> Effect:
     return TransmissionError((joint,), orders, True)
 
 
-def pose_correction(arm: Arm, data: Measurements, joints: Sequence[str], lengths: Sequence[float]) -> Effect:
-    """Return the correction of ``joints`` by a process with a length (rad or m) for each, centred among the poses."""
-    return PoseCorrection.over(arm, data, joints, lengths)
+pose_correction = PoseCorrection.over

@@ -355,26 +355,35 @@ LEAST = math.log(1e-7)
 
 
 def estimated(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
-    """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
-
-    Steps of the average information, damped (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
-    """
+    """Return the parameters of largest restricted likelihood, with the rows' factors as they are."""
     part, start = on_subset(noise, linear) if noise.terms else (linear, noise)
     bounds = [(LEAST, math.log(0.1))] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
+    at = climbed(noise.packed, bounds, lambda at: likelihood_derivatives(start.unpacked(at), part))
+    return noise if at is None else dataclasses.replace(start.unpacked(at), factor=noise.factor)
+
+
+def climbed(
+    start: Array, bounds: Sequence[tuple[float, float]], likelihood: Callable[[Array], tuple[float, Array, Array]]
+) -> Array | None:
+    """Return the parameters ``(K,)`` of largest likelihood; None if it is singular at ``start``.
+
+    Steps of the average information, damped (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
+    ``likelihood`` returns logarithm, gradient ``(K,)`` and information ``(K, K)``.
+    """
     low, high = np.array(bounds).T
-    at, best, damping = np.clip(noise.packed, low, high), None, 1.0
+    at, best, damping = np.clip(start, low, high), None, 1.0
     step = np.zeros_like(at)
     for _ in range(_STEPS):
         try:
-            found = likelihood_derivatives(start.unpacked(at + step), part)
+            found = likelihood(at + step)
         except np.linalg.LinAlgError:
             found = None
         if found is not None and (best is None or found[0] > best[0]):
             at, best, damping = at + step, found, 0.1 * damping
         elif best is None:
-            return noise
+            return None
         else:
             damping *= 10.0
         _, gradient, information = best
@@ -385,7 +394,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised) -> CovariancePara
         step = np.zeros_like(at)
         step[free] = ahead * min(1.0, _LONGEST / float(np.abs(ahead).max()))
         step = np.clip(at + step, low, high) - at
-    return dataclasses.replace(start.unpacked(at), factor=noise.factor)
+    return at
 
 
 def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:

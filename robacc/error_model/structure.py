@@ -181,11 +181,13 @@ def with_error_structure(
     )
 
 
-def beside(fitted: Fit, data: Measurements) -> tuple[Linearised, NDArray[np.int64]]:
-    """Return a fit linearised at inliers of random poses, and the numbers of these rows."""
+def beside(fitted: Fit, data: Measurements, most_visits: int | None = None) -> tuple[Linearised, NDArray[np.int64]]:
+    """Return a fit linearised at inliers of random poses, and the numbers of these rows: one of each visit, or all."""
     inliers = np.flatnonzero(data.first_measured(fitted.inliers))
+    if most_visits is not None:
+        inliers = inliers[np.unique(visit_numbers(data)[inliers], return_index=True)[1]]
     draw = random_rank(data)[inliers]
-    rows = inliers[first_ranks(draw, max(2 * MOST_COMPONENTS // fitted.residual.shape[0], 1))]
+    rows = inliers[first_ranks(draw, most_visits or max(2 * MOST_COMPONENTS // fitted.residual.shape[0], 1))]
     part, columns = data.subset(rows), fitted.identifiability.columns
     bound = fitted.model.bind(part)
     variance = np.diag(posterior(fitted.gram, fitted.precision))

@@ -388,15 +388,14 @@ def _scatter_hints(repeatability: Repeatability | None, rounding: Rounding | Non
         )
 
 
-def _process_hints(found: SearchResult, structure: ErrorStructure) -> Iterator[str]:
+def _process_hints(found: SearchResult, findings: Sequence[Finding]) -> Iterator[str]:
     """Yield a hint on an error that depends on the pose and that no named effect describes."""
-    parameters = found.noise.terms.get("smooth")
-    if parameters is None or "smooth" in structure.noise.terms:
+    sizes = [one.size_at_tool or 0.0 for one in findings if effect_class(one.effect).traits.is_empirical]
+    if not sizes:
         return
-    size = math.sqrt(3.0) * math.exp(parameters[0]) * float(np.sqrt(np.mean(np.square(found.state.linear.reach))))
     yield (
-        f"an error of about {1e3 * size:.2g} mm rms depends smoothly on the pose, and no effect of the catalogue "
-        "describes it better than chance: no cause is named"
+        f"an error of about {1e3 * math.hypot(*sizes):.2g} mm rms depends smoothly on the pose, and no effect of the "
+        "catalogue describes it better than chance: no cause is named"
     )
     absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in found.model.free)]
     if absent:
@@ -417,7 +416,7 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
 
 
 def _size_hints(
-    effects: Sequence[Effect],
+    has_findings: bool,
     noise: LackOfFit,
     repeatability: Repeatability | None,
     rounding: Rounding | None,
@@ -426,7 +425,7 @@ def _size_hints(
     """Yield a hint if findings leave more than usual noise and nothing confirms that it is noise."""
     unconfirmed = noise.p_value is None and (repeatability is None or repeatability.source == "residual")
     most = math.hypot(_MOST_PRESUMED, 0.0 if rounding is None else _UNCERTAIN * rounding.position)
-    if unconfirmed and effects and rms > most:
+    if unconfirmed and has_findings and rms > most:
         yield (
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
             "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
@@ -434,9 +433,9 @@ def _size_hints(
         )
 
 
-def _memory_hints(effects: Sequence[Effect], final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
+def _memory_hints(final: Fit, data: Measurements) -> Iterator[tuple[float, str]]:
     """Yield p-value and hint on each joint whose play remembers the previous visit."""
-    playing = {joint: effect for effect in effects if effect.follows_approach for joint in effect.joints}
+    playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
     p_values = memory_of_play(final, data, tuple(playing))
     for joint, p_value in p_values.items():
         if p_value * len(p_values) <= _CHANCE:
@@ -461,7 +460,7 @@ def _columns_to_record(parts: Mapping[ErrorPart, float], missing: Mapping[str, s
 
 def remaining_error(
     found: SearchResult,
-    effects: Sequence[Effect],
+    findings: Sequence[Finding],
     final: Fit,
     noise: LackOfFit,
     data: Measurements,
@@ -469,9 +468,9 @@ def remaining_error(
     rounding: Rounding | None = None,
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
-    hints = [*structure.warnings, *_process_hints(found, structure)]
+    hints = [*structure.warnings, *_process_hints(found, findings)]
     p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
-    for p_value, hint in _memory_hints(effects, final, data):
+    for p_value, hint in _memory_hints(final, data):
         p_values.append(p_value)
         hints.append(hint)
     if hints and (loads := unlogged_loads(final, data)) is not None:
@@ -481,7 +480,7 @@ def remaining_error(
     hints.extend(_scatter_hints(structure.repeatability, rounding))
     hints.extend(suspected_mistakes(final))
     hints.extend(_outlier_hints(final, data))
-    hints.extend(_size_hints(effects, noise, structure.repeatability, rounding, rms))
+    hints.extend(_size_hints(bool(findings), noise, structure.repeatability, rounding, rms))
     if noise.p_value is not None and noise.p_value <= _CHANCE:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"

@@ -12,6 +12,7 @@ import numpy as np
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.effects.base import Effect
 from robacc.effects.request import CONSTANTS
+from robacc.error_model.field import correction_of_position
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
@@ -36,7 +37,7 @@ from robacc.tracing.findings import (
 )
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.refitting import frames_first, refit
-from robacc.tracing.search import Identified, SearchStep, search
+from robacc.tracing.search import Identified, Ranked, SearchStep, search
 
 # Record of the result of `robacc trace`.
 
@@ -110,6 +111,12 @@ def _trace(
     while (useless := _useless(final, identified, own_places)) is not None:
         identified.remove(useless)
         final, form = _fitted(declared, declared_form, identified, model, data)
+    if empirical and (left := correction_of_position(final, data, found.noise)) is not None:
+        correction = Identified(left[0], Ranked(left[0], left[1], -left[2], 0.0))
+        corrected, corrected_form = _fitted(declared, declared_form, [*identified, correction], model, data)
+        if _useless(corrected, [correction], own_places) is None:
+            identified.append(correction)
+            final, form = corrected, corrected_form
     effects = [one.effect for one in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
     structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
@@ -127,7 +134,7 @@ def _trace(
         for one, residual in zip(identified, without, strict=True)
     )
     noise = judged.noise
-    unexplained = remaining_error(found, effects, final, noise, data, structured, judged.rounding)
+    unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
     result = Trace(
         **vars(judged if findings else dataclasses.replace(judged, gain=None)),
         verdict=(verdict := verdict_of(findings, unexplained)),

@@ -24,7 +24,7 @@ _MOST_VISITS = 600
 _STDS = (LEAST, math.log(0.1))
 """Bounds of the logarithm of a standard deviation, m."""
 _LENGTHS = (math.log(0.1), math.log(30.0))
-"""Bounds of the logarithm of a length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
+"""The same of a length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
 
 
 def correction_of_position(

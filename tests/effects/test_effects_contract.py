@@ -31,6 +31,7 @@ OTHER_FORMS = {
     "joint_compliance": ({"masses": "unknown"}, {"masses": "uncertain", "deflection": "rigid"}),
     "joint_correction": (
         {"lengths": [1.5], "centres": [[0.0], [0.4]]},
+        {"lengths": [1.5], "centres": [[0.0], [0.4]], "moves": "position"},
         {"drivers": ["torque"], "range": [[-50.0, 50.0]]},
         {"drivers": ["time_s", "direction"], "range": [[0.0, 600.0], [-1.0, 1.0]], "degree": 3},
     ),

@@ -694,7 +694,7 @@ def _ur_arm_of(robot: Robot) -> str:
     lengths = []
     for first, second in itertools.pairwise(frames[1:4]):
         z, between = first.rotation[:, 2], second.translation - first.translation
-        lengths.append(np.linalg.norm(between - z * (z @ between)))
+        lengths.append(float(np.linalg.norm(between - z * (z @ between))))
     # d4 and the sign of a length depend on the frames that stand for the axes.
     known = np.abs(np.delete(list(_LENGTHS.values()), 3, axis=1))
     differences = np.abs(known - np.abs([rows[0].d, *lengths, rows[4].d, rows[5].d])).max(axis=1)

@@ -48,13 +48,14 @@ from robacc.planning.campaign import (
 from robacc.planning.candidates import (
     Constraints,
     Sight,
+    at_rest_warning,
+    check_at_rest,
     length,
     parse_box,
     parse_distance,
     parse_half_space,
     parse_vector,
 )
-from robacc.planning.collisions import at_rest_warning, check_at_rest
 from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot

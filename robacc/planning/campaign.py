@@ -20,16 +20,28 @@ from robacc.planning.candidates import (
     Conditions,
     Constraints,
     SafetyBox,
+    branches_at_rest,
     conditions_of,
     given_candidates,
     sampled_candidates,
     task_joints,
 )
-from robacc.planning.collisions import branches_at_rest
-from robacc.planning.design import Criterion, DesignProblem, FitCriterion, choose, exchanged, greedy, information_of
+from robacc.planning.design import (
+    Criterion,
+    DesignProblem,
+    ExpectedPower,
+    FitCriterion,
+    Route,
+    choose,
+    exchanged,
+    greedy,
+    information_of,
+    route,
+)
 from robacc.planning.expected import (
     BATCH,
     CURVE_EXCHANGED,
+    Detectability,
     Expectation,
     ExpectedAccuracy,
     ExpectedCoefficient,
@@ -38,12 +50,16 @@ from robacc.planning.expected import (
     Sufficiency,
     Worth,
     candidate_rows,
+    choose_for_power,
     coefficients,
+    detectability,
     expected_accuracy,
     expected_coefficients,
     expected_correlations,
     free_effects,
     joint_repeatability,
+    power_problem,
+    random_power,
     region_rows,
     repeatability_at_target,
     sufficiency_of,
@@ -51,16 +67,6 @@ from robacc.planning.expected import (
     with_targets,
     worth_of,
 )
-from robacc.planning.power import (
-    Detectability,
-    ExpectedPower,
-    choose_for_power,
-    detectability,
-    expected_power,
-    power_problem,
-    random_power,
-)
-from robacc.planning.route import Route, route
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
@@ -525,9 +531,10 @@ def plan_campaign(
     if purpose == "acceptance":
         chosen = _spread(settings, pool, count)
     elif purpose == "trace":
-        problem = power_problem(model, poses, noise, measured)
+        problem, power_criterion = power_problem(model, poses, noise, measured)
         chosen = choose_for_power(problem, count, seed)
-        power, power_of_random = expected_power(problem, chosen), random_power(problem, count, seed)
+        power = power_criterion.power(problem.information_with(chosen))
+        power_of_random = random_power(problem, power_criterion, count, seed)
     else:
         criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
         if purpose == "health":

@@ -31,8 +31,8 @@ from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
-from robacc.prediction.fit_record import nominal_robot
 from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_uncertainty import nominal_robot
 from robacc.programs.configuration import allowed_by_status, is_read, joint_window, leaves_configuration
 from robacc.programs.frames import FlangeTargets, flange_targets, joint_targets, values_at
 from robacc.programs.program import Dialect, Program

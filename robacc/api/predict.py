@@ -44,6 +44,7 @@ from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
 from robacc.prediction.predicting import (
+    NORMAL,
     Allocation,
     Configurations,
     Prediction,
@@ -51,15 +52,15 @@ from robacc.prediction.predicting import (
     predict_accuracy,
     sampled_configurations,
     step_limits,
+    uncertain_parameters,
 )
 from robacc.prediction.predicting import allocate as allocate_tolerances
-from robacc.prediction.tolerances import NORMAL, uncertain_parameters
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource
-    from robacc.prediction.tolerances import Tolerances
+    from robacc.prediction.predicting import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -294,7 +295,7 @@ def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tu
     if path is None:
         return None, ()
     from robacc.io.files import read_text, sha256_of
-    from robacc.prediction.tolerances import parse_tolerances
+    from robacc.prediction.predicting import parse_tolerances
 
     name = os.fspath(path)
     return parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)

@@ -23,7 +23,7 @@ from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.tolerances import ToleranceParameter
+from robacc.prediction.predicting import ToleranceParameter
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf

@@ -8,26 +8,220 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, cast
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.chain import Chain, Scalar
+from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, transpose
+from robacc.io.yaml_nodes import Source, describe, nearest
+from robacc.io.yaml_nodes import compose as parsed
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.tolerances import NORMAL, ToleranceParameter
 from robacc.quantities import number_text
-from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
+from robacc.robots.yaml_units import read_units
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic
+
+# Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
+
+Distribution = Literal["normal", "uniform", "limits"]
+
+FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
+
+_COMPONENTS = {
+    **{"theta": "theta", "d": "d", "a": "a", "alpha": "alpha", "beta": "alpha", "offset": "offset"},
+    **dict.fromkeys(("x", "y", "z"), "origin_length"),
+    **dict.fromkeys(("roll", "pitch", "yaw"), "origin_angle"),
+}
+"""Variance component of each parameter of a joint; beta tilts an axis as alpha does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """Tolerances of a tolerance file, as standard deviations in m and rad; they replace those of the robot file."""
+
+    distribution: Distribution
+    coverage: float
+    """For ``limits``: number of standard deviations of a limit."""
+    moving_joints: Mapping[str, float] = field(default_factory=dict)
+    """Tolerances of every moving joint."""
+    joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    base: Mapping[str, float] = field(default_factory=dict)
+    tool: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def meaning(self) -> str:
+        """Conversion of a tolerance into a variance, as text."""
+        if self.distribution == "uniform":
+            return "uniform: a tolerance t is the half width, variance t²/3"
+        if self.distribution == "limits":
+            c = f"{self.coverage:g}"
+            return f"limits: a tolerance t is {c} standard deviations, variance (t/{c})²"
+        return NORMAL
+
+
+NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
+
+
+@dataclass(frozen=True, slots=True)
+class ToleranceParameter:
+    """One parameter of the arm that has an error."""
+
+    name: str
+    """``j1.theta``, ``base.x`` …; unique."""
+    joint: str | None
+    """Name of the joint; None for the base and the tool."""
+    kind: str
+    """``theta``, ``d`` …; a coordinate of a URDF joint's origin; a coordinate of base or tool."""
+    component: str
+    """Variance component of the parameter."""
+    motion: int
+    """Index of the chain's motion."""
+    unit: str
+    sd: float
+    """Standard deviation, m or rad; above zero."""
+
+
+def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[ToleranceParameter, ...]:
+    """Return every parameter with a standard deviation above zero: base, joints in order, tool.
+
+    Args:
+        robot: The arm; its tolerances are standard deviations.
+        tolerances: Replace the robot file, parameter by parameter: ``joints`` first, then ``moving_joints``.
+
+    Raises:
+        InputError: No parameter has a tolerance.
+    """
+    stated, arm = tolerances or Tolerances("normal", 1.0), Arm.of(robot)
+    kinds = (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
+    owners: list[tuple[int, str | None, Sequence[str], Mapping[str, float]]] = [
+        (BASE, None, FRAME_PARAMETERS, {**robot.base_tolerance, **stated.base})
+    ]
+    for owner, joint in enumerate(robot.joints):
+        common = stated.moving_joints if joint.type != "fixed" else {}
+        owners.append((owner, joint.name, kinds, {**joint.tolerance, **common, **stated.joints.get(joint.name, {})}))
+    owners.append((TOOL, None, FRAME_PARAMETERS, {**robot.tool_tolerance, **stated.tool}))
+    parameters = []
+    for owner, name, own_kinds, sds in owners:
+        frame = "base" if owner == BASE else "tool"
+        for kind in (kind for kind in own_kinds if sds.get(kind, 0.0) > 0.0):
+            # An angle of a frame turns it about its own axis, at any pitch.
+            motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+            component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
+            full_name = f"{name or frame}.{kind}"
+            parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
+    if not parameters:
+        example, more = (
+            "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}",
+            ", or add a tolerance to the joints of the robot file",
+        )
+        if robot.convention == "urdf":
+            example, more = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01}", ""
+        units = "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
+        raise InputError(
+            Problem(
+                f"no parameter of {robot.name} has a tolerance, so no error can be predicted",
+                fix=f"{units}{example}){more}",
+            )
+        )
+    return tuple(parameters)
+
+
+# Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
+#
+# units: {length: mm, angle: deg}
+# distribution: limits            # normal (default) | uniform | limits
+# coverage: 3                     # limits only: number of standard deviations of a limit
+# all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
+# joints:
+#   j2: {a: 0.5}                  # replaces all
+# base: {x: 0.5, yaw: 0.05}
+# tool: {z: 0.1}
+
+DEFAULT_COVERAGE = 3.0
+"""Default number of standard deviations of a drawing's limit."""
+
+_KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
+
+
+def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
+    """Return the tolerances of a file for ``robot``, as standard deviations in m and rad.
+
+    Raises:
+        InputError: The file has problems; all of them are listed with line and dotted key.
+    """
+    source = Source(file)
+    top = source.section(parsed(text, file), "", _KEYS)
+    units = None if top is None else read_units(top)
+    distribution, coverage = "normal", DEFAULT_COVERAGE
+    if top is not None and (node := top.get("distribution")) is not None:
+        distribution = source.choice(node, "distribution", ("normal", "uniform", "limits")) or distribution
+    if top is not None and (node := top.get("coverage")) is not None:
+        value = source.number(node, "coverage")
+        if distribution != "limits":
+            source.report(node, "coverage", "applies only to limits", "write distribution: limits")
+        elif value is not None and not 0 < value <= 10:
+            source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
+        coverage = value if value and value > 0 else coverage
+    if top is None or units is None:
+        # Nothing else can be checked without units.
+        source.finish()
+        raise AssertionError("finish() raises where there are no units")
+    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
+    joint_kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
+
+    def read(node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]) -> dict[str, float]:
+        section = source.section(node, path, kinds)
+        result = {}
+        for name, item in (section.values if section else {}).items():
+            value = units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
+            if value is not None and value < 0:
+                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
+            elif value is not None:
+                result[name] = value / divisor
+        return result
+
+    moving: dict[str, float] = {}
+    if (node := top.get("all")) is not None:
+        types = {joint.type for joint in robot.joints if joint.type != "fixed"}
+        moving = read(node, "all", joint_kinds, LENGTH_PARAMETERS | ({"offset"} if types == {"prismatic"} else set()))
+        if "offset" in moving and len(types) > 1:
+            message = "offset is an angle of revolute joints and a length of prismatic joints"
+            source.report(node, "all.offset", message, "give it under joints, for each joint by name")
+    by_joint: dict[str, dict[str, float]] = {}
+    joints_by_name = {joint.name: joint for joint in robot.joints}
+    node = top.get("joints")
+    if isinstance(node, yaml.MappingNode):
+        for name, key_node, value in source.entries(node, "joints"):
+            if (joint := joints_by_name.get(name)) is None:
+                fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
+                source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
+                continue
+            kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
+            is_slide = robot.convention == "urdf" and joint.type == "prismatic"
+            lengths = LENGTH_PARAMETERS | ({"offset"} if is_slide else set())
+            by_joint[name] = read(value, f"joints.{name}", kinds, lengths)
+    elif node is not None:
+        source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
+    base, tool = (
+        {} if node is None else read(node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
+        for key, node in ((key, top.get(key)) for key in ("base", "tool"))
+    )
+    if not any((moving, by_joint, base, tool)) and not source.problems:
+        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
+    source.finish()
+    return Tolerances(cast(Distribution, distribution), coverage, moving, by_joint, base, tool)
+
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
 
@@ -94,23 +288,21 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     endless = [joint.name for joint in robot.variables if joint.limits is None]
-    notes = [f"joint{'s' * (len(endless) != 1)} {', '.join(endless)} without limits: sampled over a full turn"]
-    robot, target_notes = _with_target(robot, target)
+    plural = "s" * (len(endless) != 1)
+    notes = [f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn"] if endless else []
+    name = next(iter(robot.targets), None) if target is None else target
+    if name is not None:
+        if name not in robot.targets:
+            known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+            raise UsageError(f"no target {name!r}; the robot file {known}")
+        if len(robot.targets) > 1 and target is None:
+            notes.append(
+                f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
+            )
+        robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    return Configurations(q, scalars, None, source, (*(notes if endless else ()), *target_notes))
-
-
-def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
-    name = next(iter(robot.targets), None) if target is None else target
-    if name is None:
-        return robot, ()
-    if name not in robot.targets:
-        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
-        raise UsageError(f"no target {name!r}; the robot file {known}")
-    ambiguous = len(robot.targets) > 1 and target is None
-    note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
-    return dataclasses.replace(robot, tool=robot.targets[name], targets={}), note if ambiguous else ()
+    return Configurations(q, scalars, None, source, tuple(notes))
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
@@ -122,22 +314,14 @@ def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ..
 # The Jacobian of a block is the largest working array; only the 3 x 3 results and the shares outlive the block.
 
 
-@dataclass(frozen=True, slots=True)
-class PoseCovariances:
-    """Covariances of the tool's error at N poses, in the tool's frame, and the contribution of each parameter."""
-
-    position: Array
-    """``(3, 3, N)`` V_d, m²."""
-    orientation: Array
-    """``(3, 3, N)`` V_δ, rad²."""
-    power: Array
-    """``(2, P)`` contribution of each parameter to the sum of all traces of V_d (m²) and of V_δ (rad²)."""
-
-
 def pose_covariances(
     chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[ToleranceParameter]
-) -> PoseCovariances:
-    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary)."""
+) -> tuple[Array, Array, Array]:
+    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary).
+
+    They are the covariances ``(3, 3, N)`` V_d (m²) and V_δ (rad²) in the tool's frame, and the contribution ``(2, P)``
+    of each parameter to the sum of all their traces.
+    """
     # Rotations first: only they have an angular part, which is then a single slice.
     is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
     order = np.argsort(is_length, kind="stable")
@@ -155,7 +339,7 @@ def pose_covariances(
         for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
             covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
             power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
-    return PoseCovariances(position, orientation, power)
+    return position, orientation, power
 
 
 def outer_sums(columns: Array) -> Array:
@@ -222,7 +406,7 @@ class PredictedErrors:
 
     def value(self, statistic: Statistic) -> float:
         """Return the statistic of that name."""
-        return {"rms": self.rms, "mean_error": self.mean_error, "p95": self.p95, "max": self.max}[statistic]
+        return float(getattr(self, statistic))
 
     def percentiles(self) -> dict[int, tuple[float, float]]:
         """Return percentiles over poses of the predicted RMS and of the 95 % radius."""
@@ -293,15 +477,15 @@ def predict_accuracy(
 
     Args:
         robot: The arm.
-        parameters: From :func:`robacc.prediction.tolerances.uncertain_parameters`.
+        parameters: From :func:`uncertain_parameters`.
         configurations: Configurations of equal weight.
         scale: Scale of the grade.
         meaning: Conversion of a tolerance into a variance, as text.
     """
     chain = Arm.of(robot).chain
-    covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
-    totals = covariances.power.sum(axis=1, keepdims=True)
-    shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    *covariances, power = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
+    totals = power.sum(axis=1, keepdims=True)
+    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     by_parameter = [
         Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
         for parameter, pair in zip(parameters, shares, strict=True)
@@ -314,7 +498,7 @@ def predict_accuracy(
     by_joint = [share.joint or share.name.split(".")[0] for share in by_parameter]
     return predicted(
         configurations,
-        (covariances.position, covariances.orientation),
+        covariances,
         scale,
         parameters=tuple(parameters),
         budget=tuple(sorted(by_parameter, key=_largest_first)),
@@ -325,32 +509,48 @@ def predict_accuracy(
     )
 
 
-def predicted(
-    configurations: Configurations, covariances: tuple[Array, Array], scale: Scale, **facts: Any
-) -> Prediction:
+def predicted(configurations: Configurations, covariances: Sequence[Array], scale: Scale, **facts: Any) -> Prediction:
     """Return the prediction of covariances ``(3, 3, N)`` of position and orientation in the tool's frame.
 
     ``facts`` are the other fields of the prediction.
     """
-    position = predicted_errors("m", covariances[0], configurations, scale.statistic)
-    orientation = predicted_errors("rad", covariances[1], configurations, scale.statistic)
-    return Prediction(
-        configurations=configurations,
-        position=position,
-        orientation=orientation,
-        grade=predicted_grade(position, orientation, scale),
-        **facts,
+    position = _predicted_errors("m", covariances[0], configurations, scale.statistic)
+    orientation = _predicted_errors("rad", covariances[1], configurations, scale.statistic)
+    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
+    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
+    rank = max(ranks.values())
+    met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
+    grade = PredictedGrade(
+        scale,
+        scale.name_of(rank),
+        scale.name_of(ranks["position"]),
+        scale.name_of(ranks["orientation"]),
+        tuple(name for name, each in ranks.items() if each == rank > 0),
+        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
     )
+    return Prediction(configurations=configurations, position=position, orientation=orientation, grade=grade, **facts)
 
 
-def predicted_errors(
+def _predicted_errors(
     unit: Literal["m", "rad"], covariance: Array, configurations: Configurations, statistic: Statistic
 ) -> PredictedErrors:
     """Return the predicted errors of covariances ``(3, 3, N)`` in the tool's frame."""
     variances = principal_variances(covariance)
     rms = np.sqrt(np.sum(variances, axis=0))
-    radius = length_quantiles(RADIUS_PROBABILITY, variances)
-    means = mean_lengths(variances)
+    radius, means = length_quantiles(RADIUS_PROBABILITY, variances), mean_lengths(variances)
+    # The first of equal poses: rounding makes a different one the largest on different machines.
+    index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
+    values, vectors = np.linalg.eigh(covariance[:, :, index])
+    direction = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2]
+    worst = WorstPredictedPose(
+        index,
+        configurations.label(index),
+        configurations.q[:, index].copy(),
+        float(rms[index]),
+        float(radius[index]),
+        direction,
+        math.sqrt(max(float(values[2]), 0.0)),
+    )
     return PredictedErrors(
         unit,
         covariance,
@@ -361,26 +561,8 @@ def predicted_errors(
         mean_error=float(np.mean(means)),
         p95=mixture_quantile(RADIUS_PROBABILITY, variances),
         max=float(np.max(radius)),
-        worst=_worst(covariance, rms, radius, configurations),
+        worst=worst,
         pose_statistic={"rms": rms, "mean_error": means}.get(statistic, radius),
-    )
-
-
-def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPredictedPose:
-    # The first of equal poses: rounding makes a different one the largest on different machines.
-    index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
-    values, vectors = np.linalg.eigh(covariance[:, :, index])
-    direction = vectors[:, 2]
-    if direction[np.argmax(np.abs(direction))] < 0:
-        direction = -direction
-    return WorstPredictedPose(
-        index,
-        configurations.label(index),
-        configurations.q[:, index].copy(),
-        float(rms[index]),
-        float(radius[index]),
-        direction,
-        math.sqrt(max(float(values[2]), 0.0)),
     )
 
 
@@ -390,40 +572,17 @@ def _summed_shares(
     members: dict[str, list[Share]] = {}
     for share, key in zip(shares, keys, strict=True):
         members.setdefault(key, []).append(share)
-    summed = [
-        Share(
-            key,
-            own[-1].joint if grouping == "joint" else None,
-            key if grouping == "kind" else None,
-            None,
-            None,
-            sum(share.position for share in own),
-            sum(share.orientation for share in own),
-        )
-        for key, own in members.items()
-    ]
+    summed = []
+    for key, own in members.items():
+        joint, kind = (own[-1].joint, None) if grouping == "joint" else (None, key)
+        parts = (sum(share.position for share in own), sum(share.orientation for share in own))
+        summed.append(Share(key, joint, kind, None, None, *parts))
     return tuple(sorted(summed, key=_largest_first))
 
 
 def _largest_first(share: Share) -> tuple[float, float]:
     """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
     return -round(share.position, 9), -round(share.orientation, 9)
-
-
-def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
-    """Return the grade of the predicted errors, and the share of poses that meet each step."""
-    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
-    rank = max(ranks.values())
-    met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
-    return PredictedGrade(
-        scale,
-        scale.name_of(rank),
-        scale.name_of(ranks["position"]),
-        scale.name_of(ranks["orientation"]),
-        tuple(name for name, each in ranks.items() if each == rank > 0),
-        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
-    )
 
 
 def steps_met(scale: Scale, sizes: Mapping[Quantity, Array]) -> NDArray[np.bool_]:

@@ -22,8 +22,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.planning.design import DesignProblem, FitCriterion, choose, greedy
 from robacc.poses.csv_file import read_poses
-from robacc.prediction.predicting import predict_accuracy, sampled_configurations
-from robacc.prediction.tolerances import uncertain_parameters
+from robacc.prediction.predicting import predict_accuracy, sampled_configurations, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.simulation.simulate import Plan, simulate
 

@@ -19,13 +19,14 @@ from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
 from robacc.prediction.predicting import (
     Prediction,
+    Tolerances,
     allocate,
     configurations_of,
     pose_covariances,
     predict_accuracy,
     sampled_configurations,
+    uncertain_parameters,
 )
-from robacc.prediction.tolerances import Tolerances, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
@@ -137,14 +138,14 @@ def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
     robot = robot_of(name)
     tolerances = tolerances_of(robot)
     configurations = sampled_configurations(robot, n_poses, seed=4)
-    covariances = pose_covariances(
+    position, orientation, _ = pose_covariances(
         Arm.of(robot).chain, configurations.scalars, n_poses, uncertain_parameters(robot, tolerances)
     )
     for k in range(n_poses):
         errors = monte_carlo(robot, tolerances, configurations.q[:, k], draws, seed=k)
         for part, predicted in (
-            (errors[:, :3], covariances.position[..., k]),
-            (errors[:, 3:], covariances.orientation[..., k]),
+            (errors[:, :3], position[..., k]),
+            (errors[:, 3:], orientation[..., k]),
         ):
             sampled = part.T @ part / draws
             # Of a Gaussian sample covariance: var v_ij = (v_ii v_jj + v_ij^2)/n. 4.5 sigma over some 100 elements.
@@ -225,8 +226,8 @@ def test_equations_7_and_8_from_the_matrices() -> None:
 
     position = part(matrices.m1, "theta") + part(matrices.m2, "d") + part(matrices.m3, "a") + part(matrices.m4, "alpha")
     orientation = part(matrices.m2, "theta") + part(matrices.m3, "alpha")
-    np.testing.assert_allclose(covariances.position, position, atol=1e-12 * position.max())
-    np.testing.assert_allclose(covariances.orientation, orientation, atol=1e-12 * orientation.max())
+    np.testing.assert_allclose(covariances[0], position, atol=1e-12 * position.max())
+    np.testing.assert_allclose(covariances[1], orientation, atol=1e-12 * orientation.max())
 
 
 def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -> Prediction:
@@ -388,4 +389,4 @@ def test_targets_are_predicted_each_by_itself() -> None:
         sampled_configurations(robot, 4, target="left")
     data = Measurements(np.zeros((3, 16)), q=chosen.q, target=np.array(["near", "far"] * 8))
     mixed = pose_covariances(Arm.of(robot).chain, configurations_of(robot, data).scalars, 16, parameters)
-    np.testing.assert_allclose(mixed.position[..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(mixed[0][..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)

@@ -28,8 +28,7 @@ from robacc.prediction.comparison import (
     scale_test,
     variance_components,
 )
-from robacc.prediction.predicting import sampled_configurations
-from robacc.prediction.tolerances import ToleranceParameter, Tolerances, uncertain_parameters
+from robacc.prediction.predicting import ToleranceParameter, Tolerances, sampled_configurations, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 

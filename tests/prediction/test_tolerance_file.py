@@ -7,7 +7,7 @@ import math
 import pytest
 
 from robacc.errors import InputError
-from robacc.prediction.tolerances import ToleranceParameter, parse_tolerances, uncertain_parameters
+from robacc.prediction.predicting import ToleranceParameter, parse_tolerances, uncertain_parameters
 from robacc.robots.description import DH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
 
 DH = Robot(

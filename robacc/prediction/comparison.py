@@ -15,16 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.chain import BASE, TOOL, Scalar
+from robacc.effects.base import Part, Term, effect_class
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array, Poses, rms_length
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
 from robacc.prediction.predicting import ToleranceParameter
-from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
@@ -51,28 +50,25 @@ class MeasurementNoise:
     source_orientation: NoiseSource | None
 
 
-def _stated_noise(data: Measurements, given_noise: Noise) -> tuple[list[Array], list[float | None], list[NoiseSource]]:
+def _stated_noise(data: Measurements, given_noise: Noise) -> list[tuple[Array, float | None, NoiseSource]]:
     """Return weights ``(3, N)``, standard deviation beside them, and source of the noise of each measured part.
 
     Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
     """
-    weights: list[Array] = []
-    sigma: list[float | None] = []
-    sources: list[NoiseSource] = []
+    parts: list[tuple[Array, float | None, NoiseSource]] = []
     problems = []
     columns = (("sigma_x, sigma_y, sigma_z", data.sigma_position), ("sigma_r", data.sigma_rotation))
     for (name, column), given in zip(columns, given_noise, strict=True):
-        used = None if given is not None else column
-        if used is not None and not np.all(used > 0):
+        if given is not None or column is None:
+            parts.append((np.ones((3, data.n)), given, "estimated" if given is None else "given"))
+        elif np.all(column > 0):
+            parts.append((np.broadcast_to(1.0 / column, (3, data.n)), 1.0, "file"))
+        else:
             fix = "remove the column, or give `noise`"
             problems.append(Problem("the measuring uncertainty is 0, expected above 0", data.source, None, name, fix))
-        weights.append(np.broadcast_to(1.0 if used is None or problems else 1.0 / used, (3, data.n)))
-        sigma.append(given if used is None else 1.0)
-        sources.append("given" if given is not None else "estimated" if used is None else "file")
     if problems:
         raise InputError(problems)
-    parts = 1 if data.rotation is None else 2
-    return weights[:parts], sigma[:parts], sources[:parts]
+    return parts[: 1 if data.rotation is None else 2]
 
 
 def _restricted_likelihood(
@@ -89,8 +85,7 @@ def _restricted_likelihood(
     sigma = [start if given is None else given for given, start in zip(given_sigma, rms, strict=True)]
     for _ in range(_MAX_REML_ROUNDS):
         stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
-        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
-        column_norms[column_norms == 0.0] = 1.0
+        column_norms = _norms(stacked[:, :-1])
         u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
         independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
         inverse = vt[independent].T / singular_values[independent]
@@ -114,6 +109,12 @@ def _restricted_likelihood(
     return sigma
 
 
+def _norms(columns: Array) -> Array:
+    """Return the lengths of columns, 1 for a column of zeros."""
+    norms = np.sqrt(np.sum(np.square(columns), axis=0))
+    return np.where(norms > 0.0, norms, 1.0)
+
+
 # Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
 #
 # All poses of one robot share the same parameter errors Δ. The residual of all poses together is
@@ -131,17 +132,14 @@ def _restricted_likelihood(
 NEGLIGIBLE = 1e-4
 """Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
 noise are ignored: 1 + S² differs from 1 by 1e-8."""
-_FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
 @dataclass(frozen=True, slots=True)
 class SufficientStatistics:
     """Whitened residual of all poses in the directions that the parameters' errors move."""
 
-    names: tuple[str, ...]
-    """Names of the P parameters."""
     effect: Array
-    """``(R, P)`` U^T A: whitened effect of one standard deviation of each parameter; R directions."""
+    """``(R, P)`` U^T A: whitened effect of one standard deviation of each of P parameters; R directions."""
     strength: Array
     """``(R,)`` S, descending."""
     y: Array
@@ -178,15 +176,13 @@ def reduce_residuals(
     Raises:
         InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
-    weights, stated, sources = _stated_noise(data, noise)
+    weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
     triangles = _triangles(robot, data, parameters, weights, aligned)
     n_values, n_fixed = 3 * data.n * len(triangles), triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     # What base and tool explain is taken out.
-    fixed = stacked[:, :n_fixed]
-    norms = np.sqrt(np.sum(np.square(fixed), axis=0))
-    basis, sizes, _ = np.linalg.svd(fixed / np.where(norms > 0, norms, 1.0), full_matrices=True)
+    basis, sizes, _ = np.linalg.svd(stacked[:, :n_fixed] / _norms(stacked[:, :n_fixed]), full_matrices=True)
     n_aligned = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
     projected = basis[:, n_aligned:].T @ stacked[:, n_fixed:]
     scaled, residual = projected[:, :-1], projected[:, -1]
@@ -194,23 +190,21 @@ def reduce_residuals(
     significant = strength > NEGLIGIBLE
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
-    oriented = data.rotation is not None
     in_file = [
         mean if source == "file" and mean is not None else std
         for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
     ]
-    noise_squares = max(float(residual @ residual - y @ y), 0.0)
+    orientation, source_orientation = (in_file[1], sources[1]) if len(in_file) > 1 else (None, None)
     return SufficientStatistics(
-        tuple(parameter.name for parameter in parameters),
         directions.T @ scaled,
         strength,
         y,
-        noise_squares,
-        n_values - n_aligned - int(significant.sum()),
+        max(float(residual @ residual - y @ y), 0.0),
+        n_values - n_aligned - strength.size,
         data.n,
         n_values,
         n_aligned,
-        MeasurementNoise(in_file[0], in_file[1] if oriented else None, sources[0], sources[1] if oriented else None),
+        MeasurementNoise(in_file[0], orientation, sources[0], source_orientation),
     )
 
 
@@ -222,38 +216,23 @@ def _triangles(
     aligned: Sequence[str],
 ) -> list[Array]:
     """Return the R factors of [fitted columns, A, residual] of position and of orientation, with weights."""
-    predicted = Model.of(robot).bind(data).poses(np.zeros(0))
-    arm = Arm.of(robot)
-    # Effects move the columns of the Jacobian in second order only.
-    scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
-    fixed = _registered_motions(arm, data, aligned)
-    motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
-    n_columns = len(motions) + 1
-    triangles = [np.zeros((0, n_columns)) for _ in weights]
-    for block in arm.chain.blocks(data.n):
-        columns = np.empty((6, n_columns, block.stop - block.start))
-        local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
-        for k, (_, rows) in enumerate(fixed):
-            columns[:, k] *= 1.0 if rows is None else rows[block]
-        columns[:, len(fixed) : -1] *= np.array([parameter.sd for parameter in parameters])[:, None]
-        at = Poses(predicted.rotation[..., block], predicted.translation[..., block])
-        columns[: 3 * len(weights), -1] = residuals(data.subset(block), at)
-        for part, weight in enumerate(weights):
-            weighted = columns[3 * part : 3 * part + 3] * weight[:, None, block]
-            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
-            triangles[part] = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return triangles
-
-
-def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
-    """Return the motions that were fitted, each with the rows that it moves (None: all)."""
-    frames: list[tuple[int, Array | None]] = [(BASE, None)] if "base_frame" in aligned else []
-    if "tool_frame" in aligned:
-        targets = tuple(arm.robot.targets) if data.target is not None else ()
-        moved: list[Array | None] = [(np.asarray(data.target) == target).astype(float) for target in targets]
-        frames += [(TOOL, rows) for rows in moved or [None]]
-    return [(arm.chain.index(owner, label), rows) for owner, rows in frames for label in _FRAME_MOTIONS]
+    model = Model.of(robot)
+    frames = tuple(effect_class(name).default(model.arm, data) for name in registration.ALIGNABLE if name in aligned)
+    moved = tuple(Term(parameter.name, "", 1.0, (Part(parameter.motion),)) for parameter in parameters)
+    triangles: list[list[Array]] = [[] for _ in weights]
+    for block in model.arm.chain.blocks(data.n):
+        part = data.subset(block)
+        # Effects move the columns of the Jacobian in second order only.
+        rigid = Model(model.arm, (), frames).bind(part)
+        size = np.array([1.0] * len(rigid.terms) + [parameter.sd for parameter in parameters])
+        jacobian = dataclasses.replace(rigid, terms=(*rigid.terms, *moved)).linearise(np.zeros(size.size))[1]
+        error = residuals(part, model.bind(part).poses(np.zeros(0)))
+        columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
+        for number, weight in enumerate(weights):
+            weighted = columns[3 * number : 3 * number + 3] * weight[:, None, block]
+            stacked = np.concatenate((*triangles[number], weighted.transpose(0, 2, 1).reshape(-1, columns.shape[1])))
+            triangles[number] = [np.asarray(np.linalg.qr(stacked, mode="r"))]
+    return [triangle for (triangle,) in triangles]
 
 
 # Tests of the measured errors against the prediction, with all poses of one robot treated jointly.
@@ -339,13 +318,10 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
     parameters = ChiSquare.of(normalised_squares, n_directions)
-    noise_is_known = "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation)
-    total = (
-        ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
-        if noise_is_known
-        else None
-    )
-    noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof) if noise_is_known else None
+    total = noise = None
+    if "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation):
+        total = ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
+        noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof)
     scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
     return Consistency(total, parameters, noise, scale, _verdict(parameters, noise, scale))
 
@@ -361,14 +337,9 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
     factors, statistic = _likelihood_ratios(y[None], variances)
     null_statistics = _null_distribution(variances.tobytes(), seed)
     n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
-    p_value = (1.0 + n_exceeding) / (1.0 + null_statistics.size)
-    return ScaleTest(
-        math.sqrt(float(factors[0])),
-        float(statistic[0]),
-        p_value,
-        chi2_sf(float(statistic[0]), 1.0),
-        int(null_statistics.size),
-    )
+    p_value, draws = (1.0 + n_exceeding) / (1.0 + null_statistics.size), int(null_statistics.size)
+    ratio = float(statistic[0])
+    return ScaleTest(math.sqrt(float(factors[0])), ratio, p_value, chi2_sf(ratio, 1.0), draws)
 
 
 @lru_cache(maxsize=16)
@@ -529,43 +500,19 @@ def variance_components(
         threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
         lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
         ratio = max(0.0, 2.0 * (maximum - problem.maximise(log_factors, (index, 0.0))[1]))
-        components.append(
-            VarianceComponent(
-                name,
-                len(members),
-                members[0].unit,
-                predicted,
-                factor,
-                factor * predicted,
-                lower,
-                upper,
-                dof,
-                ratio,
-                reason,
-            )
-        )
-        if reason is not None:
-            notes.append(reason)
-    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
-    if not_estimated:
+        sizes = (predicted, factor, factor * predicted, lower, upper)
+        components.append(VarianceComponent(name, len(members), members[0].unit, *sizes, dof, ratio, reason))
+        notes += [] if reason is None else [reason]
+    if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
         notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
     return VarianceComponents(tuple(components), confidence, tuple(notes))
 
 
 def bartlett_mean(dof: float) -> float:
     """Return n (log(n/2) - ψ(n/2)), the mean likelihood ratio at the truth of a variance from n = ``dof`` numbers."""
-    half = 0.5 * dof
-    return 2.0 * half * (math.log(half) - _digamma(half))
+    from scipy.special import digamma
 
-
-def _digamma(x: float) -> float:
-    """Return ψ(x) for x > 0, by recurrence and the asymptotic series (DLMF 5.5.2, 5.11.2)."""
-    result = 0.0
-    while x < 12.0:
-        result -= 1.0 / x
-        x += 1.0
-    square = 1.0 / (x * x)
-    return result + math.log(x) - 0.5 / x - square * (1 / 12 - square * (1 / 120 - square * (1 / 252 - square / 240)))
+    return dof * (math.log(0.5 * dof) - float(digamma(0.5 * dof)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -711,7 +658,15 @@ def compare_with_measured(
         InputError: There are no poses or no joints, or the noise cannot be estimated.
         UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
-    _check_arguments(data, noise, confidence)
+    if data.n == 0:
+        raise InputError(Problem("has no poses to compare with the prediction", data.source))
+    if data.q is None:
+        fix = "add q1, q2, …"
+        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
+    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
+        raise UsageError("`noise` is a standard deviation above 0")
+    if not 0.5 <= confidence < 1.0:
+        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     if alignment is not None and data.n < _MIN_REGISTERED_POSES:
@@ -738,18 +693,6 @@ def compare_with_measured(
         hint,
         _one_draw(statistics),
     )
-
-
-def _check_arguments(data: Measurements, noise: Noise, confidence: float) -> None:
-    if data.n == 0:
-        raise InputError(Problem("has no poses to compare with the prediction", data.source))
-    if data.q is None:
-        fix = "add q1, q2, …"
-        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
-    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
-        raise UsageError("`noise` is a standard deviation above 0")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:

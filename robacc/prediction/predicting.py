@@ -167,12 +167,12 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
     if top is not None and (node := top.get("distribution")) is not None:
         distribution = source.choice(node, "distribution", ("normal", "uniform", "limits")) or distribution
     if top is not None and (node := top.get("coverage")) is not None:
-        value = source.number(node, "coverage")
+        stated = source.number(node, "coverage")
         if distribution != "limits":
             source.report(node, "coverage", "applies only to limits", "write distribution: limits")
-        elif value is not None and not 0 < value <= 10:
-            source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {value:g}")
-        coverage = value if value and value > 0 else coverage
+        elif stated is not None and not 0 < stated <= 10:
+            source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {stated:g}")
+        coverage = stated if stated and stated > 0 else coverage
     if top is None or units is None:
         # Nothing else can be checked without units.
         source.finish()

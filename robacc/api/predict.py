@@ -49,6 +49,7 @@ from robacc.prediction.predicting import (
     Configurations,
     Prediction,
     configurations_of,
+    parse_tolerances,
     predict_accuracy,
     sampled_configurations,
     step_limits,
@@ -60,7 +61,6 @@ from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource
-    from robacc.prediction.predicting import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -195,14 +195,14 @@ def predict(
     noise_std = _noise(noise)
     measured = poses if against is None else against
     arm, arm_record = load_robot(robot, base_link, tip_link, None if isinstance(measured, np.ndarray) else measured)
-    read_tolerances, tolerance_record = _tolerances(tolerances, arm)
+    toleranced, meaning, tolerance_record = _tolerances(tolerances, arm)
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
     fit = model_fit(arm) if tolerances is None and allocate is None else None
-    parameters = uncertain_parameters(arm, read_tolerances) if fit is None else ()
+    parameters = uncertain_parameters(toleranced) if fit is None else ()
     planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
     measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
     used = measured if measured is not None else planned
@@ -216,7 +216,6 @@ def predict(
     )
     arm = use.robot or arm
     configurations = _configurations(arm, planned or measured, samples, seed, target)
-    meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
     if fit is None:
         prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
     else:
@@ -291,14 +290,14 @@ def _noise(noise: str | Noise | None) -> Noise:
     )
 
 
-def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tuple[InputFile, ...]]:
+def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Robot, str, tuple[InputFile, ...]]:
+    """Return the arm with the tolerances of a file, their meaning as text, and the record of the file."""
     if path is None:
-        return None, ()
+        return arm, NORMAL, ()
     from robacc.io.files import read_text, sha256_of
-    from robacc.prediction.predicting import parse_tolerances
 
     name = os.fspath(path)
-    return parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
+    return *parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
 
 
 def _poses(

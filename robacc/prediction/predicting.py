@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Literal, cast
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -34,8 +34,6 @@ from robacc.statistics.records import Statistic
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
 
-Distribution = Literal["normal", "uniform", "limits"]
-
 FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 _COMPONENTS = {
@@ -44,30 +42,6 @@ _COMPONENTS = {
     **dict.fromkeys(("roll", "pitch", "yaw"), "origin_angle"),
 }
 """Variance component of each parameter of a joint; beta tilts an axis as alpha does."""
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerances:
-    """Tolerances of a tolerance file, as standard deviations in m and rad; they replace those of the robot file."""
-
-    distribution: Distribution
-    coverage: float
-    """For ``limits``: number of standard deviations of a limit."""
-    moving_joints: Mapping[str, float] = field(default_factory=dict)
-    """Tolerances of every moving joint."""
-    joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
-    base: Mapping[str, float] = field(default_factory=dict)
-    tool: Mapping[str, float] = field(default_factory=dict)
-
-    @property
-    def meaning(self) -> str:
-        """Conversion of a tolerance into a variance, as text."""
-        if self.distribution == "uniform":
-            return "uniform: a tolerance t is the half width, variance t²/3"
-        if self.distribution == "limits":
-            c = f"{self.coverage:g}"
-            return f"limits: a tolerance t is {c} standard deviations, variance (t/{c})²"
-        return NORMAL
 
 
 NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
@@ -92,25 +66,18 @@ class ToleranceParameter:
     """Standard deviation, m or rad; above zero."""
 
 
-def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> tuple[ToleranceParameter, ...]:
+def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
     """Return every parameter with a standard deviation above zero: base, joints in order, tool.
-
-    Args:
-        robot: The arm; its tolerances are standard deviations.
-        tolerances: Replace the robot file, parameter by parameter: ``joints`` first, then ``moving_joints``.
 
     Raises:
         InputError: No parameter has a tolerance.
     """
-    stated, arm = tolerances or Tolerances("normal", 1.0), Arm.of(robot)
-    kinds = (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
+    arm, kinds = Arm.of(robot), (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
     owners: list[tuple[int, str | None, Sequence[str], Mapping[str, float]]] = [
-        (BASE, None, FRAME_PARAMETERS, {**robot.base_tolerance, **stated.base})
+        (BASE, None, FRAME_PARAMETERS, robot.base_tolerance),
+        *((owner, joint.name, kinds, joint.tolerance) for owner, joint in enumerate(robot.joints)),
+        (TOOL, None, FRAME_PARAMETERS, robot.tool_tolerance),
     ]
-    for owner, joint in enumerate(robot.joints):
-        common = stated.moving_joints if joint.type != "fixed" else {}
-        owners.append((owner, joint.name, kinds, {**joint.tolerance, **common, **stated.joints.get(joint.name, {})}))
-    owners.append((TOOL, None, FRAME_PARAMETERS, {**robot.tool_tolerance, **stated.tool}))
     parameters = []
     for owner, name, own_kinds, sds in owners:
         frame = "base" if owner == BASE else "tool"
@@ -121,19 +88,13 @@ def uncertain_parameters(robot: Robot, tolerances: Tolerances | None = None) -> 
             full_name = f"{name or frame}.{kind}"
             parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
     if not parameters:
-        example, more = (
-            "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}",
-            ", or add a tolerance to the joints of the robot file",
-        )
+        fix = "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
         if robot.convention == "urdf":
-            example, more = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01}", ""
-        units = "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
-        raise InputError(
-            Problem(
-                f"no parameter of {robot.name} has a tolerance, so no error can be predicted",
-                fix=f"{units}{example}){more}",
-            )
-        )
+            fix += "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+        else:
+            fix += "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
+        message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
+        raise InputError(Problem(message, fix=fix))
     return tuple(parameters)
 
 
@@ -154,8 +115,10 @@ DEFAULT_COVERAGE = 3.0
 _KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
 
 
-def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
-    """Return the tolerances of a file for ``robot``, as standard deviations in m and rad.
+def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
+    """Return ``robot`` with the tolerances of a file, which replace its own one by one, as standard deviations.
+
+    Beside it is the conversion of a tolerance into a variance, as text.
 
     Raises:
         InputError: The file has problems; all of them are listed with line and dotted key.
@@ -177,50 +140,58 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> Tolerances:
         # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
-    divisor = {"normal": 1.0, "uniform": math.sqrt(3.0), "limits": coverage}[distribution]
-    joint_kinds = ORIGIN_PARAMETERS if robot.convention == "urdf" else DH_PARAMETERS
+    divisor, meaning = {
+        "normal": (1.0, NORMAL),
+        "uniform": (math.sqrt(3.0), "uniform: a tolerance t is the half width, variance t²/3"),
+        "limits": (
+            coverage,
+            f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²",
+        ),
+    }[distribution]
+    is_urdf = robot.convention == "urdf"
 
-    def read(node: yaml.Node, path: str, kinds: Sequence[str], lengths: Collection[str]) -> dict[str, float]:
-        section = source.section(node, path, kinds)
+    def read(node: yaml.Node | None, path: str, kinds: Sequence[str], is_slide: bool = False) -> dict[str, float]:
+        section = None if node is None else source.section(node, path, kinds)
         result = {}
         for name, item in (section.values if section else {}).items():
-            value = units.parameter(source, item, f"{path}.{name}", is_length=name in lengths)
+            is_length = name in LENGTH_PARAMETERS or (is_slide and name == "offset")
+            value = units.parameter(source, item, f"{path}.{name}", is_length=is_length)
             if value is not None and value < 0:
                 source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
             elif value is not None:
                 result[name] = value / divisor
         return result
 
-    moving: dict[str, float] = {}
-    if (node := top.get("all")) is not None:
-        types = {joint.type for joint in robot.joints if joint.type != "fixed"}
-        moving = read(node, "all", joint_kinds, LENGTH_PARAMETERS | ({"offset"} if types == {"prismatic"} else set()))
-        if "offset" in moving and len(types) > 1:
-            message = "offset is an angle of revolute joints and a length of prismatic joints"
-            source.report(node, "all.offset", message, "give it under joints, for each joint by name")
+    types = {joint.type for joint in robot.joints if joint.type != "fixed"}
+    joint_kinds = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
+    moving = read(top.get("all"), "all", joint_kinds, types == {"prismatic"})
+    if "offset" in moving and len(types) > 1:
+        message = "offset is an angle of revolute joints and a length of prismatic joints"
+        source.report(top.get("all"), "all.offset", message, "give it under joints, for each joint by name")
+    joints = {joint.name: joint for joint in robot.joints}
     by_joint: dict[str, dict[str, float]] = {}
-    joints_by_name = {joint.name: joint for joint in robot.joints}
     node = top.get("joints")
     if isinstance(node, yaml.MappingNode):
         for name, key_node, value in source.entries(node, "joints"):
-            if (joint := joints_by_name.get(name)) is None:
-                fix = nearest(name, tuple(joints_by_name)) or f"the joints are {', '.join(joints_by_name)}"
+            if (joint := joints.get(name)) is None:
+                fix = nearest(name, tuple(joints)) or f"the joints are {', '.join(joints)}"
                 source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
-                continue
-            kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
-            is_slide = robot.convention == "urdf" and joint.type == "prismatic"
-            lengths = LENGTH_PARAMETERS | ({"offset"} if is_slide else set())
-            by_joint[name] = read(value, f"joints.{name}", kinds, lengths)
+            else:
+                kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
+                by_joint[name] = read(value, f"joints.{name}", kinds, is_urdf and joint.type == "prismatic")
     elif node is not None:
         source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
-    base, tool = (
-        {} if node is None else read(node, key, FRAME_PARAMETERS, LENGTH_PARAMETERS)
-        for key, node in ((key, top.get(key)) for key in ("base", "tool"))
-    )
+    base, tool = (read(top.get(key), key, FRAME_PARAMETERS) for key in ("base", "tool"))
     if not any((moving, by_joint, base, tool)) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
-    return Tolerances(cast(Distribution, distribution), coverage, moving, by_joint, base, tool)
+    toleranced = []
+    for joint in robot.joints:
+        common = {} if joint.type == "fixed" else moving
+        tolerance = {**joint.tolerance, **common, **by_joint.get(joint.name, {})}
+        toleranced.append(dataclasses.replace(joint, tolerance=tolerance))
+    base, tool = {**robot.base_tolerance, **base}, {**robot.tool_tolerance, **tool}
+    return dataclasses.replace(robot, joints=tuple(toleranced), base_tolerance=base, tool_tolerance=tool), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.

@@ -28,7 +28,7 @@ from robacc.prediction.comparison import (
     scale_test,
     variance_components,
 )
-from robacc.prediction.predicting import ToleranceParameter, Tolerances, sampled_configurations, uncertain_parameters
+from robacc.prediction.predicting import ToleranceParameter, sampled_configurations, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 
@@ -330,7 +330,9 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
 
 
 def test_base_and_tool_are_used_as_given() -> None:
-    parameters = uncertain_parameters(ROBOT, Tolerances("normal", 1.0, base={"x": 1e-4}, tool={"z": 1e-4}))
+    parameters = uncertain_parameters(
+        dataclasses.replace(ROBOT, base_tolerance={"x": 1e-4}, tool_tolerance={"z": 1e-4})
+    )
     result = variance_components(reduce_residuals(ROBOT, simulated(8), parameters), parameters)
     assert [component.name for component in result.components] == ["theta", "d", "a", "alpha"]
     assert result.notes[-1] == "the tolerances of base and tool are used as given, not estimated"

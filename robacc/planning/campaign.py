@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError
-from robacc.fitting.parameters import Correlation
+from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import Model
@@ -55,7 +55,6 @@ from robacc.planning.expected import (
     detectability,
     expected_accuracy,
     expected_coefficients,
-    expected_correlations,
     free_effects,
     joint_repeatability,
     power_problem,
@@ -85,12 +84,12 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
         components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
         n_coefficients: Coefficients that the feasible poses identify.
     """
-    measured = components * (n_poses + n_known)
-    if measured >= n_coefficients:
+    n = n_poses + n_known
+    if components * n >= n_coefficients:
         return ()
     enough = math.ceil(n_coefficients / components) - n_known
     return (
-        f"{n_poses + n_known} pose{'s' * (n_poses + n_known != 1)} measure {measured} coordinates, fewer than the "
+        f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the "
         f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
         f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses",
     )
@@ -147,8 +146,9 @@ class NeededPoses:
 def needed(demand: Demand, expected: float | None) -> NeededPoses:
     """Return the number of poses that decides ``demand`` with probability 0.9 if the true value is ``expected``."""
     ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
-    by_ratio = tuple((each, poses_for(demand, each)) for each in RATIOS)
-    return NeededPoses(demand, ratio, poses_for(demand, ratio), by_ratio)
+    return NeededPoses(
+        demand, ratio, poses_for(demand, ratio), tuple((each, poses_for(demand, each)) for each in RATIOS)
+    )
 
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
@@ -165,8 +165,8 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
         return (below if is_below else 1.0 - below) >= ASSURANCE
 
     enough = smallest_sufficient(decides, 4, most=MOST_POSES)
-    number = None if enough is None else max(math.ceil(cost * enough), fewest)
-    return number if number is not None and number <= MOST_POSES else None
+    number = MOST_POSES + 1 if enough is None else max(math.ceil(cost * enough), fewest)
+    return number if number <= MOST_POSES else None
 
 
 def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np.int64]:
@@ -379,11 +379,11 @@ def expected_noise(
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    known = None if record is None or record.noise[0] <= 0.0 else record.noise[0]
-    position, source = settings.noise, "given noise"
+    position, sources = settings.noise, ["given noise"]
     if position is None:
-        position, source = (known, "noise of the model's fit") if known else (TYPICAL_NOISE, "typical laser tracker")
-    sources = [source]
+        has_noise = record is not None and record.noise[0] > 0.0
+        position = record.noise[0] if record is not None and has_noise else TYPICAL_NOISE
+        sources = ["noise of the model's fit" if has_noise else "typical laser tracker"]
     size = settings.repeatability
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
@@ -416,10 +416,10 @@ def known_information(
     if already is not None:
         return information_of(whitened_rows(model, already, noise)[:, :, planned.columns])
     result = np.zeros((planned.columns.size,) * 2)
-    known = {} if record is None else {name: i for i, name in enumerate(record.coefficients)}
-    ours = [i for i, name in enumerate(planned.names) if name in known]
+    names = () if record is None else record.coefficients
+    ours = [i for i, name in enumerate(planned.names) if name in names]
     if record is not None and ours:
-        theirs = [known[planned.names[i]] for i in ours]
+        theirs = [names.index(planned.names[i]) for i in ours]
         # The part of a covariance is that of its coefficients, the others unknown.
         result[np.ix_(ours, ours)] = scaled_inverse(record.covariance[np.ix_(theirs, theirs)])
     return result
@@ -458,15 +458,13 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
     """
     if data.q is None:
         raise UsageError("the poses measured already have no joint columns")
-    motion = (data.direction, data.speed)
-    if data.direction is None or data.speed is None:
-        motion = (np.zeros_like(data.q),) * 2
+    is_logged = data.direction is not None and data.speed is not None
     return dataclasses.replace(
         data,
         position=np.zeros_like(data.position),
         rotation=None,
-        direction=motion[0],
-        speed=motion[1],
+        direction=data.direction if is_logged else np.zeros_like(data.q),
+        speed=data.speed if is_logged else np.zeros_like(data.q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
 
@@ -594,7 +592,7 @@ def plan_campaign(
     return dataclasses.replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
-        correlations=expected_correlations(planned, covariance),
+        correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, settings.target, already is None) if n_known else None,
         detectability=detectability(model, data, noise) if fits else None,
         warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
@@ -605,12 +603,10 @@ def _task(
     model: Model, conditions: Conditions, settings: CampaignSettings, stated: Measurements | None
 ) -> Measurements:
     """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
-    if stated is None:
-        q, payload = task_joints(model, settings.constraints, settings.region, settings.seed), None
-    elif stated.q is None:
+    q = task_joints(model, settings.constraints, settings.region, settings.seed) if stated is None else stated.q
+    if q is None:
         raise UsageError("the poses of the task have no joint columns")
-    else:
-        q, payload = stated.q, stated.payload
+    payload = None if stated is None else stated.payload
     return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
 
 

@@ -20,7 +20,6 @@ from robacc.effects.specification import every_column
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.parameters import CORRELATED, Correlation
 from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.whitening import whitening
@@ -271,19 +270,6 @@ def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None
     return tuple(result)
 
 
-def expected_correlations(planned: PlannedCoefficients, covariance: Array | None) -> tuple[Correlation, ...]:
-    """Return pairs of coefficients whose estimates will be strongly correlated, strongest first."""
-    if covariance is None:
-        return ()
-    std, names = np.sqrt(np.diag(covariance)), planned.names
-    matrix = covariance / std[:, None] / std
-    pairs = [
-        Correlation(names[i], names[j], float(matrix[i, j]))
-        for i, j in np.argwhere(np.triu(np.abs(matrix) > CORRELATED, 1)).tolist()
-    ]
-    return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
-
-
 @dataclass(frozen=True, slots=True)
 class Expectation:
     """Computation of predicted errors for sets of candidates."""
@@ -354,11 +340,10 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
         return None
     log_n = np.log([point.n for point in points])
     log_total = np.log([point.total for point in points])
-    for n in range(points[0].n, points[-1].n - BATCH + 1):
-        now, later = np.interp(np.log([n, n + BATCH]), log_n, log_total)
-        if later - now > np.log(1.0 - ENOUGH_GAIN):
-            return n
-    return None
+    n = np.arange(points[0].n, points[-1].n - BATCH + 1)
+    now, later = (np.interp(np.log(count), log_n, log_total) for count in (n, n + BATCH))
+    enough = n[later - now > np.log(1.0 - ENOUGH_GAIN)]
+    return int(enough[0]) if enough.size else None
 
 
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:

@@ -35,7 +35,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
-from robacc.documents.envelope import InputFile
+from robacc.documents.envelope import InputFile, csv_text
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -54,6 +54,7 @@ from robacc.prediction.predicting import (
     sampled_configurations,
     step_limits,
     uncertain_parameters,
+    warranty_map,
 )
 from robacc.prediction.predicting import allocate as allocate_tolerances
 from robacc.quantities import optional_size, size
@@ -114,14 +115,17 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.prediction.predicting import warranty_map
         from robacc.robots.arm import build_chain
 
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
         poses = build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n)
-        return warranty_map(self, poses.translation, edge).csv()
+        voxels = warranty_map(self, poses.translation, edge)
+        columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
+        for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
+            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
+        return csv_text({**columns, "grade": voxels.grades})
 
 
 @call

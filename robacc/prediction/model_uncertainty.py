@@ -21,7 +21,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
@@ -503,16 +502,36 @@ def coverage(
     """
     # Circumstances drawn in place of missing ones would be held against the measurements.
     Model.of(absorb_constants(robot)).bind(measured)
-    data = _with_noise(fit, completed(robot, fit, None, measured, seed), noise)
-    if aligned:
-        error, covariances = _registered(robot, fit, data, aligned)
-    else:
-        error = _errors(robot, data)
-        uncertainty, variances = model_uncertainty(robot, fit, data, measured=True), _noise_variances(fit, data)
-        parts = (uncertainty.position, uncertainty.orientation)
-        covariances = [part + np.eye(3)[:, :, None] * added for part, added in zip(parts, variances, strict=True)]
+    data, stated = completed(robot, fit, None, measured, seed), (measured.sigma_position, measured.sigma_rotation)
+    position, angle = (
+        of_fit if given is None and column is None else given
+        for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
+    )
+    data = dataclasses.replace(
+        data,
+        sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
+        sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+    )
+    half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
+    if aligned and np.all(half == half[0]):
+        fix = "measure at more than one commanded pose, or leave out `align`"
+        message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
+        raise InputError(Problem(message, data.source, fix=fix))
+    error, covariances = np.empty((3 if data.rotation is None else 6, data.n)), np.empty((2, 3, 3, data.n))
+    for part in np.unique(half):
+        rows = np.flatnonzero(half == part)
+        judged, arm = data.subset(rows), robot
+        if aligned:
+            used = data.subset(np.flatnonzero(half != part))
+            registration = registration_fit(robot, used, aligned)
+            arm = apply_fit(registration)
+            covariances[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
+        else:
+            uncertainty = model_uncertainty(robot, fit, judged, measured=True)
+            variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
+            covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
+        error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
     results = []
-    stated = (measured.sigma_position, measured.sigma_rotation)
     quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
         source: Literal["given", "file", "fit"] = "fit"
@@ -522,42 +541,6 @@ def coverage(
         inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
         results.append(Coverage(quantities[i], RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), source))
     return tuple(results)
-
-
-def _errors(robot: Robot, data: Measurements) -> Array:
-    return residuals(data, Model.of(absorb_constants(robot)).bind(data).poses(np.zeros(0)))
-
-
-def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, float | None]) -> Measurements:
-    """Return the poses with the measurement noise that is given, or that of the fit where neither states it."""
-    stated = (data.sigma_position, data.sigma_rotation)
-    position, angle = (
-        of_fit if given is None and column is None else given
-        for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
-    )
-    return dataclasses.replace(
-        data,
-        sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
-        sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
-    )
-
-
-def _registered(robot: Robot, fit: ModelFit, data: Measurements, frames: Sequence[str]) -> tuple[Array, list[Array]]:
-    """Return errors ``(M, N)`` and their covariances, with frames fitted to the poses of the other half."""
-    half: NDArray[np.int64] = data.groups() % 2
-    if np.all(half == half[0]):
-        fix = "measure at more than one commanded pose, or leave out `align`"
-        message = f"{' and '.join(frames)} cannot be fitted to one half of the poses: all are the same commanded pose"
-        raise InputError(Problem(message, data.source, fix=fix))
-    error = np.empty((3 if data.rotation is None else 6, data.n))
-    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
-    for part in (0, 1):
-        rows = np.flatnonzero(half == part)
-        judged, used = data.subset(rows), data.subset(np.flatnonzero(half != part))
-        registration = registration_fit(robot, used, frames)
-        error[:, rows] = _errors(apply_fit(registration), judged)
-        position[..., rows], orientation[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
-    return error, [position, orientation]
 
 
 # Record of a fit for its model file, from the fit and its held-out residuals.
@@ -599,9 +582,11 @@ def fit_record(
         repeatability: Scatter of the joints, if it is significant.
         n_folds: Number of groups that are held out in turn, if ``held_out`` are the poses ``data``; else 0.
     """
-    columns = fit.identifiability.columns
-    finite = np.all(np.isfinite(fit.covariance[np.ix_(columns, columns)]), axis=1)
-    known = columns[finite]
+    assert data.q is not None
+    columns: dict[str, Array | None] = dict(zip(robot.variable_names, data.q, strict=True))
+    columns |= {"payload_kg": data.payload, "temperature_c": data.temperature, "time_s": data.time}
+    known = fit.identifiability.columns
+    known = known[np.all(np.isfinite(fit.covariance[np.ix_(known, known)]), axis=1)]
     stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
     record = ModelFit(
         effects=fit.model.free,
@@ -614,7 +599,11 @@ def fit_record(
         noise_is_separate=False,
         bound_factor=(1.0, 1.0),
         largest_correction=_largest_correction(robot, nominal, data),
-        ranges=_ranges(robot, data),
+        ranges={
+            name: (float(np.min(values)), float(np.max(values)))
+            for name, values in columns.items()
+            if values is not None
+        },
         n_poses=data.n,
     )
     residual, poses, sign = fit.residual[:, fit.inliers], data.subset(fit.inliers), 1.0
@@ -702,16 +691,6 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
         moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
         largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
     return float(largest[0]), float(largest[1])
-
-
-def _ranges(robot: Robot, data: Measurements) -> dict[str, tuple[float, float]]:
-    """Return the lowest and the highest value of each joint and of each circumstance."""
-    assert data.q is not None
-    columns: dict[str, Array | None] = dict(zip(robot.variable_names, data.q, strict=True))
-    columns |= {"payload_kg": data.payload, "temperature_c": data.temperature, "time_s": data.time}
-    return {
-        name: (float(np.min(values)), float(np.max(values))) for name, values in columns.items() if values is not None
-    }
 
 
 def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability | None) -> tuple[float, float]:

@@ -24,7 +24,6 @@ from robacc.io.yaml_nodes import Source, describe, nearest
 from robacc.io.yaml_nodes import compose as parsed
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.quantities import number_text
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
 from robacc.robots.yaml_units import read_units
@@ -701,15 +700,6 @@ class WarrantyMap:
     """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
     grades: tuple[str, ...]
     """``(V,)`` grade that every configuration of the voxel meets."""
-
-    def csv(self) -> str:
-        """Return a CSV with a row for each voxel; lengths in m, angles in rad."""
-        rows = ["x_m,y_m,z_m,configurations,rms_m,bound95_m,rms_rad,bound95_rad,grade"]
-        columns = (self.rms[0], self.bound[0], self.rms[1], self.bound[1])
-        for i, centre in enumerate(self.centre.T.tolist()):
-            numbers = [number_text(float(value)) for value in (*centre, *(column[i] for column in columns))]
-            rows.append(",".join((*numbers[:3], str(int(self.count[i])), *numbers[3:], self.grades[i])))
-        return "\n".join(rows) + "\n"
 
 
 def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> WarrantyMap:

@@ -38,7 +38,7 @@ from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.model_uncertainty import completed, model_uncertainty
-from robacc.prediction.predicting import steps_met
+from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian
@@ -46,7 +46,6 @@ from robacc.statistics.distributions import normal_quantile
 
 # Damped steps to wanted poses, all targets at once.
 
-_STEPS = 25
 _PATIENCE = 5
 """Steps without gain after which a target is given up."""
 _SETTLED = 1e-8
@@ -104,7 +103,7 @@ def solve(evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | N
     cost, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
     stalled, settled = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
     index, trial = np.arange(n), q.copy()
-    for _ in range(_STEPS):
+    for _ in range(25):
         # Joints that bring a target nearer are taken; elsewhere the damping rises.
         new_error, new_jacobian = evaluate(trial[:, index], index)
         new_cost = np.sum(np.square(weights[:, None] * new_error), axis=0)
@@ -649,8 +648,6 @@ def _approach_matters(setting: Setting, q: Array) -> tuple[bool, bool]:
 # within 2 % of the exact radius. Source: E. S. Pearson, "Note on an approximation to the distribution of non-central
 # chi-square", Biometrika 46 (1959); for quadratic forms J. P. Imhof, Biometrika 48 (1961), eq. 4.2.
 
-PROBABILITY = 0.95
-
 
 @dataclass(frozen=True, slots=True)
 class ExpectedErrors:
@@ -694,7 +691,7 @@ def expected_errors(
         square = np.sum(np.square(part), axis=0)
         lengths.append(np.sqrt(square))
         rms.append(np.sqrt(square + (0.0 if covariance is None else np.einsum("iin->n", covariance))))
-        bounds.append(None if covariance is None else length_bound(PROBABILITY, part, covariance))
+        bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
     counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
     sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
     grades = None

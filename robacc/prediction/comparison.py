@@ -35,7 +35,6 @@ Noise = tuple[float | None, float | None]
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest are rounding."""
-_MAX_REML_ROUNDS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +82,7 @@ def _restricted_likelihood(
     n = 3 * data.n
     rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
     sigma = [start if given is None else given for given, start in zip(given_sigma, rms, strict=True)]
-    for _ in range(_MAX_REML_ROUNDS):
+    for _ in range(200):
         stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
         column_norms = _norms(stacked[:, :-1])
         u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
@@ -254,7 +253,6 @@ SIGNIFICANT = 0.05
 _LOG_SCALE_RANGE = 14.0
 """Range of log s² that is searched, ±: a factor of a million in variance."""
 _GRID = 57
-_ROUNDS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,7 +365,7 @@ def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
     log_likelihood = _log_likelihood(squares, variances, np.exp(np.broadcast_to(grid, (y.shape[0], _GRID))))
     best = grid[np.argmax(log_likelihood, axis=1)]
     step = grid[1] - grid[0]
-    for _ in range(_ROUNDS):
+    for _ in range(7):
         candidates = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
         log_likelihood = _log_likelihood(squares, variances, np.exp(candidates))
         best = np.take_along_axis(candidates, np.argmax(log_likelihood, axis=1)[:, None], axis=1)[:, 0]
@@ -426,9 +424,7 @@ GIVEN = frozenset({"base", "tool"})
 """Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
-_MAX_STEPS = 200
 _STEP_LIMIT = 2.0
-_LIKELIHOOD_TOLERANCE = 1e-7
 _MIN_DOF = 1.0
 """Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
@@ -551,7 +547,7 @@ class _LikelihoodProblem:
         if held is not None:
             eta[held[0]], free[held[0]] = held[1], False
         log_likelihood, score, information = self.evaluate(eta)
-        for _ in range(_MAX_STEPS):
+        for _ in range(200):
             active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
             if not np.any(active):
                 break
@@ -568,7 +564,7 @@ class _LikelihoodProblem:
                 step *= 0.5
             else:
                 break
-            converged = candidate[0] - log_likelihood < _LIKELIHOOD_TOLERANCE
+            converged = candidate[0] - log_likelihood < 1e-7
             eta, (log_likelihood, score, information) = trial_eta, candidate
             if converged:
                 break

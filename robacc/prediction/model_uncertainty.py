@@ -549,7 +549,6 @@ _DOUBT = 2.6
 """Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_ROUNDS = 20
 _FACTOR_ROUNDS = 4
 """Updates of a factor: its bounds contain the noise, which it does not multiply."""
 _LEAST_SURPLUS = 0.2
@@ -739,7 +738,7 @@ def _scatter(residual: Array) -> Array:
     """
     rows, n = residual.shape
     weight = np.ones(n)
-    for _ in range(_ROUNDS):
+    for _ in range(20):
         total = (residual * weight) @ residual.T / n
         square = np.zeros(n)
         for i in range(0, rows, 3):

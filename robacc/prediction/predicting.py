@@ -586,8 +586,6 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # the solution is f_p = min(1, (λ A_p + μ B_p)^(-1/3)) with both multipliers at zero or at their limits. Parameters
 # with a large share are tightened most; no tolerance is widened.
 
-_MAX_ROUNDS = 12
-_MOST_UPDATES = 2000
 _SOLVED = 1e-12
 _TARGET_BAND = 1e-3
 """Relative distance below a limit at which the allocation stops."""
@@ -634,7 +632,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
     # The statistic is not exactly proportional to the RMS, whose square the budget divides: correct the targets.
     target_variances = 1.0 / np.maximum(np.square(initial_excess), np.finfo(float).tiny)
     factors, verified = np.ones(shares.shape[1]), prediction
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(12):
         excess = _relative_excess(verified, limits)
         if np.max(excess) <= 1.0:
             break
@@ -668,7 +666,7 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
     changed by the excess of its sum to the power of 3/2 until it is zero or its limit is met.
     """
     multipliers = np.ones(2)
-    for _ in range(_MOST_UPDATES):
+    for _ in range(2000):
         # A price of at most one leaves the tolerance unchanged.
         factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
         change = (shares @ np.square(factors) / target_variances) ** 1.5

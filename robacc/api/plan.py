@@ -39,7 +39,6 @@ from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
-    AcceptanceStatistic,
     CampaignPlan,
     CampaignSettings,
     Demand,
@@ -59,6 +58,7 @@ from robacc.planning.candidates import (
 from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
+from robacc.statistics.records import Statistic
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource, RobotSource
@@ -138,7 +138,7 @@ def load_demands(
         for criterion in loaded.gate.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                name = cast(AcceptanceStatistic, statistic)
+                name = cast(Statistic, statistic)
                 demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
         if not demands:
             raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")

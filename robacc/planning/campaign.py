@@ -71,6 +71,7 @@ from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
+from robacc.statistics.records import Statistic
 
 # Plans with fewer measured coordinates than the fit has coefficients.
 
@@ -104,8 +105,6 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
 # poses at least (S. S. Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12,
 # 1941).
 
-AcceptanceStatistic = Literal["rms", "mean_error", "p95", "max"]
-
 ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
 MOST_POSES = 2000
@@ -123,7 +122,7 @@ class Demand:
     """One limit that the measurement is to decide."""
 
     label: str
-    statistic: AcceptanceStatistic
+    statistic: Statistic
     limit: float
     """m"""
     confidence: float
@@ -275,10 +274,8 @@ class CampaignPlan:
     route: Route
     ids: tuple[str, ...]
     """Name of each pose of the route."""
-    validation: Array | None
-    """``(J, V)`` joint variables of the validation poses, in the order of their visits."""
-    validation_payload: Array | None
-    """``(V,)`` kg"""
+    validation: Measurements | None
+    """Validation poses in the order of their visits."""
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
@@ -327,7 +324,7 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        poses = self._to_measure(self.q, np.array(self.ids)[numbers], self.payload_kg)
+        poses = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
         return dataclasses.replace(poses, cycle=np.array(cycle))
 
     def validation_poses(self) -> Measurements:
@@ -338,25 +335,24 @@ class CampaignPlan:
         """
         if self.validation is None:
             raise UsageError("the plan has no validation poses; give their number as `validation`")
-        n = self.validation.shape[1]
-        ids = np.array([f"V{i + 1:0{len(str(n))}d}" for i in range(n)])
-        return self._to_measure(self.validation, ids, self.validation_payload)
+        return self.validation
 
-    def _to_measure(self, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
-        """Return unmeasured poses at ``q`` ``(J, n)`` in their order."""
-        direction, speed = motion_between_rows(q)
-        branches, branch_names = branches_at_rest(self.robot, q.shape[1])
-        return Measurements(
-            position=np.zeros((3, q.shape[1])),
-            q=q,
-            pose=ids,
-            payload=payload,
-            branches=branches,
-            branch_names=branch_names,
-            direction=direction,
-            speed=speed,
-            ordered=True,
-        )
+
+def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
+    """Return unmeasured poses at ``q`` ``(J, n)`` in their order, with direction and speed of approach."""
+    direction, speed = motion_between_rows(q)
+    branches, branch_names = branches_at_rest(robot, q.shape[1])
+    return Measurements(
+        position=np.zeros((3, q.shape[1])),
+        q=q,
+        pose=ids,
+        payload=payload,
+        branches=branches,
+        branch_names=branch_names,
+        direction=direction,
+        speed=speed,
+        ordered=True,
+    )
 
 
 # Knowledge before a campaign: the noise, and the information of earlier poses or of a fitted model.
@@ -561,7 +557,6 @@ def plan_campaign(
     digits = len(str(first + count))
     ids = [f"P{first + i:0{digits}d}" for i in range(count)] if pool.ids is None else pool.ids[chosen].tolist()
     default = 0 if already is not None else count if purpose == "health" else count // 10
-    validation, validation_payload = _validation(model, conditions, settings)
     plan = CampaignPlan(
         robot,
         dataclasses.replace(settings, poses=count),
@@ -575,8 +570,7 @@ def plan_campaign(
             seed,
         ),
         tuple(ids),
-        validation,
-        validation_payload,
+        _validation(model, conditions, settings),
         noise,
         repeatability,
         accuracy=accuracy,
@@ -647,15 +641,16 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
     return chosen + n * (np.arange(count) % candidates.n_payloads)
 
 
-def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> tuple[Array | None, Array | None]:
-    """Return joint variables and payloads of the validation poses, in the order of their visits."""
+def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> Measurements | None:
+    """Return the validation poses in the order of their visits."""
     count = settings.validation
     if not count:
-        return None, None
+        return None
     constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
     pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
     if pool.n < count:
         raise UsageError(f"only {pool.n} of {count} validation poses are feasible")
     q, payload = pool.q[:, :count], conditions.in_turn(count)
     visits = route(q, payload, 0, 0, settings.seed).visits
-    return q[:, visits], None if payload is None else payload[visits]
+    ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])
+    return _to_measure(model.arm.robot, q[:, visits], ids, None if payload is None else payload[visits])

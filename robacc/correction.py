@@ -192,7 +192,7 @@ Motion = tuple[Array | None, Array | None]
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class CorrectionSetting:
     """Real arm as the model describes it, the arm that the controller computes with, and the targets' circumstances.
 
     Both arms are in the same frames.
@@ -255,7 +255,7 @@ class Setting:
 
 def setting_of(
     model: Robot, nominal: Robot, columns: Measurements, data: Measurements, frame: FrameName, ordered: bool
-) -> Setting:
+) -> CorrectionSetting:
     """Return model and nominal robot in common frames, with the circumstances ``columns`` of the targets ``data``.
 
     The nominal robot stands where the model stands, because a controller knows no measuring frame. With ``frame``
@@ -276,7 +276,9 @@ def setting_of(
     known = tuple(entry for entry in full.known if not entry.effect.traits.is_of_measurement)
     left_out = tuple(entry.effect for entry in full.known if entry.effect.traits.is_of_measurement)
     visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
-    return Setting(dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits)
+    return CorrectionSetting(
+        dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits
+    )
 
 
 def check_same_joints(model: Robot, nominal: Robot) -> None:
@@ -311,7 +313,7 @@ class WantedPoses:
     """``(N,)`` whether the nominal robot reaches the wanted pose."""
 
 
-def wanted_poses(data: Measurements, setting: Setting) -> WantedPoses:
+def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     """Return the wanted poses of targets.
 
     Joints mean the pose that the nominal robot has there. Commanded poses (``cmd_`` columns) are wanted as they are,
@@ -374,7 +376,7 @@ def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
 
 
 def pose_evaluator(
-    setting: Setting, model: Model, wanted: Poses, oriented: bool, motion: Motion, targets: NDArray[np.int64]
+    setting: CorrectionSetting, model: Model, wanted: Poses, oriented: bool, motion: Motion, targets: NDArray[np.int64]
 ) -> Evaluate:
     """Return errors ``(R, K)`` of a model's poses against wanted poses, and ``(R, J, K)`` to the joints, as a function.
 
@@ -459,7 +461,7 @@ class Refusal:
 
 
 def refusals(
-    setting: Setting, wanted: WantedPoses, solution: JointSolution, joints: JointSpace, limits: Limits
+    setting: CorrectionSetting, wanted: WantedPoses, solution: JointSolution, joints: JointSpace, limits: Limits
 ) -> list[Refusal | None]:
     """Return the reason of each target that is refused, the first that applies; None for the others."""
     names, n_joints = setting.model.arm.names, solution.q.shape[0]
@@ -558,7 +560,7 @@ _ROUNDS = 5
 class CorrectedTargets:
     """Commands of all targets; a refused target keeps its nominal command."""
 
-    setting: Setting
+    setting: CorrectionSetting
     wanted: WantedPoses
     q: Array
     """``(J, N)`` corrected joint commands, rad or m."""
@@ -582,7 +584,7 @@ class CorrectedTargets:
 
 
 def _solved(
-    setting: Setting,
+    setting: CorrectionSetting,
     wanted: WantedPoses,
     joints: JointSpace,
     matters: tuple[bool, bool],
@@ -628,7 +630,7 @@ def _solved(
     return JointSolution(q, error, settled)
 
 
-def _approach_matters(setting: Setting, q: Array) -> tuple[bool, bool]:
+def _approach_matters(setting: CorrectionSetting, q: Array) -> tuple[bool, bool]:
     """Return whether the model's poses depend on direction and on speed of approach, where the order gives them."""
     if not setting.follows_order:
         return False, False

@@ -47,7 +47,7 @@ _RELATIVE_TOLERANCE = 1e-10
 _SAMPLE = 8
 """One pose of so many gives the start of a mixture's quantile."""
 _DUPLICATIONS = 5
-"""Steps of Carlson's integrals; what is left of the series behind them is below rounding."""
+"""Steps of Carlson's integrals, from which the error of the series is below rounding."""
 
 
 def principal_variances(covariance: Array) -> Array:

@@ -554,8 +554,7 @@ class _LikelihoodProblem:
             step = np.zeros_like(eta)
             block = information[np.ix_(active, active)]
             ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
-            step[active] = np.linalg.solve(block + ridge, score[active])
-            step = np.clip(step, -_STEP_LIMIT, _STEP_LIMIT)
+            step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
             for _ in range(30):
                 trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
                 candidate = self.evaluate(trial_eta)
@@ -613,8 +612,6 @@ _HINT_FACTOR = 20.0
 class MeasuredComparison:
     """Result of :func:`compare_with_measured`."""
 
-    n_poses: int
-    source: str
     position_rms: float
     """RMS of the measured errors after registration, m."""
     orientation_rms: float | None
@@ -678,8 +675,6 @@ def compare_with_measured(
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
     return MeasuredComparison(
-        data.n,
-        data.source or "the data",
         rms_length(errors[:3]),
         None if data.rotation is None else rms_length(errors[3:]),
         alignment,

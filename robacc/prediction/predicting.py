@@ -393,6 +393,7 @@ class Share:
 
     name: str
     joint: str | None
+    """Joint of a parameter; None for a sum of several."""
     kind: str | None
     tolerance: float | None
     """Standard deviation, m or rad; None for a sum of several parameters."""
@@ -472,8 +473,8 @@ def predict_accuracy(
         scale,
         parameters=tuple(parameters),
         budget=tuple(sorted(by_parameter, key=_largest_first)),
-        by_joint=_summed_shares(by_parameter, by_joint, "joint"),
-        by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters], "kind"),
+        by_joint=_summed_shares(by_parameter, by_joint),
+        by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters]),
         meaning=meaning,
         notes=tuple(notes),
     )
@@ -536,17 +537,12 @@ def _predicted_errors(
     )
 
 
-def _summed_shares(
-    shares: Sequence[Share], keys: Sequence[str], grouping: Literal["joint", "kind"]
-) -> tuple[Share, ...]:
-    members: dict[str, list[Share]] = {}
+def _summed_shares(shares: Sequence[Share], keys: Sequence[str]) -> tuple[Share, ...]:
+    """Return the sum of the shares of each key, the largest first."""
+    sums: dict[str, Array] = {}
     for share, key in zip(shares, keys, strict=True):
-        members.setdefault(key, []).append(share)
-    summed = []
-    for key, own in members.items():
-        joint, kind = (own[-1].joint, None) if grouping == "joint" else (None, key)
-        parts = (sum(share.position for share in own), sum(share.orientation for share in own))
-        summed.append(Share(key, joint, kind, None, None, *parts))
+        sums[key] = np.add(sums.get(key, 0.0), (share.position, share.orientation))
+    summed = [Share(key, None, None, None, None, *total.tolist()) for key, total in sums.items()]
     return tuple(sorted(summed, key=_largest_first))
 
 
@@ -568,10 +564,10 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
     Raises:
         UsageError: The scale has no step of that name.
     """
-    for step in scale.steps:
-        if step.grade == grade:
-            return step.position, step.orientation
-    raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(s.grade for s in scale.steps)}")
+    limits = {step.grade: (step.position, step.orientation) for step in scale.steps}
+    if grade not in limits:
+        raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}")
+    return limits[grade]
 
 
 # Tolerances that reach a grade at least cost, by tightening the given tolerances.

@@ -46,13 +46,28 @@ _LAST_STEP = 1e-5
 _RELATIVE_TOLERANCE = 1e-10
 _SAMPLE = 8
 """One pose of so many gives the start of a mixture's quantile."""
+_THIRDS = math.pi * np.array([2.0, 4.0, 0.0]) / 3.0
+_NEARLY_EQUAL = 1e-6
+"""Distance of the cosine from one below which two eigenvalues are nearly equal; from it on, 12 digits are right."""
 _DUPLICATIONS = 5
 """Steps of Carlson's integrals, from which the error of the series is below rounding."""
 
 
 def principal_variances(covariance: Array) -> Array:
-    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
-    values = np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T
+    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero.
+
+    In closed form, which is many times faster: O. K. Smith, "Eigenvalues of a symmetric 3 x 3 matrix", Communications
+    of the ACM 4 (1961) 168. It loses digits where two are nearly equal; these are by LAPACK.
+    """
+    mean = np.einsum("iin->n", covariance) / 3.0
+    rest = covariance - mean * np.eye(3)[:, :, None]
+    size = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
+    (a, b, c), (_, d, e), (_, _, f) = rest / np.where(size > 0.0, size, 1.0)
+    cosine = 0.5 * (a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))
+    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + _THIRDS[:, None]
+    values = mean + 2.0 * size * np.cos(angles)
+    nearly_equal = np.abs(cosine) > 1.0 - _NEARLY_EQUAL
+    values[:, nearly_equal] = np.linalg.eigvalsh(np.moveaxis(covariance[..., nearly_equal], -1, 0)).T
     result: Array = np.maximum(values, 0.0)
     return result
 

@@ -610,6 +610,8 @@ _HINT_FACTOR = 20.0
 class MeasuredComparison:
     """Result of :func:`compare_with_measured`."""
 
+    source: str
+    """Source of the measured poses as text."""
     position_rms: float
     """RMS of the measured errors after registration, m."""
     orientation_rms: float | None
@@ -673,6 +675,7 @@ def compare_with_measured(
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
     return MeasuredComparison(
+        data.source or "the data",
         rms_length(errors[:3]),
         None if data.rotation is None else rms_length(errors[3:]),
         alignment,

@@ -16,15 +16,23 @@ from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
 from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.correction.correction import Cause, Correction, Limits, Refusal, correction
-from robacc.correction.wanted import check_same_joints, circumstances, part_of
+from robacc.correction import (
+    Cause,
+    Correction,
+    Limits,
+    Refusal,
+    check_same_joints,
+    circumstances,
+    correction,
+    part_of,
+)
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
-from robacc.prediction.fit_record import nominal_robot
 from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_uncertainty import nominal_robot
 from robacc.programs.configuration import allowed_by_status, is_read, joint_window, leaves_configuration
 from robacc.programs.frames import FlangeTargets, flange_targets, joint_targets, values_at
 from robacc.programs.program import Dialect, Program
@@ -260,9 +268,9 @@ def correct(
     grades, scale_record = load_grade_scale(scale)
     data, record = load_poses(targets, controller, kind="targets", attained=False)
     limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, fit)
-    setting = circumstances(data, ordered=ordered, payload=payload, temperature=temperature, time=time)
+    columns = circumstances(data, payload, temperature, time)
     low, high = (None if fit is None else fit.ranges.get("temperature_c")) or (-math.inf, math.inf)
-    if (at := setting.columns.temperature) is not None and at.size and not low <= at.min() <= at.max() <= high:
+    if (at := columns.temperature) is not None and at.size and not low <= at.min() <= at.max() <= high:
         doubts += (
             f"the targets are at {at.min():g} to {at.max():g} °C, the model was fitted at {low:g} to {high:g} °C: "
             "of the temperature, only the model's effects are corrected",
@@ -272,8 +280,9 @@ def correct(
             data,
             arm,
             controller,
-            setting,
+            columns,
             fit,
+            ordered=ordered,
             frame=frame,
             limits=limits,
             limits_source=source,
@@ -555,5 +564,5 @@ def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list
     """Return the corrected values of targets of one kind."""
     if program.targets[numbers[0]].kind == "joint":
         return [tuple(column) for column in result.targets.q.T.tolist()]
-    command: Poses = result.targets.pair.from_measuring(result.targets.command)
+    command: Poses = result.targets.setting.from_measuring(result.targets.command)
     return values_at(program, numbers, command)

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 from robacc.api.inputs import load_robot
 from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.controllers.formats import ExportedModel, export_model, known_ur_arm
+from robacc.controllers import ExportedModel, export_model, known_ur_arm
 from robacc.documents.envelope import InputFile
 from robacc.errors import Note, UsageError
 from robacc.prediction.model_fit import model_fit

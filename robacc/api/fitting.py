@@ -30,7 +30,7 @@ from robacc.fitting.visits import places
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.fit_record import fit_record
+from robacc.prediction.model_uncertainty import fit_record
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.version import __version__

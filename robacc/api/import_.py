@@ -35,7 +35,7 @@ def import_(
         >>> robacc.import_(path).variable_names == robacc.read_robot("sample_data/robot.yaml").variable_names
         True
     """
-    from robacc.controllers.formats import parse_controller_file
+    from robacc.controllers import parse_controller_file
     from robacc.io.files import read_text
 
     path = os.fspath(file)

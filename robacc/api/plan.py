@@ -39,7 +39,6 @@ from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
-    AcceptanceStatistic,
     CampaignPlan,
     CampaignSettings,
     Demand,
@@ -48,16 +47,18 @@ from robacc.planning.campaign import (
 from robacc.planning.candidates import (
     Constraints,
     Sight,
+    at_rest_warning,
+    check_at_rest,
     length,
     parse_box,
     parse_distance,
     parse_half_space,
     parse_vector,
 )
-from robacc.planning.collisions import at_rest_warning, check_at_rest
 from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
+from robacc.statistics.records import Statistic
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource, RobotSource
@@ -137,7 +138,7 @@ def load_demands(
         for criterion in loaded.gate.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                name = cast(AcceptanceStatistic, statistic)
+                name = cast(Statistic, statistic)
                 demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
         if not demands:
             raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")

@@ -35,7 +35,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
-from robacc.documents.envelope import InputFile
+from robacc.documents.envelope import InputFile, csv_text
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -44,22 +44,24 @@ from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
 from robacc.prediction.predicting import (
+    NORMAL,
     Allocation,
     Configurations,
     Prediction,
     configurations_of,
+    parse_tolerances,
     predict_accuracy,
     sampled_configurations,
     step_limits,
+    uncertain_parameters,
+    warranty_map,
 )
 from robacc.prediction.predicting import allocate as allocate_tolerances
-from robacc.prediction.tolerances import NORMAL, uncertain_parameters
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource
-    from robacc.prediction.tolerances import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -113,14 +115,17 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.prediction.predicting import warranty_map
         from robacc.robots.arm import build_chain
 
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
         poses = build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n)
-        return warranty_map(self, poses.translation, edge).csv()
+        voxels = warranty_map(self, poses.translation, edge)
+        columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
+        for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
+            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
+        return csv_text({**columns, "grade": voxels.grades})
 
 
 @call
@@ -194,14 +199,14 @@ def predict(
     noise_std = _noise(noise)
     measured = poses if against is None else against
     arm, arm_record = load_robot(robot, base_link, tip_link, None if isinstance(measured, np.ndarray) else measured)
-    read_tolerances, tolerance_record = _tolerances(tolerances, arm)
+    toleranced, meaning, tolerance_record = _tolerances(tolerances, arm)
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
     fit = model_fit(arm) if tolerances is None and allocate is None else None
-    parameters = uncertain_parameters(arm, read_tolerances) if fit is None else ()
+    parameters = uncertain_parameters(toleranced) if fit is None else ()
     planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
     measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
     used = measured if measured is not None else planned
@@ -215,7 +220,6 @@ def predict(
     )
     arm = use.robot or arm
     configurations = _configurations(arm, planned or measured, samples, seed, target)
-    meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
     if fit is None:
         prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
     else:
@@ -290,14 +294,14 @@ def _noise(noise: str | Noise | None) -> Noise:
     )
 
 
-def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tuple[InputFile, ...]]:
+def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Robot, str, tuple[InputFile, ...]]:
+    """Return the arm with the tolerances of a file, their meaning as text, and the record of the file."""
     if path is None:
-        return None, ()
+        return arm, NORMAL, ()
     from robacc.io.files import read_text, sha256_of
-    from robacc.prediction.tolerances import parse_tolerances
 
     name = os.fspath(path)
-    return parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
+    return *parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
 
 
 def _poses(

@@ -165,6 +165,7 @@ def _calibrate(
     keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
     is_nominal = options.robust and keys[0] == keys[1]
     judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
+    kept = final.identifiability.columns
     warnings = (
         *judged.warnings,
         *_request_warnings(plan.requests, final, judged.nominal, judged.after),
@@ -174,7 +175,7 @@ def _calibrate(
         **vars(dataclasses.replace(judged, warnings=warnings)),
         effects=effects,
         shrunk=shrunk,
-        correlations=correlations(final),
+        correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
         identifiability=final.identifiability,
         leverage=high_leverage(final, data),
         partial_residuals=tuple(

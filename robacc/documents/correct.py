@@ -17,7 +17,7 @@ from robacc.geometry import quaternion_from_rotation
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics
-    from robacc.correction.correction import Correction, ExpectedErrors
+    from robacc.correction import Correction, ExpectedErrors
     from robacc.geometry import Array, Poses
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
@@ -200,7 +200,7 @@ CORRECT = part(
         "frame": Key(
             choice("measuring", "base"),
             "Frame of wanted and command poses: the measuring frame, or the robot's base.",
-            "targets.pair.frame",
+            "targets.setting.frame",
         ),
         "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
         "model": Key(text, "Name of the model."),
@@ -350,8 +350,8 @@ def _expected(result: Correction, errors: ExpectedErrors, oriented: bool) -> Doc
 
 def framed_poses(result: Correction) -> tuple[Poses, Poses]:
     """Return wanted and commanded poses in the frame of the Cartesian targets."""
-    pair = result.targets.pair
-    return pair.from_measuring(result.targets.wanted.poses), pair.from_measuring(result.targets.command)
+    targets = result.targets
+    return targets.setting.from_measuring(targets.wanted.poses), targets.setting.from_measuring(targets.command)
 
 
 def corrected_poses(result: Correction, given: Measurements) -> Measurements:

@@ -221,17 +221,17 @@ PLAN = part(
                     "q": Key(
                         array(array(number)),
                         "Joint variables of each pose, rad or m.",
-                        lambda plan: rounded(plan.validation),
+                        lambda plan: rounded(plan.validation.q),
                     ),
                     "payload_kg": Key(
                         array(number) | None,
                         "Payload of each pose, kg; null where no payload was given.",
-                        "validation_payload",
+                        "validation.payload",
                     ),
                     "target_in_base_m": Key(
                         array(array(number)),
                         "Nominal position of the target in the base frame, m; the mean of several targets.",
-                        lambda plan: rounded(targets_in_base(plan.robot, plan.validation)),
+                        lambda plan: rounded(targets_in_base(plan.robot, plan.validation.q)),
                     ),
                 }
             )

@@ -283,7 +283,7 @@ _PREDICTION = part(
         "against": Key(
             part(
                 {
-                    "n_poses": Key(count, "Measured poses."),
+                    "n_poses": Key(count, "Measured poses.", "statistics.n_poses"),
                     "measured": Key(
                         part(
                             {

@@ -175,20 +175,15 @@ def parameter_covariance(fit: Fit) -> ParameterCovariance:
     return ParameterCovariance(tuple(fit.names[i] for i in known), covariance[np.ix_(known, known)])
 
 
-def correlations(fit: Fit) -> tuple[Correlation, ...]:
+def correlations(names: Sequence[str], covariance: Array) -> tuple[Correlation, ...]:
     """Return pairs of coefficients correlated by more than :data:`CORRELATED`, strongest first."""
-    columns = fit.identifiability.columns
-    if columns.size < 2:
-        return ()
-    matrix = fit.covariance[np.ix_(columns, columns)]
-    scale = _stds(matrix)
+    scale = _stds(covariance)
     with np.errstate(divide="ignore", invalid="ignore"):  # without noise, standard errors are zero
         # Where only a weak prior separates two coefficients, rounding takes their correlation beyond one.
-        matrix = np.clip(matrix / scale[:, None] / scale, -1.0, 1.0)
-    first, second = np.nonzero(np.triu(np.abs(matrix) > CORRELATED, 1))
+        matrix = np.clip(covariance / scale[:, None] / scale, -1.0, 1.0)
     pairs = [
-        Correlation(fit.names[columns[i]], fit.names[columns[j]], float(matrix[i, j]))
-        for i, j in zip(first, second, strict=True)
+        Correlation(names[i], names[j], float(matrix[i, j]))
+        for i, j in np.argwhere(np.triu(np.abs(matrix) > CORRELATED, 1)).tolist()
     ]
     return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
 

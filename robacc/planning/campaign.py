@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError
-from robacc.fitting.parameters import Correlation
+from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import Model
@@ -20,16 +20,28 @@ from robacc.planning.candidates import (
     Conditions,
     Constraints,
     SafetyBox,
+    branches_at_rest,
     conditions_of,
     given_candidates,
     sampled_candidates,
     task_joints,
 )
-from robacc.planning.collisions import branches_at_rest
-from robacc.planning.design import Criterion, DesignProblem, FitCriterion, choose, exchanged, greedy, information_of
+from robacc.planning.design import (
+    Criterion,
+    DesignProblem,
+    ExpectedPower,
+    FitCriterion,
+    Route,
+    choose,
+    exchanged,
+    greedy,
+    information_of,
+    route,
+)
 from robacc.planning.expected import (
     BATCH,
     CURVE_EXCHANGED,
+    Detectability,
     Expectation,
     ExpectedAccuracy,
     ExpectedCoefficient,
@@ -38,12 +50,15 @@ from robacc.planning.expected import (
     Sufficiency,
     Worth,
     candidate_rows,
+    choose_for_power,
     coefficients,
+    detectability,
     expected_accuracy,
     expected_coefficients,
-    expected_correlations,
     free_effects,
     joint_repeatability,
+    power_problem,
+    random_power,
     region_rows,
     repeatability_at_target,
     sufficiency_of,
@@ -51,21 +66,12 @@ from robacc.planning.expected import (
     with_targets,
     worth_of,
 )
-from robacc.planning.power import (
-    Detectability,
-    ExpectedPower,
-    choose_for_power,
-    detectability,
-    expected_power,
-    power_problem,
-    random_power,
-)
-from robacc.planning.route import Route, route
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
+from robacc.statistics.records import Statistic
 
 # Plans with fewer measured coordinates than the fit has coefficients.
 
@@ -79,12 +85,12 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
         components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
         n_coefficients: Coefficients that the feasible poses identify.
     """
-    measured = components * (n_poses + n_known)
-    if measured >= n_coefficients:
+    n = n_poses + n_known
+    if components * n >= n_coefficients:
         return ()
     enough = math.ceil(n_coefficients / components) - n_known
     return (
-        f"{n_poses + n_known} pose{'s' * (n_poses + n_known != 1)} measure {measured} coordinates, fewer than the "
+        f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the "
         f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
         f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses",
     )
@@ -98,8 +104,6 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
 # r^2). A 95th percentile is bounded by order statistics: their variance is larger, and they need ln(1 - c) / ln 0.95
 # poses at least (S. S. Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12,
 # 1941).
-
-AcceptanceStatistic = Literal["rms", "mean_error", "p95", "max"]
 
 ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
@@ -118,7 +122,7 @@ class Demand:
     """One limit that the measurement is to decide."""
 
     label: str
-    statistic: AcceptanceStatistic
+    statistic: Statistic
     limit: float
     """m"""
     confidence: float
@@ -141,8 +145,9 @@ class NeededPoses:
 def needed(demand: Demand, expected: float | None) -> NeededPoses:
     """Return the number of poses that decides ``demand`` with probability 0.9 if the true value is ``expected``."""
     ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
-    by_ratio = tuple((each, poses_for(demand, each)) for each in RATIOS)
-    return NeededPoses(demand, ratio, poses_for(demand, ratio), by_ratio)
+    return NeededPoses(
+        demand, ratio, poses_for(demand, ratio), tuple((each, poses_for(demand, each)) for each in RATIOS)
+    )
 
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
@@ -159,8 +164,8 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
         return (below if is_below else 1.0 - below) >= ASSURANCE
 
     enough = smallest_sufficient(decides, 4, most=MOST_POSES)
-    number = None if enough is None else max(math.ceil(cost * enough), fewest)
-    return number if number is not None and number <= MOST_POSES else None
+    number = MOST_POSES + 1 if enough is None else max(math.ceil(cost * enough), fewest)
+    return number if number <= MOST_POSES else None
 
 
 def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np.int64]:
@@ -269,10 +274,8 @@ class CampaignPlan:
     route: Route
     ids: tuple[str, ...]
     """Name of each pose of the route."""
-    validation: Array | None
-    """``(J, V)`` joint variables of the validation poses, in the order of their visits."""
-    validation_payload: Array | None
-    """``(V,)`` kg"""
+    validation: Measurements | None
+    """Validation poses in the order of their visits."""
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
@@ -321,7 +324,7 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        poses = self._to_measure(self.q, np.array(self.ids)[numbers], self.payload_kg)
+        poses = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
         return dataclasses.replace(poses, cycle=np.array(cycle))
 
     def validation_poses(self) -> Measurements:
@@ -332,25 +335,24 @@ class CampaignPlan:
         """
         if self.validation is None:
             raise UsageError("the plan has no validation poses; give their number as `validation`")
-        n = self.validation.shape[1]
-        ids = np.array([f"V{i + 1:0{len(str(n))}d}" for i in range(n)])
-        return self._to_measure(self.validation, ids, self.validation_payload)
+        return self.validation
 
-    def _to_measure(self, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
-        """Return unmeasured poses at ``q`` ``(J, n)`` in their order."""
-        direction, speed = motion_between_rows(q)
-        branches, branch_names = branches_at_rest(self.robot, q.shape[1])
-        return Measurements(
-            position=np.zeros((3, q.shape[1])),
-            q=q,
-            pose=ids,
-            payload=payload,
-            branches=branches,
-            branch_names=branch_names,
-            direction=direction,
-            speed=speed,
-            ordered=True,
-        )
+
+def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
+    """Return unmeasured poses at ``q`` ``(J, n)`` in their order, with direction and speed of approach."""
+    direction, speed = motion_between_rows(q)
+    branches, branch_names = branches_at_rest(robot, q.shape[1])
+    return Measurements(
+        position=np.zeros((3, q.shape[1])),
+        q=q,
+        pose=ids,
+        payload=payload,
+        branches=branches,
+        branch_names=branch_names,
+        direction=direction,
+        speed=speed,
+        ordered=True,
+    )
 
 
 # Knowledge before a campaign: the noise, and the information of earlier poses or of a fitted model.
@@ -373,11 +375,11 @@ def expected_noise(
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    known = None if record is None or record.noise[0] <= 0.0 else record.noise[0]
-    position, source = settings.noise, "given noise"
+    position, sources = settings.noise, ["given noise"]
     if position is None:
-        position, source = (known, "noise of the model's fit") if known else (TYPICAL_NOISE, "typical laser tracker")
-    sources = [source]
+        has_noise = record is not None and record.noise[0] > 0.0
+        position = record.noise[0] if record is not None and has_noise else TYPICAL_NOISE
+        sources = ["noise of the model's fit" if has_noise else "typical laser tracker"]
     size = settings.repeatability
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
@@ -410,10 +412,10 @@ def known_information(
     if already is not None:
         return information_of(whitened_rows(model, already, noise)[:, :, planned.columns])
     result = np.zeros((planned.columns.size,) * 2)
-    known = {} if record is None else {name: i for i, name in enumerate(record.coefficients)}
-    ours = [i for i, name in enumerate(planned.names) if name in known]
+    names = () if record is None else record.coefficients
+    ours = [i for i, name in enumerate(planned.names) if name in names]
     if record is not None and ours:
-        theirs = [known[planned.names[i]] for i in ours]
+        theirs = [names.index(planned.names[i]) for i in ours]
         # The part of a covariance is that of its coefficients, the others unknown.
         result[np.ix_(ours, ours)] = scaled_inverse(record.covariance[np.ix_(theirs, theirs)])
     return result
@@ -452,15 +454,13 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
     """
     if data.q is None:
         raise UsageError("the poses measured already have no joint columns")
-    motion = (data.direction, data.speed)
-    if data.direction is None or data.speed is None:
-        motion = (np.zeros_like(data.q),) * 2
+    is_logged = data.direction is not None and data.speed is not None
     return dataclasses.replace(
         data,
         position=np.zeros_like(data.position),
         rotation=None,
-        direction=motion[0],
-        speed=motion[1],
+        direction=data.direction if is_logged else np.zeros_like(data.q),
+        speed=data.speed if is_logged else np.zeros_like(data.q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
 
@@ -525,9 +525,10 @@ def plan_campaign(
     if purpose == "acceptance":
         chosen = _spread(settings, pool, count)
     elif purpose == "trace":
-        problem = power_problem(model, poses, noise, measured)
+        problem, power_criterion = power_problem(model, poses, noise, measured)
         chosen = choose_for_power(problem, count, seed)
-        power, power_of_random = expected_power(problem, chosen), random_power(problem, count, seed)
+        power = power_criterion.power(problem.information_with(chosen))
+        power_of_random = random_power(problem, power_criterion, count, seed)
     else:
         criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
         if purpose == "health":
@@ -556,7 +557,6 @@ def plan_campaign(
     digits = len(str(first + count))
     ids = [f"P{first + i:0{digits}d}" for i in range(count)] if pool.ids is None else pool.ids[chosen].tolist()
     default = 0 if already is not None else count if purpose == "health" else count // 10
-    validation, validation_payload = _validation(model, conditions, settings)
     plan = CampaignPlan(
         robot,
         dataclasses.replace(settings, poses=count),
@@ -570,8 +570,7 @@ def plan_campaign(
             seed,
         ),
         tuple(ids),
-        validation,
-        validation_payload,
+        _validation(model, conditions, settings),
         noise,
         repeatability,
         accuracy=accuracy,
@@ -587,7 +586,7 @@ def plan_campaign(
     return dataclasses.replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
-        correlations=expected_correlations(planned, covariance),
+        correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, settings.target, already is None) if n_known else None,
         detectability=detectability(model, data, noise) if fits else None,
         warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
@@ -598,12 +597,10 @@ def _task(
     model: Model, conditions: Conditions, settings: CampaignSettings, stated: Measurements | None
 ) -> Measurements:
     """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
-    if stated is None:
-        q, payload = task_joints(model, settings.constraints, settings.region, settings.seed), None
-    elif stated.q is None:
+    q = task_joints(model, settings.constraints, settings.region, settings.seed) if stated is None else stated.q
+    if q is None:
         raise UsageError("the poses of the task have no joint columns")
-    else:
-        q, payload = stated.q, stated.payload
+    payload = None if stated is None else stated.payload
     return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
 
 
@@ -644,15 +641,16 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
     return chosen + n * (np.arange(count) % candidates.n_payloads)
 
 
-def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> tuple[Array | None, Array | None]:
-    """Return joint variables and payloads of the validation poses, in the order of their visits."""
+def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> Measurements | None:
+    """Return the validation poses in the order of their visits."""
     count = settings.validation
     if not count:
-        return None, None
+        return None
     constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
     pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
     if pool.n < count:
         raise UsageError(f"only {pool.n} of {count} validation poses are feasible")
     q, payload = pool.q[:, :count], conditions.in_turn(count)
     visits = route(q, payload, 0, 0, settings.seed).visits
-    return q[:, visits], None if payload is None else payload[visits]
+    ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])
+    return _to_measure(model.arm.robot, q[:, visits], ids, None if payload is None else payload[visits])

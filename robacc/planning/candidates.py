@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.collisions import SELF_COLLISION, LinkCollisions
 from robacc.quantities import parse_quantity
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.description import BranchJoint, Robot
 from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.simulation.simulate import even_joints
 
@@ -27,6 +27,7 @@ from robacc.simulation.simulate import even_joints
 # joint and corner of the arm that moves; a box to stay in holds for the target.
 
 _AXES = "xyz"
+_SIDES = re.compile(r"\s*([xyz])\s*=([^:]*):([^:]*)")
 _INEQUALITY = re.compile(r"(.+?)(<=|>=)(.+)")
 _PRODUCT = re.compile(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])")
 
@@ -72,6 +73,27 @@ class Sight:
     """Nearest and farthest distance, m."""
 
 
+class LinkCollisions(Protocol):
+    """Test of poses for collisions of an arm's links, which a plug-in of the group ``robacc.collisions`` makes."""
+
+    @property
+    def pairs(self) -> Sequence[tuple[str, str]]:
+        """Links of each pair that is checked."""
+
+    @property
+    def overlapping(self) -> Sequence[tuple[str, str]]:
+        """Links of each pair that is not checked, because they touch at nearly all poses."""
+
+    def self_collision(self, q: Array) -> NDArray[np.bool_]:
+        """Return ``(N,)`` the poses ``(J, N)``, rad or m, at which two links touch."""
+
+    def in_box(self, q: Array, low: Sequence[float], high: Sequence[float]) -> NDArray[np.bool_]:
+        """Return ``(N,)`` the poses at which a link is in a box of the base frame; a side may be infinite, m."""
+
+    def beyond(self, q: Array, direction: Sequence[float], offset: float) -> NDArray[np.bool_]:
+        """Return ``(N,)`` the poses at which a link leaves the half-space direction . p <= offset, m."""
+
+
 @dataclass(frozen=True, slots=True)
 class Constraints:
     """Everything that decides whether a pose is feasible."""
@@ -96,19 +118,18 @@ def parse_box(text: str, name: str) -> SafetyBox:
     Raises:
         UsageError: The text is not that; ``name`` is the parameter's name.
     """
-    low, high = [-np.inf] * 3, [np.inf] * 3
+    ends = {axis: (-np.inf, np.inf) for axis in _AXES}
     for part in text.split(","):
-        axis, equals, ends = part.strip().partition("=")
-        sides = ends.split(":")
-        if not equals or axis.strip() not in tuple(_AXES) or len(sides) != 2:
+        match = _SIDES.fullmatch(part)
+        if match is None:
             raise UsageError(f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}")
-        index = _AXES.index(axis.strip())
-        for side, values in zip(sides, (low, high), strict=True):
-            if side.strip():
-                values[index] = length(side, name)
-        if low[index] >= high[index]:
-            raise UsageError(f"`{name}`: {axis.strip()} ends before it begins in {text!r}")
-    return SafetyBox((low[0], low[1], low[2]), (high[0], high[1], high[2]), text)
+        axis, *sides = match.groups()
+        low, high = (length(side, name) if side.strip() else end for side, end in zip(sides, ends[axis], strict=True))
+        if low >= high:
+            raise UsageError(f"`{name}`: {axis} ends before it begins in {text!r}")
+        ends[axis] = low, high
+    (x, u), (y, v), (z, w) = ends.values()
+    return SafetyBox((x, y, z), (u, v, w), text)
 
 
 def parse_half_space(text: str, name: str) -> HalfSpace:
@@ -177,7 +198,6 @@ def length(text: str | float, name: str) -> float:
 
 # Filters of candidate poses, with a count of what each excludes.
 
-MARGIN = "joint limits with margin"
 _MOVES = 1e-6
 """m; a corner of the arm that moves less stands still and is part of the pedestal."""
 
@@ -203,7 +223,10 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
     The target ``(3, N)`` is in the base frame, m, and the mean of several targets.
     """
     arm, links = model.arm, constraints.collisions
-    excluded = {MARGIN: ~within_margin(arm, q, constraints.margin)}
+    low, high = np.array([joint.limits or (-1e9, 1e9) for joint in arm.robot.variables]).T[..., None]
+    # A microradian: the resolution that commanded joints are rounded to.
+    keep = constraints.margin * (high - low) - 1e-6
+    excluded = {"joint limits with margin": np.any((q < low + keep) | (q > high - keep), axis=0)}
     targets = _targets(arm, q)
     if constraints.inside is not None:
         inside = [constraints.inside.contains(target.translation) for target in targets]
@@ -224,25 +247,24 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
         beyond = ~np.all(half_space.contains(points), axis=0)
         excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
     if links is not None:
-        excluded[SELF_COLLISION] = links.self_collision(q)
+        excluded["self-collision"] = links.self_collision(q)
     if constraints.max_condition is not None:
         near = joint_condition(arm, q) > constraints.max_condition
         excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
-    if constraints.sight is not None:
-        excluded |= _out_of_sight(targets, constraints.sight)
+    if (sight := constraints.sight) is not None:
+        nearest, farthest = sight.distance
+        ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
+        distance = np.linalg.norm(ray, axis=1)
+        if nearest > 0:
+            excluded[f"nearer to the instrument than {nearest:g} m"] = np.any(distance < nearest, axis=0)
+        if np.isfinite(farthest):
+            excluded[f"farther from the instrument than {farthest:g} m"] = np.any(distance > farthest, axis=0)
+        if sight.axis is not None:
+            facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets])
+            cosine = np.sum(facing * ray, axis=1) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
+            turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
+            excluded[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
     return np.mean([target.translation for target in targets], axis=0), excluded
-
-
-def within_margin(arm: Arm, q: Array, margin: float) -> NDArray[np.bool_]:
-    """Return ``(N,)`` which poses keep ``margin``, a share of each range, from the joint limits."""
-    result = np.ones(q.shape[1], dtype=bool)
-    for row, joint in zip(q, arm.robot.variables, strict=True):
-        if joint.limits is not None:
-            low, high = joint.limits
-            # A microradian: the resolution that commanded joints are rounded to.
-            keep = margin * (high - low) - 1e-6
-            result &= (row >= low + keep) & (row <= high - keep)
-    return result
 
 
 def _targets(arm: Arm, q: Array) -> list[Poses]:
@@ -278,24 +300,6 @@ def joint_condition(arm: Arm, q: Array) -> Array:
     values = np.linalg.svd(np.moveaxis(jacobian, 2, 0), compute_uv=False)
     with np.errstate(divide="ignore"):
         return np.asarray(values[:, 0] / values[:, -1])
-
-
-def _out_of_sight(targets: Sequence[Poses], sight: Sight) -> Excluded:
-    """Return the poses at which a target is not visible, by reason."""
-    near, far = sight.distance
-    ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
-    distance = np.linalg.norm(ray, axis=1)
-    result = {}
-    if near > 0:
-        result[f"nearer to the instrument than {near:g} m"] = np.any(distance < near, axis=0)
-    if np.isfinite(far):
-        result[f"farther from the instrument than {far:g} m"] = np.any(distance > far, axis=0)
-    if sight.axis is not None:
-        facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets])
-        cosine = np.sum(facing * ray, axis=1) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
-        turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
-        result[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
-    return result
 
 
 TASK_POSES = 400
@@ -338,21 +342,6 @@ class CandidatePoses:
         return self.n // self.n_payloads
 
 
-def sampled_joints(robot: Robot, margin: float, count: int, skip: int, seed: int) -> Array:
-    """Return joint variables ``(J, count)`` spread evenly within the limits less ``margin``.
-
-    They are the entries of a low-discrepancy sequence after the first ``skip``; ``seed`` shifts the sequence.
-
-    Raises:
-        InputError: A prismatic joint has no limits.
-    """
-    rng = np.random.default_rng([seed, len(robot.variables)])
-    q = even_joints(robot, count, rng, "to choose poses within", "give it limits", margin=margin, skip=skip)
-    low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi))
-    keep = margin * (high - low)
-    return np.clip(np.round(q, _DECIMALS), low + keep, high - keep)
-
-
 def _feasible(
     model: Model,
     constraints: Constraints,
@@ -366,37 +355,51 @@ def _feasible(
     Raises:
         UsageError: No pose is feasible; the message begins with ``none`` and names the reason that excludes most.
     """
-    parts: list[tuple[Array, Array, Excluded]] = []
+    blocks, positions, masks = [], [], []
     n_feasible = 0
     for block in draws:
         position, excluded = filtered(model, block, constraints)
-        parts.append((block, position, excluded))
-        n_feasible += int(np.count_nonzero(~np.any([*excluded.values()], axis=0)))
+        blocks.append(block)
+        positions.append(position)
+        masks.append(np.array([*excluded.values()]))
+        n_feasible += int(np.count_nonzero(~np.any(masks[-1], axis=0)))
         if n_feasible >= count:
             break
-    q, position = (np.concatenate(blocks, axis=1) for blocks in zip(*(part[:2] for part in parts), strict=True))
-    excluded = {name: np.concatenate([part[2][name] for part in parts]) for name in parts[0][2]}
-    number = np.sum([*excluded.values()], axis=0)
+    q, position, mask = (np.concatenate(parts, axis=1) for parts in (blocks, positions, masks))
+    number = np.sum(mask, axis=0)
     counts = [
-        Exclusion(reason, int(np.count_nonzero(mask)), int(np.count_nonzero(mask & (number == 1))))
-        for reason, mask in excluded.items()
-        if mask.any()
+        Exclusion(reason, int(np.count_nonzero(own)), int(np.count_nonzero(own & (number == 1))))
+        for reason, own in zip(excluded, mask, strict=True)
+        if own.any()
     ]
     exclusions = tuple(sorted(counts, key=lambda entry: -entry.count))
+    n_drawn = q.shape[1]
     if not n_feasible:
         largest, *others = exclusions
-        text = f"{none}: of {q.shape[1]} poses, {largest.count} are excluded by: {largest.reason}"
+        text = f"{none}: of {n_drawn} poses, {largest.count} are excluded by: {largest.reason}"
         text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
         raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
     at = np.flatnonzero(number == 0)[:count]
-    return CandidatePoses(
-        q[:, at],
-        position[:, at],
-        None if ids is None else ids[at],
-        q.shape[1],
-        exclusions,
-        f"{q.shape[1]} samples within the joint limits",
-    )
+    named = None if ids is None else ids[at]
+    source = f"{n_drawn} samples within the joint limits"
+    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source)
+
+
+def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times: int) -> Iterator[Array]:
+    """Yield blocks ``(J, count)`` of joint variables spread evenly within the limits less ``margin``.
+
+    They are the entries of a low-discrepancy sequence after the first ``skip``; ``seed`` shifts the sequence.
+
+    Raises:
+        InputError: A prismatic joint has no limits.
+    """
+    for number in range(times):
+        rng = np.random.default_rng([seed, len(robot.variables)])
+        at = skip + count * number
+        q = even_joints(robot, count, rng, "to choose poses within", "give it limits", margin=margin, skip=at)
+        low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi))
+        keep = margin * (high - low)
+        yield np.clip(np.round(q, _DECIMALS), low + keep, high - keep)
 
 
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:
@@ -405,8 +408,7 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     Raises:
         UsageError: No sample is feasible; the message names the reason that excludes most.
     """
-    robot, margin = model.arm.robot, constraints.margin
-    draws = (sampled_joints(robot, margin, count, count * i, seed) for i in range(_MOST_DRAWS))
+    draws = _drawn(model.arm.robot, constraints.margin, count, 0, seed, _MOST_DRAWS)
     return _feasible(model, constraints, draws, count)
 
 
@@ -433,8 +435,7 @@ def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None
         UsageError: None of the samples lies in the region.
     """
     free = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
-    robot, step = model.arm.robot, 5 * TASK_POSES
-    draws = (sampled_joints(robot, free.margin, step, _TASK_SKIP + step * i, seed + 1) for i in range(2 * _MOST_DRAWS))
+    draws = _drawn(model.arm.robot, free.margin, 5 * TASK_POSES, _TASK_SKIP, seed + 1, 2 * _MOST_DRAWS)
     return _feasible(model, free, draws, TASK_POSES, "no pose of the task is feasible").q
 
 
@@ -518,15 +519,70 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     result = Conditions(payloads, _ROOM_TEMPERATURE if is_warm else None, seed)
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
-        reason = effect.missing(arm, planned)
-        if reason is None:
-            continue
-        if not effect.missing(arm, loaded):
-            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
-        raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
+        if (reason := effect.missing(arm, planned)) is not None:
+            needs_loads = not effect.missing(arm, loaded)
+            text = f"needs loads: {reason}; give `payload`, such as 0,5"
+            text = text if needs_loads else f"cannot be planned: {reason}; leave it out"
+            raise UsageError(f"`fit`: {effect.name} {text}")
     if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
         raise UsageError(
             "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
             "add payload_compliance to `fit`, or give the payload of this campaign alone"
         )
     return result
+
+
+# Joints outside the chain in a plan: they stand still at their positions of the robot file.
+
+_EQUAL = 1e-4
+"""Largest difference between a column and the position, rad or m: a file's rounding."""
+
+
+def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
+    """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
+    branches = robot.branch_variables if _loading(robot) else ()
+    positions = np.array([[branch.position] * n for branch in branches]) if branches else None
+    return positions, tuple(branch.joint.name for branch in branches)
+
+
+def at_rest_warning(robot: Robot) -> tuple[str, ...]:
+    """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
+    loading = _loading(robot)
+    if not loading:
+        return ()
+    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in loading)
+    return (
+        f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
+        "the planned rows state; to change them, set position in the robot file",
+    )
+
+
+def check_at_rest(robot: Robot, poses: Measurements) -> None:
+    """Check that columns of joints outside the chain hold these at their positions.
+
+    Raises:
+        InputError: One of them is elsewhere.
+    """
+    if poses.branches is None:
+        return
+    for branch, values in zip(robot.branch_variables, poses.branches, strict=True):
+        off = np.flatnonzero(np.abs(values - branch.position) > _EQUAL)
+        if off.size:
+            row = int(off[0])
+            found = _with_unit(branch, float(values[row]))
+            message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
+            fix = "set the position of this joint in the robot file to where it stands, or remove the column"
+            line = None if poses.rows is None else int(poses.rows[row])
+            raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
+
+
+def _loading(robot: Robot) -> list[BranchJoint]:
+    """Return the moving joints outside the chain whose weight a joint of the chain carries."""
+    if not robot.has_masses:
+        return []
+    return [branch for branch in robot.branch_variables if robot.carrier(branch) is not None]
+
+
+def _with_unit(branch: BranchJoint, value: float | None = None) -> str:
+    position = branch.position if value is None else value
+    return f"{1e3 * position:.4g} mm" if branch.joint.type == "prismatic" else f"{np.degrees(position):.4g}°"

@@ -1,11 +1,16 @@
-"""Optimal choice of poses for a linear model: greedy addition, then exchange, on a criterion of the information.
+"""Optimal choice of poses for a linear model, and the order of their visits.
 
-The information of poses n with whitened columns A_n ``(M, P)`` and prior information L is L + sum A_n^T A_n. The
-criterion states the cost of an information matrix, and the cost with one more pose for all candidates at once.
+The choice is greedy addition, then exchange, on a criterion of the information. The information of poses n with
+whitened columns A_n ``(M, P)`` and prior information L is L + sum A_n^T A_n. The criterion states the cost of an
+information matrix, and the cost with one more pose for all candidates at once.
 
 Sources: V. V. Fedorov, "Theory of Optimal Experiments", 1972 (exchange); T. J. Mitchell, "An algorithm for the
 construction of D-optimal experimental designs", Technometrics 16, 1974 (removal and addition); A. C. Atkinson,
 A. N. Donev, R. D. Tobias, "Optimum Experimental Designs, with SAS", 2007 (criteria).
+
+The planned poses are visited in a few passes. Every pass goes through the whole workspace, so that a drift over time,
+such as a warm-up, is not confused with place; passes run to and fro along one short route, so that each joint is
+approached from both directions. A check pose is visited at the start, after every k poses and at the end.
 """
 
 from __future__ import annotations
@@ -13,12 +18,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.error_model.covariance import ACCEPTED
 from robacc.geometry import Array
+from robacc.measurements import motion_between_rows
 
 Criterion = Literal["I", "G", "D", "A"]
 
@@ -32,45 +39,6 @@ _LEAST_GAIN = 1e-3
 """Share of the cost that a pass of exchange must gain for another pass."""
 _PEAKING = 8.0
 """Power of a task pose's error in its weight: the mean with such weights follows the worst error."""
-
-
-class DesignCriterion(Protocol):
-    """Cost of a design; less is better."""
-
-    def cost(self, information: Array) -> float:
-        """Return the cost of poses with this information ``(P, P)``."""
-
-    def costs(self, information: Array, rows: Array) -> Array:
-        """Return ``(N,)`` the cost with each of N poses ``(N, M, P)`` added, up to a constant."""
-
-
-@dataclass(frozen=True, slots=True)
-class DesignProblem:
-    """Candidates, what is known before the first pose, and what the poses are chosen for."""
-
-    rows: Array
-    """``(N, M, P)`` whitened columns of N candidates, in units of a common scale such as the prior's."""
-    information: Array
-    """``(P, P)`` information before the first pose: prior and poses measured already."""
-    criterion: DesignCriterion
-
-    def information_with(self, chosen: NDArray[np.int64]) -> Array:
-        """Return ``(P, P)`` the information with the candidates ``chosen``."""
-        return self.information + information_of(self.rows[chosen])
-
-    def cost(self, chosen: NDArray[np.int64]) -> float:
-        """Return the cost of the candidates ``chosen``."""
-        return self.criterion.cost(self.information_with(chosen))
-
-    def costs_beside(self, chosen: NDArray[np.int64]) -> Array:
-        """Return ``(N,)`` the cost of ``chosen`` with each candidate, up to a constant; infinite for those chosen."""
-        costs = self.criterion.costs(self.information_with(chosen), self.rows)
-        costs[chosen] = np.inf
-        return costs
-
-    def best(self, count: int) -> NDArray[np.int64]:
-        """Return the greedy choice of ``count`` candidates; its beginnings are those of fewer."""
-        return greedy(self.costs_beside, self.rows.shape[0], count)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +75,101 @@ class FitCriterion:
         weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
         reach = turned @ weight @ np.swapaxes(turned, 1, 2)
         return np.asarray(-np.sum(np.linalg.inv(spread) * reach, axis=(1, 2)))
+
+
+# Choice of poses on which a trace finds every effect at its usual size, and distinguishes it from its rivals.
+#
+# Given the free effects, a coefficient k of the usual size has the noncentrality v_k, the squared length of its
+# whitened column orthogonal to theirs. A trace finds it with a probability near Phi(sqrt(v_k) - sqrt(c_k)), where c_k
+# is the noncentrality at probability 1/2. Given its nearest rival r as well, v_k - c_kr^2 / v_r remains; from twice
+# the evidence that makes a rival an alternative, the two are distinguishable. The design maximises the mean of the
+# two probabilities.
+#
+# The information is that of the free coefficients, then the catalogue's. With x = C A^T b the regression of the
+# catalogue's columns b on the free ones A, pose n adds r^T (I + A_n C A_n^T)^-1 r to the products of the columns,
+# r = b_n - A_n x (Å. Björck, "Numerical Methods for Least Squares Problems", 1996, section 3.2).
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedPower:
+    """Mean probabilities over the catalogue at the usual sizes."""
+
+    detected: float
+    separated: float
+    """Probability that an effect is found and distinguished from its nearest rival."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerCriterion:
+    """Minus the mean of the probabilities to find a coefficient, and to find it and separate it from its rival."""
+
+    even_chance: Array
+    """``(K,)`` noncentrality at which the coefficient is found with probability 1/2."""
+    rival: NDArray[np.int64]
+    """``(K,)`` nearest rival of each coefficient; itself where it has none."""
+
+    def powers(self, information: Array, rows: Array) -> Array:
+        """Return ``(2, N)`` the probabilities to find, and to find and separate, with each pose of ``rows`` added."""
+        from scipy.special import ndtr
+
+        count = information.shape[0] - self.rival.size
+        cross = information[:count, count:]
+        covariance: Array = np.asarray(np.linalg.inv(information[:count, :count]), dtype=np.float64)
+        solution = covariance @ cross
+        # Products of the new part of each of the catalogue's columns with itself and with its rival's.
+        new = information[count:, count:] - cross.T @ solution
+        free, columns = np.split(rows, [count], axis=2)
+        gain = free @ covariance @ np.swapaxes(free, 1, 2)
+        white = np.linalg.inv(np.linalg.cholesky(np.eye(rows.shape[1]) + gain)) @ (columns - free @ solution)
+        with_itself = np.diag(new) + np.sum(np.square(white), axis=1)
+        has_none = self.rival == np.arange(self.rival.size)
+        with_rival = new[np.arange(self.rival.size), self.rival] + np.sum(white * white[:, :, self.rival], axis=1)
+        detected = ndtr(np.sqrt(np.maximum(with_itself, 0.0)) - np.sqrt(self.even_chance))
+        beside = np.maximum(with_itself - np.square(with_rival) / np.maximum(with_itself[:, self.rival], 1e-12), 0.0)
+        separated = np.where(has_none, 1.0, ndtr(np.sqrt(beside) - np.sqrt(2.0 * ACCEPTED)))
+        return np.stack((detected.mean(axis=1), (detected * separated).mean(axis=1)))
+
+    def power(self, information: Array) -> ExpectedPower:
+        """Return the mean probabilities of poses with this information."""
+        return ExpectedPower(*self.powers(information, np.zeros((1, 1, information.shape[0])))[:, 0].tolist())
+
+    def cost(self, information: Array) -> float:
+        """Return minus the mean of the two probabilities."""
+        power = self.power(information)
+        return -0.5 * (power.detected + power.separated)
+
+    def costs(self, information: Array, rows: Array) -> Array:
+        """Return ``(N,)`` the cost with each of the poses ``(N, M, P + K)`` added."""
+        return np.asarray(-np.mean(self.powers(information, rows), axis=0))
+
+
+@dataclass(frozen=True, slots=True)
+class DesignProblem:
+    """Candidates, what is known before the first pose, and what the poses are chosen for."""
+
+    rows: Array
+    """``(N, M, P)`` whitened columns of N candidates, in units of a common scale such as the prior's."""
+    information: Array
+    """``(P, P)`` information before the first pose: prior and poses measured already."""
+    criterion: FitCriterion | PowerCriterion
+
+    def information_with(self, chosen: NDArray[np.int64]) -> Array:
+        """Return ``(P, P)`` the information with the candidates ``chosen``."""
+        return self.information + information_of(self.rows[chosen])
+
+    def cost(self, chosen: NDArray[np.int64]) -> float:
+        """Return the cost of the candidates ``chosen``."""
+        return self.criterion.cost(self.information_with(chosen))
+
+    def costs_beside(self, chosen: NDArray[np.int64]) -> Array:
+        """Return ``(N,)`` the cost of ``chosen`` with each candidate, up to a constant; infinite for those chosen."""
+        costs = self.criterion.costs(self.information_with(chosen), self.rows)
+        costs[chosen] = np.inf
+        return costs
+
+    def best(self, count: int) -> NDArray[np.int64]:
+        """Return the greedy choice of ``count`` candidates; its beginnings are those of fewer."""
+        return greedy(self.costs_beside, self.rows.shape[0], count)
 
 
 def region_variance(region: Array, covariance: NDArray[np.floating[Any]]) -> Array:
@@ -167,3 +230,224 @@ def choose(problem: DesignProblem, start: NDArray[np.int64], seed: int, others: 
     costs = np.array([problem.cost(design) for design in designs])
     # The first of equal designs: rounding makes a different one the best on different machines.
     return designs[int(np.argmax(costs <= costs.min() + 1e-9 * abs(costs.min())))]
+
+
+# Order of the visits.
+
+Role = Literal["pose", "repeat", "check"]
+
+LEAST_DIRECTION_SHARE = 0.3
+"""Share of the approaches of each joint that each direction must have."""
+_MOST_PASSES = 4
+_TRIES = 3000
+"""Changes tried for both directions of approach."""
+_BALANCE = 4.0
+"""Weight of missing approaches against the length of the route, in mean moves."""
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """Sequence of visits."""
+
+    visits: NDArray[np.int64]
+    """``(V,)`` number of the pose at each visit."""
+    roles: tuple[Role, ...]
+    passes: int
+    length: float
+    """Sum over all moves of the largest joint move, as a share of its range."""
+    random_length: float
+    """The same in a random order."""
+    direction_share: Array
+    """``(J,)`` share of the rarer direction among a joint's approaches."""
+    speed_std: Array
+    """``(J,)`` standard deviation of a joint's relative last speed in size, 0 where all are equal."""
+    drift_share: float
+    """Share of a drift linear in time that a linear function of the joints explains: 1 if fully confused."""
+
+
+def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
+    """Return the order of visits to poses ``(J, n)`` in which each payload ``(n,)`` is mounted once.
+
+    Args:
+        q: Joint variables, rad or m.
+        payload: Payload of each pose, kg; None for no payload.
+        repeats: Number of poses that are visited a second time, shared by the payloads.
+        every: Visits from one check to the next; 0 for no check. Each payload has its own check pose.
+        seed: Seed of the local search.
+    """
+    groups = (
+        [np.arange(q.shape[1])] if payload is None else [np.flatnonzero(payload == mass) for mass in np.unique(payload)]
+    )
+    parts: list[NDArray[np.int64]] = []
+    checks, most_passes = [], 0
+    for number, at in enumerate(groups):
+        share = repeats // len(groups) + (number < repeats % len(groups))
+        scaled = _in_ranges(q[:, at])
+        check = int(np.argmin(_from_middle(scaled))) if every and at.size > 2 else None
+        visits, passes = _ordered(scaled, share, check, max(every, 1), seed)
+        checks += [] if check is None else [int(at[check])]
+        parts.append(at[visits])
+        most_passes = max(most_passes, passes)
+    visits = np.concatenate(parts)
+    first = np.isin(np.arange(visits.size), np.unique(visits, return_index=True)[1])
+    roles: list[Role] = [
+        "check" if node in checks else "pose" if is_first else "repeat"
+        for node, is_first in zip(visits.tolist(), first, strict=True)
+    ]
+    scaled = _in_ranges(q)
+    direction, speed = motion_between_rows(q[:, visits])
+    return Route(
+        visits,
+        tuple(roles),
+        most_passes,
+        _length(scaled[:, visits]),
+        _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
+        direction_shares(direction),
+        np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
+        _drift_share(scaled[:, visits]),
+    )
+
+
+def _in_ranges(q: Array) -> Array:
+    """Return joint variables ``(J, n)`` in units of their ranges."""
+    return np.asarray(q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None])
+
+
+def _from_middle(scaled: Array) -> Array:
+    """Return the squared distance ``(n,)`` of poses from the middle of all."""
+    return np.asarray(np.sum(np.square(scaled - np.median(scaled, axis=1, keepdims=True)), axis=0))
+
+
+def _ordered(scaled: Array, repeats: int, check: int | None, every: int, seed: int) -> tuple[NDArray[np.int64], int]:
+    """Return the visits of poses ``(J, n)`` in units of their ranges, and the number of passes that is best."""
+    nodes = np.array([i for i in range(scaled.shape[1]) if i != check], dtype=np.int64)
+    among, gap = scaled[:, nodes], np.full(nodes.size, np.inf)
+
+    def nearness(chosen: NDArray[np.int64]) -> Array:
+        """Return minus the distance to the nearest of those chosen; the first is the middle pose."""
+        if chosen.size == 0:
+            return _from_middle(among)
+        np.minimum(gap, np.sum(np.square(among - among[:, chosen[-1:]]), axis=0), out=gap)
+        return -gap
+
+    repeated = nodes[greedy(nearness, nodes.size, repeats)]
+    tried = []
+    for passes in range(1, min(_MOST_PASSES, max(nodes.size // 5, 1)) + 1):
+        order = _balanced(scaled, _in_passes(scaled, nodes, repeated, passes), check, every, seed)
+        visits = _with_checks(order, check, every)
+        sequence = scaled[:, visits]
+        tried.append((_cost(sequence) + 0.5 * order.size * max(_drift_share(sequence) - 0.3, 0.0), passes, visits))
+    _, passes, visits = min(tried, key=lambda entry: entry[0])
+    return visits, passes
+
+
+def direction_shares(direction: Array) -> Array:
+    """Return ``(J,)`` share of the rarer direction among the approaches of each joint; 0.5 is balanced."""
+    up, down = np.count_nonzero(direction > 0, axis=1), np.count_nonzero(direction < 0, axis=1)
+    return np.asarray(np.minimum(up, down) / np.maximum(up + down, 1))
+
+
+def _length(scaled: Array) -> float:
+    return float(np.sum(np.max(np.abs(np.diff(scaled, axis=1)), axis=0)))
+
+
+def _missing_approaches(scaled: Array) -> float:
+    missing = LEAST_DIRECTION_SHARE + 0.05 - direction_shares(np.sign(np.diff(scaled, axis=1)))
+    return float(np.sum(np.maximum(missing, 0.0)) * scaled.shape[1])
+
+
+def _cost(scaled: Array) -> float:
+    """Return the length, plus the weight of approaches that are missing in a direction."""
+    length = _length(scaled)
+    return float(length + _BALANCE * length / max(scaled.shape[1], 1) * _missing_approaches(scaled))
+
+
+def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a short open route: the nearest neighbour next, then reversals of pieces (2-opt)."""
+    if nodes.size < 3:
+        return nodes
+    points = scaled[:, nodes]
+    distance = np.max(np.abs(points[:, :, None] - points[:, None, :]), axis=0)
+    tour = greedy(lambda chosen: distance[chosen[-1] if chosen.size else 0].copy(), nodes.size, nodes.size)
+    # The route is open at its end: a node of no distance comes after it.
+    distance = np.pad(distance, (0, 1))
+    improved = True
+    while improved:
+        improved = False
+        for i in range(tour.size - 2):
+            # Reversal of i + 1 … j replaces the moves (i, i + 1) and (j, j + 1).
+            ends, after = tour[i + 2 :], np.append(tour[i + 3 :], tour.size)
+            first, second = tour[i], tour[i + 1]
+            change = distance[first, ends] + distance[second, after] - distance[first, second] - distance[ends, after]
+            best = int(np.argmin(change))
+            if change[best] < -1e-12:
+                j = i + 2 + best
+                tour[i + 1 : j + 1] = tour[i + 1 : j + 1][::-1]
+                improved = True
+    return np.asarray(nodes[tour])
+
+
+def _in_passes(scaled: Array, nodes: NDArray[np.int64], repeated: NDArray[np.int64], passes: int) -> NDArray[np.int64]:
+    """Return the visits: each pass takes every ``passes``-th pose of the route; repeats go into another pass."""
+    tour = _tour(scaled, nodes)
+    place = {node: (k + 1) % passes for k, node in enumerate(tour.tolist())}
+    pieces: list[NDArray[np.int64]] = []
+    for number in range(passes):
+        again = np.array([node for node in repeated.tolist() if place[node] == number], dtype=np.int64)
+        parts = [np.concatenate((tour[number::passes], again))]
+        # With one pass, the second visits come after all first ones.
+        parts = [tour, np.sort(again)] if passes == 1 else parts
+        piece = np.concatenate([_tour(scaled, part) for part in parts])
+        if pieces:
+            start, end, last = (scaled[:, node] for node in (piece[0], piece[-1], pieces[-1][-1]))
+            piece = piece[::-1] if np.max(np.abs(end - last)) < np.max(np.abs(start - last)) else piece
+        pieces.append(piece)
+    return np.concatenate(pieces)
+
+
+def _balanced(scaled: Array, order: NDArray[np.int64], check: int | None, every: int, seed: int) -> NDArray[np.int64]:
+    """Improve the cost by reversals and moves of short pieces, until each joint has both directions or tries end."""
+    generator = np.random.default_rng([seed, 2])
+    n = order.size
+    if n < 4:
+        return order
+    sequence = scaled[:, _with_checks(order, check, every)]
+    cost = _cost(sequence)
+    for _ in range(_TRIES):
+        if _missing_approaches(sequence) == 0.0:
+            break
+        first = int(generator.integers(0, n - 1))
+        last = min(first + 1 + int(generator.integers(1, 6)), n)
+        trial = order.copy()
+        if generator.random() < 0.5:
+            trial[first:last] = trial[first:last][::-1]
+        else:
+            other = int(generator.integers(0, n))
+            trial[first], trial[other] = trial[other], trial[first]
+        trial_sequence = scaled[:, _with_checks(trial, check, every)]
+        trial_cost = _cost(trial_sequence)
+        if trial_cost < cost and not np.any(trial[1:] == trial[:-1]):
+            order, sequence, cost = trial, trial_sequence, trial_cost
+    return order
+
+
+def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDArray[np.int64]:
+    """Return the visits with the check pose at the start, after every ``every`` visits, and at the end."""
+    if check is None:
+        return order
+    visits: list[int] = []
+    for start in range(0, order.size, every):
+        visits += [check, *order[start : start + every].tolist()]
+    return np.array([*visits, check], dtype=np.int64)
+
+
+def _drift_share(scaled: Array) -> float:
+    """Return R^2 of time regressed on the joints (adjusted for their number); 0 where there are too few visits."""
+    joints, n = scaled.shape
+    if n < joints + 3:
+        return 0.0
+    time = np.arange(n) - (n - 1) / 2
+    design = np.vstack((np.ones(n), scaled)).T
+    residual = time - design @ np.linalg.lstsq(design, time, rcond=None)[0]
+    share = float(residual @ residual / (time @ time))
+    return float(max(1.0 - share * (n - 1) / (n - 1 - joints), 0.0))

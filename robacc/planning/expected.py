@@ -1,4 +1,4 @@
-"""Expected result of a campaign before anything is measured: its linear model, standard errors, and accuracy.
+"""Expected result of a campaign before anything is measured: its linear model, standard errors, accuracy and power.
 
 The linear model has the whitened columns of the coefficients at planned poses, their priors, and the task's region.
 """
@@ -6,26 +6,39 @@ The linear model has the whitened columns of the coefficients at planned poses, 
 from __future__ import annotations
 
 import dataclasses
+import itertools
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Effect, Term
+from robacc.effects.base import REGISTRY, Effect, Term
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
+from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.parameters import CORRELATED, Correlation
 from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.fitting.whitening import whitening
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.design import DesignProblem, exchanged, information_of, random_designs, region_variance
+from robacc.planning.design import (
+    DesignProblem,
+    ExpectedPower,
+    PowerCriterion,
+    choose,
+    exchanged,
+    information_of,
+    random_designs,
+    region_variance,
+)
 from robacc.robots.description import Robot
+from robacc.tracing.candidates import Candidate, named_candidates
+from robacc.tracing.detection import DetectionLimit, decisive_test, visible
 
 _FRAME_PRIOR = 1.0
 """m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
@@ -257,19 +270,6 @@ def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None
     return tuple(result)
 
 
-def expected_correlations(planned: PlannedCoefficients, covariance: Array | None) -> tuple[Correlation, ...]:
-    """Return pairs of coefficients whose estimates will be strongly correlated, strongest first."""
-    if covariance is None:
-        return ()
-    std, names = np.sqrt(np.diag(covariance)), planned.names
-    matrix = covariance / std[:, None] / std
-    pairs = [
-        Correlation(names[i], names[j], float(matrix[i, j]))
-        for i, j in np.argwhere(np.triu(np.abs(matrix) > CORRELATED, 1)).tolist()
-    ]
-    return tuple(sorted(pairs, key=lambda pair: -abs(pair.value)))
-
-
 @dataclass(frozen=True, slots=True)
 class Expectation:
     """Computation of predicted errors for sets of candidates."""
@@ -340,11 +340,10 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
         return None
     log_n = np.log([point.n for point in points])
     log_total = np.log([point.total for point in points])
-    for n in range(points[0].n, points[-1].n - BATCH + 1):
-        now, later = np.interp(np.log([n, n + BATCH]), log_n, log_total)
-        if later - now > np.log(1.0 - ENOUGH_GAIN):
-            return n
-    return None
+    n = np.arange(points[0].n, points[-1].n - BATCH + 1)
+    now, later = (np.interp(np.log(count), log_n, log_total) for count in (n, n + BATCH))
+    enough = n[later - now > np.log(1.0 - ENOUGH_GAIN)]
+    return int(enough[0]) if enough.size else None
 
 
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:
@@ -381,3 +380,218 @@ def sufficiency_of(
         enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
     totals = [None if point is None else point.total for point in (now, later)]
     return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
+
+
+# Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
+#
+# The poses are in their planned order, so directions and speeds of approach and the time are known. The noise is known
+# too; the test is that of a trace (:mod:`robacc.tracing.detection`).
+
+_LARGEST = 300.0
+"""Largest limit, in multiples of the typical size."""
+_CERTAIN = 10.0
+"""Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
+_DETECTABLE = 0.5
+"""Power from which an effect counts as detectable at its usual size."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedLimit(DetectionLimit):
+    """Detection limit of one form of an effect, and the power at its usual size."""
+
+    usual: float
+    """Usual size: geometric mean of the catalogue's range."""
+    power: float
+    """Probability that an effect of the usual size is found."""
+
+
+@dataclass(frozen=True, slots=True)
+class InseparablePair:
+    """Two effects of which the second explains the first, at its usual size, within the noise."""
+
+    first: str
+    second: str
+    similarity: float
+    """Largest cosine between the new parts of their columns."""
+    evidence: float
+    """Expected difference in evidence (log Bayes factor) if the first is the truth, at its usual size."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detectability:
+    """What a trace of the planned poses can find."""
+
+    limits: tuple[ExpectedLimit, ...]
+    pairs: tuple[InseparablePair, ...]
+    missing: dict[str, str]
+    """Reason why an effect cannot be tested, by effect."""
+
+
+def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Detectability:
+    """Return detection limits given the free effects of ``model``, for the rows of ``data`` in their order."""
+    pool, missing = named_candidates(model.arm, data, model.free)
+    pool = [c for c in pool if len({term.unit for term in c.terms}) == 1]
+    names = [{term.name for term in candidate.terms} for candidate in pool]
+    pool = [c for c, terms in zip(pool, names, strict=True) if not any(other < terms for other in names)]
+    catalogue = _catalogue(pool)
+    number = {key: i for i, key in enumerate(catalogue)}
+    rows = whitened_rows(model, data, noise, (term for term, _ in catalogue.values()))
+    count = rows.shape[2] - len(catalogue)
+    flat = rows.reshape(-1, rows.shape[2])
+    identified = identify_terms(np.asarray(np.linalg.qr(flat[:, :count], mode="r")), model.bind(data).terms, data.n)
+    columns = flat[:, count:]
+    new = _without(flat[:, identified.columns], columns)
+    gram = new.T @ new
+    lengths = np.sum(np.square(columns), axis=0)
+    dof = float(columns.shape[0] - identified.columns.size)
+    if dof <= 0:
+        return Detectability((), (), missing)
+    tested = []
+    for candidate in pool:
+        effect, first = candidate.effect, candidate.terms[0]
+        place = np.array([number[effect.term_key(term)] for term in candidate.terms], dtype=np.int64)
+        values, vectors = visible(gram[np.ix_(place, place)], lengths[place])
+        size, rms, usual, power = None, None, usual_size(effect.name), 0.0
+        if values[0] > 0:
+            test = decisive_test(values.size, dof, candidate.log_prior_of_size)
+            needed = test.noncentrality_at_limit
+            noncentrality = usual**2 * float(values[0])
+            power = 1.0 if noncentrality > _CERTAIN * needed else test.power(noncentrality)
+            limit = math.sqrt(needed / float(values[0]))
+            if limit <= _LARGEST * first.typical:
+                moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
+                size, rms = limit, limit * rms_length(moved.T)
+        form = (effect.name, effect.joints, effect.settings(), size, first.unit, rms)
+        tested.append((place, ExpectedLimit(*form, usual=usual, power=power)))
+    return Detectability(tuple(limit for _, limit in tested), _pairs(tested, gram), missing)
+
+
+def usual_size(effect: str) -> float:
+    """Return the geometric mean of the catalogue's usual range of a coefficient."""
+    low, high = REGISTRY[effect].about.usual_range
+    return math.sqrt(low * high)
+
+
+def _label(limit: ExpectedLimit) -> str:
+    """Return ``backlash[j2]``, with settings."""
+    settings = ", ".join(f"{key} {_text(value)}" for key, value in limit.settings.items())
+    joints = f"[{','.join(limit.joints)}]" if limit.joints else ""
+    return f"{limit.effect}{joints}{f' ({settings})' if settings else ''}"
+
+
+def _text(value: object) -> str:
+    """Return a setting as text: the members of a list with ``+`` between them."""
+    if isinstance(value, list | tuple):
+        return "+".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _catalogue(pool: Sequence[Candidate]) -> dict[str, tuple[Term, Candidate]]:
+    """Return each coefficient of the candidates once, with the first candidate that has it."""
+    result: dict[str, tuple[Term, Candidate]] = {}
+    for candidate in pool:
+        for term in candidate.terms:
+            result.setdefault(candidate.effect.term_key(term), (term, candidate))
+    return result
+
+
+def _without(base: Array, columns: Array) -> Array:
+    """Return the part of ``columns`` that is orthogonal to ``base``, taken out twice for the sake of rounding."""
+    if base.shape[1] == 0:
+        return columns
+    basis = np.linalg.qr(base / np.linalg.norm(base, axis=0))[0]
+    for _ in range(2):
+        columns = columns - basis @ (basis.T @ columns)
+    return columns
+
+
+def _pairs(tested: Sequence[tuple[NDArray[np.int64], ExpectedLimit]], gram: Array) -> tuple[InseparablePair, ...]:
+    """Return the pairs of detectable effects, one form for each effect and joint, that are not distinguishable.
+
+    ``tested`` has the columns of each form in the products ``gram`` of new parts, and its limit.
+    """
+    first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], ExpectedLimit]] = {}
+    for place, limit in tested:
+        if limit.power >= _DETECTABLE:
+            first_forms.setdefault((limit.effect, limit.joints), (place, limit))
+    pairs = []
+    for (place, limit), (other, rival) in itertools.permutations(first_forms.values(), 2):
+        block, cross = gram[np.ix_(place, place)], gram[np.ix_(place, other)]
+        explained = cross @ np.linalg.pinv(gram[np.ix_(other, other)], rcond=1e-9) @ cross.T
+        remaining = max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
+        evidence = 0.5 * limit.usual**2 * remaining
+        if evidence < ACCEPTED:
+            whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
+            similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
+            pairs.append(InseparablePair(_label(limit), _label(rival), similarity, evidence))
+    return tuple(sorted(pairs, key=lambda pair: (-round(pair.similarity, 9), pair.evidence)))
+
+
+# Choice of poses for a trace.
+
+_CANDIDATES = 800
+"""Candidates that the search looks at, drawn at random; more gain little."""
+_EXCHANGED = 100
+_EXACT = 1e-6
+"""Share of a column that must remain given a rival: no poses distinguish exact equals."""
+
+
+def random_power(problem: DesignProblem, criterion: PowerCriterion, count: int, seed: int) -> ExpectedPower:
+    """Return the mean power over random sets of ``count`` candidates."""
+    draws = random_designs(problem.rows.shape[0], count, count, seed)
+    powers = [dataclasses.astuple(criterion.power(problem.information_with(draw))) for draw in draws]
+    return ExpectedPower(*np.mean(powers, axis=0).tolist())
+
+
+def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
+    """Return ``count`` different candidates, chosen among some drawn at random."""
+    pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
+    part = dataclasses.replace(problem, rows=problem.rows[pool])
+    return pool[choose(part, part.best(count), seed, _EXCHANGED)]
+
+
+def power_problem(
+    model: Model, candidates: Measurements, noise: ExpectedNoise, already: Measurements | None
+) -> tuple[DesignProblem, PowerCriterion]:
+    """Return the problem of choosing among ``candidates``, whose directions and speeds of approach are random.
+
+    ``already`` has the commanded part of the poses measured already.
+    """
+    data = with_targets(model.arm.robot, candidates)
+    catalogue = _catalogue(named_candidates(model.arm, data, model.free)[0])
+    rows = candidate_rows(model, candidates, noise, (term for term, _ in catalogue.values()))
+    count = rows.shape[2] - len(catalogue)
+    planned = coefficients(model, rows[:, :, :count])
+    n_free, n_effects = planned.columns.size, len(catalogue)
+    used = np.concatenate((planned.columns, count + np.arange(n_effects)))
+    # In units of the priors, and of the usual sizes.
+    scale = np.append(planned.prior_std, [usual_size(candidate.effect.name) for _, candidate in catalogue.values()])
+    rows = rows[:, :, used] * scale
+    information = np.diag(np.repeat([1.0, 0.0], [n_free, n_effects]))
+    n_already = 0
+    if already is not None:
+        n_already = already.n
+        available = _catalogue(named_candidates(model.arm, already, model.free)[0])
+        # A term that the poses measured already do not have is zero there.
+        terms = [available.get(key, (dataclasses.replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
+        information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
+    dof = float(rows.shape[1] * max(n_already + 30, 60) - n_free)
+    log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]
+    chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
+    flat = rows.reshape(-1, scale.size)
+    criterion = PowerCriterion(
+        np.array([chance[value] for value in log_priors]), _rivals(flat[:, :n_free], flat[:, n_free:])
+    )
+    return DesignProblem(rows, information, criterion), criterion
+
+
+def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
+    """Return ``(K,)`` the coefficient whose column is most similar over all candidates, exact equals excepted."""
+    new = _without(free, columns)
+    size = np.linalg.norm(new, axis=0)
+    is_new = size > np.sqrt(_EXACT) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    new = new / np.where(is_new, size, np.inf)
+    similarity = np.square(new.T @ new)
+    similarity[similarity > 1.0 - _EXACT] = 0.0
+    rival = np.argmax(similarity, axis=1)
+    return np.asarray(np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size)))

@@ -15,16 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.chain import BASE, TOOL, Scalar
+from robacc.effects.base import Part, Term, effect_class
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array, Poses, rms_length
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.tolerances import ToleranceParameter
-from robacc.robots.arm import Arm
+from robacc.prediction.predicting import ToleranceParameter
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
@@ -36,7 +35,6 @@ Noise = tuple[float | None, float | None]
 
 RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest are rounding."""
-_MAX_REML_ROUNDS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,28 +49,25 @@ class MeasurementNoise:
     source_orientation: NoiseSource | None
 
 
-def _stated_noise(data: Measurements, given_noise: Noise) -> tuple[list[Array], list[float | None], list[NoiseSource]]:
+def _stated_noise(data: Measurements, given_noise: Noise) -> list[tuple[Array, float | None, NoiseSource]]:
     """Return weights ``(3, N)``, standard deviation beside them, and source of the noise of each measured part.
 
     Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
     """
-    weights: list[Array] = []
-    sigma: list[float | None] = []
-    sources: list[NoiseSource] = []
+    parts: list[tuple[Array, float | None, NoiseSource]] = []
     problems = []
     columns = (("sigma_x, sigma_y, sigma_z", data.sigma_position), ("sigma_r", data.sigma_rotation))
     for (name, column), given in zip(columns, given_noise, strict=True):
-        used = None if given is not None else column
-        if used is not None and not np.all(used > 0):
+        if given is not None or column is None:
+            parts.append((np.ones((3, data.n)), given, "estimated" if given is None else "given"))
+        elif np.all(column > 0):
+            parts.append((np.broadcast_to(1.0 / column, (3, data.n)), 1.0, "file"))
+        else:
             fix = "remove the column, or give `noise`"
             problems.append(Problem("the measuring uncertainty is 0, expected above 0", data.source, None, name, fix))
-        weights.append(np.broadcast_to(1.0 if used is None or problems else 1.0 / used, (3, data.n)))
-        sigma.append(given if used is None else 1.0)
-        sources.append("given" if given is not None else "estimated" if used is None else "file")
     if problems:
         raise InputError(problems)
-    parts = 1 if data.rotation is None else 2
-    return weights[:parts], sigma[:parts], sources[:parts]
+    return parts[: 1 if data.rotation is None else 2]
 
 
 def _restricted_likelihood(
@@ -87,10 +82,9 @@ def _restricted_likelihood(
     n = 3 * data.n
     rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
     sigma = [start if given is None else given for given, start in zip(given_sigma, rms, strict=True)]
-    for _ in range(_MAX_REML_ROUNDS):
+    for _ in range(200):
         stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
-        column_norms = np.sqrt(np.sum(np.square(stacked[:, :-1]), axis=0))
-        column_norms[column_norms == 0.0] = 1.0
+        column_norms = _norms(stacked[:, :-1])
         u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
         independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
         inverse = vt[independent].T / singular_values[independent]
@@ -114,6 +108,12 @@ def _restricted_likelihood(
     return sigma
 
 
+def _norms(columns: Array) -> Array:
+    """Return the lengths of columns, 1 for a column of zeros."""
+    norms = np.sqrt(np.sum(np.square(columns), axis=0))
+    return np.where(norms > 0.0, norms, 1.0)
+
+
 # Sufficient statistics of measured poses for the parameters' errors: as many numbers as there are parameters.
 #
 # All poses of one robot share the same parameter errors Δ. The residual of all poses together is
@@ -131,17 +131,14 @@ def _restricted_likelihood(
 NEGLIGIBLE = 1e-4
 """Combinations of parameters with a predicted effect on all poses below this fraction of one standard deviation of the
 noise are ignored: 1 + S² differs from 1 by 1e-8."""
-_FRAME_MOTIONS = ("x", "y", "z", "turn_x", "turn_y", "turn_z")
 
 
 @dataclass(frozen=True, slots=True)
 class SufficientStatistics:
     """Whitened residual of all poses in the directions that the parameters' errors move."""
 
-    names: tuple[str, ...]
-    """Names of the P parameters."""
     effect: Array
-    """``(R, P)`` U^T A: whitened effect of one standard deviation of each parameter; R directions."""
+    """``(R, P)`` U^T A: whitened effect of one standard deviation of each of P parameters; R directions."""
     strength: Array
     """``(R,)`` S, descending."""
     y: Array
@@ -178,15 +175,13 @@ def reduce_residuals(
     Raises:
         InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
-    weights, stated, sources = _stated_noise(data, noise)
+    weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
     triangles = _triangles(robot, data, parameters, weights, aligned)
     n_values, n_fixed = 3 * data.n * len(triangles), triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     # What base and tool explain is taken out.
-    fixed = stacked[:, :n_fixed]
-    norms = np.sqrt(np.sum(np.square(fixed), axis=0))
-    basis, sizes, _ = np.linalg.svd(fixed / np.where(norms > 0, norms, 1.0), full_matrices=True)
+    basis, sizes, _ = np.linalg.svd(stacked[:, :n_fixed] / _norms(stacked[:, :n_fixed]), full_matrices=True)
     n_aligned = int(np.sum(sizes > RANK_TOLERANCE * sizes.max(initial=0.0)))
     projected = basis[:, n_aligned:].T @ stacked[:, n_fixed:]
     scaled, residual = projected[:, :-1], projected[:, -1]
@@ -194,23 +189,21 @@ def reduce_residuals(
     significant = strength > NEGLIGIBLE
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
-    oriented = data.rotation is not None
     in_file = [
         mean if source == "file" and mean is not None else std
         for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
     ]
-    noise_squares = max(float(residual @ residual - y @ y), 0.0)
+    orientation, source_orientation = (in_file[1], sources[1]) if len(in_file) > 1 else (None, None)
     return SufficientStatistics(
-        tuple(parameter.name for parameter in parameters),
         directions.T @ scaled,
         strength,
         y,
-        noise_squares,
-        n_values - n_aligned - int(significant.sum()),
+        max(float(residual @ residual - y @ y), 0.0),
+        n_values - n_aligned - strength.size,
         data.n,
         n_values,
         n_aligned,
-        MeasurementNoise(in_file[0], in_file[1] if oriented else None, sources[0], sources[1] if oriented else None),
+        MeasurementNoise(in_file[0], orientation, sources[0], source_orientation),
     )
 
 
@@ -222,38 +215,23 @@ def _triangles(
     aligned: Sequence[str],
 ) -> list[Array]:
     """Return the R factors of [fitted columns, A, residual] of position and of orientation, with weights."""
-    predicted = Model.of(robot).bind(data).poses(np.zeros(0))
-    arm = Arm.of(robot)
-    # Effects move the columns of the Jacobian in second order only.
-    scalars = Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal
-    fixed = _registered_motions(arm, data, aligned)
-    motions = [*(motion for motion, _ in fixed), *(parameter.motion for parameter in parameters)]
-    n_columns = len(motions) + 1
-    triangles = [np.zeros((0, n_columns)) for _ in weights]
-    for block in arm.chain.blocks(data.n):
-        columns = np.empty((6, n_columns, block.stop - block.start))
-        local: list[Scalar] = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        columns[:, :-1] = arm.chain.sweep(local, block.stop - block.start, motions).jacobian
-        for k, (_, rows) in enumerate(fixed):
-            columns[:, k] *= 1.0 if rows is None else rows[block]
-        columns[:, len(fixed) : -1] *= np.array([parameter.sd for parameter in parameters])[:, None]
-        at = Poses(predicted.rotation[..., block], predicted.translation[..., block])
-        columns[: 3 * len(weights), -1] = residuals(data.subset(block), at)
-        for part, weight in enumerate(weights):
-            weighted = columns[3 * part : 3 * part + 3] * weight[:, None, block]
-            stacked = np.concatenate((triangles[part], weighted.transpose(0, 2, 1).reshape(-1, n_columns)))
-            triangles[part] = np.asarray(np.linalg.qr(stacked, mode="r"))
-    return triangles
-
-
-def _registered_motions(arm: Arm, data: Measurements, aligned: Sequence[str]) -> list[tuple[int, Array | None]]:
-    """Return the motions that were fitted, each with the rows that it moves (None: all)."""
-    frames: list[tuple[int, Array | None]] = [(BASE, None)] if "base_frame" in aligned else []
-    if "tool_frame" in aligned:
-        targets = tuple(arm.robot.targets) if data.target is not None else ()
-        moved: list[Array | None] = [(np.asarray(data.target) == target).astype(float) for target in targets]
-        frames += [(TOOL, rows) for rows in moved or [None]]
-    return [(arm.chain.index(owner, label), rows) for owner, rows in frames for label in _FRAME_MOTIONS]
+    model = Model.of(robot)
+    frames = tuple(effect_class(name).default(model.arm, data) for name in registration.ALIGNABLE if name in aligned)
+    moved = tuple(Term(parameter.name, "", 1.0, (Part(parameter.motion),)) for parameter in parameters)
+    triangles: list[list[Array]] = [[] for _ in weights]
+    for block in model.arm.chain.blocks(data.n):
+        part = data.subset(block)
+        # Effects move the columns of the Jacobian in second order only.
+        rigid = Model(model.arm, (), frames).bind(part)
+        size = np.array([1.0] * len(rigid.terms) + [parameter.sd for parameter in parameters])
+        jacobian = dataclasses.replace(rigid, terms=(*rigid.terms, *moved)).linearise(np.zeros(size.size))[1]
+        error = residuals(part, model.bind(part).poses(np.zeros(0)))
+        columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
+        for number, weight in enumerate(weights):
+            weighted = columns[3 * number : 3 * number + 3] * weight[:, None, block]
+            stacked = np.concatenate((*triangles[number], weighted.transpose(0, 2, 1).reshape(-1, columns.shape[1])))
+            triangles[number] = [np.asarray(np.linalg.qr(stacked, mode="r"))]
+    return [triangle for (triangle,) in triangles]
 
 
 # Tests of the measured errors against the prediction, with all poses of one robot treated jointly.
@@ -275,7 +253,6 @@ SIGNIFICANT = 0.05
 _LOG_SCALE_RANGE = 14.0
 """Range of log s² that is searched, ±: a factor of a million in variance."""
 _GRID = 57
-_ROUNDS = 7
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,15 +316,34 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
     parameters = ChiSquare.of(normalised_squares, n_directions)
-    noise_is_known = "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation)
-    total = (
-        ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
-        if noise_is_known
-        else None
-    )
-    noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof) if noise_is_known else None
+    total = noise = None
+    if "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation):
+        total = ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
+        noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof)
     scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
-    return Consistency(total, parameters, noise, scale, _verdict(parameters, noise, scale))
+    sentences = []
+    if parameters is None or scale is None:
+        sentences.append(
+            "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
+        )
+    elif min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
+        sentences.append("the measured errors are consistent with the tolerances")
+    elif scale.p_value < SIGNIFICANT:
+        comparative = "larger" if scale.factor > 1.0 else "smaller"
+        sentences.append(
+            f"the measured errors are {comparative} than the tolerances predict: about {scale.factor:.2g} times "
+            "the predicted size"
+        )
+    else:
+        sentences.append(
+            "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
+            "errors, or there are causes other than these parameters"
+        )
+    if parameters is not None and noise is not None and noise.p_value < SIGNIFICANT:
+        noise_ratio = math.sqrt(noise.ratio)
+        cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
+        sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
+    return Consistency(total, parameters, noise, scale, "; ".join(sentences))
 
 
 def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
@@ -361,14 +357,9 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
     factors, statistic = _likelihood_ratios(y[None], variances)
     null_statistics = _null_distribution(variances.tobytes(), seed)
     n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
-    p_value = (1.0 + n_exceeding) / (1.0 + null_statistics.size)
-    return ScaleTest(
-        math.sqrt(float(factors[0])),
-        float(statistic[0]),
-        p_value,
-        chi2_sf(float(statistic[0]), 1.0),
-        int(null_statistics.size),
-    )
+    p_value, draws = (1.0 + n_exceeding) / (1.0 + null_statistics.size), int(null_statistics.size)
+    ratio = float(statistic[0])
+    return ScaleTest(math.sqrt(float(factors[0])), ratio, p_value, chi2_sf(ratio, 1.0), draws)
 
 
 @lru_cache(maxsize=16)
@@ -396,7 +387,7 @@ def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
     log_likelihood = _log_likelihood(squares, variances, np.exp(np.broadcast_to(grid, (y.shape[0], _GRID))))
     best = grid[np.argmax(log_likelihood, axis=1)]
     step = grid[1] - grid[0]
-    for _ in range(_ROUNDS):
+    for _ in range(7):
         candidates = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
         log_likelihood = _log_likelihood(squares, variances, np.exp(candidates))
         best = np.take_along_axis(candidates, np.argmax(log_likelihood, axis=1)[:, None], axis=1)[:, 0]
@@ -407,30 +398,6 @@ def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
     factor = np.where(no_effect >= np.max(log_likelihood, axis=1), 0.0, np.exp(best))
     at_prediction = _log_likelihood(squares, variances, np.ones((y.shape[0], 1)))[:, 0]
     return factor, np.maximum(highest - at_prediction, 0.0)
-
-
-def _verdict(parameters: ChiSquare | None, noise: ChiSquare | None, scale: ScaleTest | None) -> str:
-    if parameters is None or scale is None:
-        return "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
-    sentences = []
-    if min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
-        sentences.append("the measured errors are consistent with the tolerances")
-    elif scale.p_value < SIGNIFICANT:
-        comparative = "larger" if scale.factor > 1.0 else "smaller"
-        sentences.append(
-            f"the measured errors are {comparative} than the tolerances predict: about {scale.factor:.2g} times "
-            "the predicted size"
-        )
-    else:
-        sentences.append(
-            "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
-            "errors, or there are causes other than these parameters"
-        )
-    if noise is not None and noise.p_value < SIGNIFICANT:
-        noise_ratio = math.sqrt(noise.ratio)
-        cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
-        sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
-    return "; ".join(sentences)
 
 
 # Variance components by maximum likelihood.
@@ -455,9 +422,7 @@ GIVEN = frozenset({"base", "tool"})
 """Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
-_MAX_STEPS = 200
 _STEP_LIMIT = 2.0
-_LIKELIHOOD_TOLERANCE = 1e-7
 _MIN_DOF = 1.0
 """Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
@@ -529,43 +494,19 @@ def variance_components(
         threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
         lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
         ratio = max(0.0, 2.0 * (maximum - problem.maximise(log_factors, (index, 0.0))[1]))
-        components.append(
-            VarianceComponent(
-                name,
-                len(members),
-                members[0].unit,
-                predicted,
-                factor,
-                factor * predicted,
-                lower,
-                upper,
-                dof,
-                ratio,
-                reason,
-            )
-        )
-        if reason is not None:
-            notes.append(reason)
-    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
-    if not_estimated:
+        sizes = (predicted, factor, factor * predicted, lower, upper)
+        components.append(VarianceComponent(name, len(members), members[0].unit, *sizes, dof, ratio, reason))
+        notes += [] if reason is None else [reason]
+    if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
         notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
     return VarianceComponents(tuple(components), confidence, tuple(notes))
 
 
 def bartlett_mean(dof: float) -> float:
     """Return n (log(n/2) - ψ(n/2)), the mean likelihood ratio at the truth of a variance from n = ``dof`` numbers."""
-    half = 0.5 * dof
-    return 2.0 * half * (math.log(half) - _digamma(half))
+    from scipy.special import digamma
 
-
-def _digamma(x: float) -> float:
-    """Return ψ(x) for x > 0, by recurrence and the asymptotic series (DLMF 5.5.2, 5.11.2)."""
-    result = 0.0
-    while x < 12.0:
-        result -= 1.0 / x
-        x += 1.0
-    square = 1.0 / (x * x)
-    return result + math.log(x) - 0.5 / x - square * (1 / 12 - square * (1 / 120 - square * (1 / 252 - square / 240)))
+    return dof * (math.log(0.5 * dof) - float(digamma(0.5 * dof)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -604,15 +545,14 @@ class _LikelihoodProblem:
         if held is not None:
             eta[held[0]], free[held[0]] = held[1], False
         log_likelihood, score, information = self.evaluate(eta)
-        for _ in range(_MAX_STEPS):
+        for _ in range(200):
             active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
             if not np.any(active):
                 break
             step = np.zeros_like(eta)
             block = information[np.ix_(active, active)]
             ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
-            step[active] = np.linalg.solve(block + ridge, score[active])
-            step = np.clip(step, -_STEP_LIMIT, _STEP_LIMIT)
+            step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
             for _ in range(30):
                 trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
                 candidate = self.evaluate(trial_eta)
@@ -621,7 +561,7 @@ class _LikelihoodProblem:
                 step *= 0.5
             else:
                 break
-            converged = candidate[0] - log_likelihood < _LIKELIHOOD_TOLERANCE
+            converged = candidate[0] - log_likelihood < 1e-7
             eta, (log_likelihood, score, information) = trial_eta, candidate
             if converged:
                 break
@@ -670,8 +610,8 @@ _HINT_FACTOR = 20.0
 class MeasuredComparison:
     """Result of :func:`compare_with_measured`."""
 
-    n_poses: int
     source: str
+    """Source of the measured poses as text."""
     position_rms: float
     """RMS of the measured errors after registration, m."""
     orientation_rms: float | None
@@ -711,7 +651,15 @@ def compare_with_measured(
         InputError: There are no poses or no joints, or the noise cannot be estimated.
         UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
-    _check_arguments(data, noise, confidence)
+    if data.n == 0:
+        raise InputError(Problem("has no poses to compare with the prediction", data.source))
+    if data.q is None:
+        fix = "add q1, q2, …"
+        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
+    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
+        raise UsageError("`noise` is a standard deviation above 0")
+    if not 0.5 <= confidence < 1.0:
+        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     if alignment is not None and data.n < _MIN_REGISTERED_POSES:
@@ -727,7 +675,6 @@ def compare_with_measured(
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
     return MeasuredComparison(
-        data.n,
         data.source or "the data",
         rms_length(errors[:3]),
         None if data.rotation is None else rms_length(errors[3:]),
@@ -738,18 +685,6 @@ def compare_with_measured(
         hint,
         _one_draw(statistics),
     )
-
-
-def _check_arguments(data: Measurements, noise: Noise, confidence: float) -> None:
-    if data.n == 0:
-        raise InputError(Problem("has no poses to compare with the prediction", data.source))
-    if data.q is None:
-        fix = "add q1, q2, …"
-        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
-    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
-        raise UsageError("`noise` is a standard deviation above 0")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:

@@ -18,7 +18,6 @@ from robacc.geometry import Array
 from robacc.robots.description import Robot
 
 _FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
-_DIGITS = 12
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
 
 def _text(row: Array) -> str:
     """Return numbers as one text: a list of each would make the file long and slow to read."""
-    return " ".join(f"{value:.{_DIGITS}g}" for value in row.tolist())
+    return " ".join(f"{value:.12g}" for value in row.tolist())
 
 
 def _symmetric(rows: Sequence[Any]) -> Array:

@@ -1,4 +1,4 @@
-"""Uncertainty of a fitted model at given poses, its coverage of measured poses, and the accuracy it predicts.
+"""Uncertainty of a fitted model at given poses, the accuracy it predicts, its coverage, and the record of a fit.
 
 The error of the calibrated arm against its model has the covariance
 
@@ -6,8 +6,7 @@ The error of the calibrated arm against its model has the covariance
 
 a sum of outer products of columns, with J the Jacobian of the pose to the fitted coefficients and C their covariance,
 J_q that to the joints and S the variances of their scatter, U the covariance of the unexplained error in the target's
-frame and R its orientation. X is what effects add beyond the ranges that they were fitted on
-(:mod:`robacc.prediction.extrapolation`).
+frame and R its orientation. X is what effects add beyond the ranges that they were fitted on.
 
 Effects of the measurement (a scale of the instrument, a drift of its frame) move measured poses, not the arm. On
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
@@ -16,25 +15,29 @@ measured poses their columns cancel errors of the arm's coefficients, so J has n
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
+from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
+from robacc.effects.beyond_range import faded
+from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
+from robacc.effects.specification import Known
 from robacc.errors import InputError, Problem
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
-from robacc.geometry import Array, Poses
-from robacc.measurements import Measurements
-from robacc.modelling.model import Model
+from robacc.fitting.visits import random_rows
+from robacc.geometry import Array, Poses, log_between, rotate_back
+from robacc.measurements import Measurements, different
+from robacc.modelling.model import Model, predict
 from robacc.modelling.observation import residuals
-from robacc.prediction.extrapolation import beyond_columns
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
@@ -46,7 +49,11 @@ from robacc.prediction.predicting import (
     predicted,
 )
 from robacc.robots.description import Robot
+from robacc.statistics.distributions import normal_quantile
 from robacc.statistics.lengths import length_quantiles, principal_variances
+
+if TYPE_CHECKING:
+    from robacc.error_model.structure import Repeatability
 
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 
@@ -103,7 +110,7 @@ def error_columns(
 
     The sum over the columns of their outer products is the covariance of the error from a source. With ``sample``, all
     poses, of which ``data`` are some, products of the columns of coefficients and extrapolation at two poses are the
-    covariance of these too; see :func:`robacc.prediction.extrapolation.beyond_columns`.
+    covariance of these too; see :func:`beyond_columns`.
     """
     effects = tuple(effect for effect in fit.effects if measured or not effect.traits.is_of_measurement)
     model = Model.of(robot, effects)
@@ -159,6 +166,136 @@ def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
         entries.append((name, count.get(name, 0)))
         count[name] = count.get(name, 0) + 1
     return entries
+
+
+# Uncertainty of effects and profiles beyond the ranges that they were fitted on.
+#
+# Beyond its range a held effect keeps its value at the end, and the truth goes on. The squared difference of two
+# distant values of a stationary function is twice its mean square, on average. So the scalar that the effect moves has
+# this variance from a tenth of the range beyond its end. From a whole range on the standard deviation grows in
+# proportion, unless the effect is periodic, which bounds it. Effects with a physical reason to go on (compliance, gear
+# ratio) have none of it.
+#
+# Beyond its range a profile fades to its level at the end of the range, while the variance of its coefficients grows
+# to that of the prior. What fading takes from the profile also counts as a standard deviation: near the range the
+# poses still say something of it.
+
+_SAMPLES = 200
+_SHARE = 0.1
+"""Share of a range beyond its end at which nothing of the effect is known any more."""
+_WAVES = 64
+"""Pairs of waves that make up a process."""
+_COLUMNS = {"time_s": "time", "temperature_c": "temperature", "payload_kg": "payload"}
+
+
+def beyond_columns(model: Model, data: Measurements, sample: Measurements | None = None) -> Array:
+    """Return columns ``(6, K, n)`` of the errors beyond the ranges of effects; their outer products are covariances.
+
+    The error of a held effect is the same function of its drivers at every pose: a stationary Gaussian process of the
+    drivers, less its value at the end of the range, with a correlation length of half of :data:`_SHARE` of the range.
+    Source of the columns: A. Rahimi and B. Recht, "Random features for large-scale kernel machines", NIPS (2007), here
+    at the points of an additive recurrence.
+
+    Args:
+        model: Model with its known effects.
+        data: Poses with their circumstances.
+        sample: All poses, of which ``data`` are some: they decide the size of an effect. Products of the columns at
+            two poses are covariances too. With None, only those at one pose are, which takes fewer columns.
+    """
+    columns = [np.zeros((6, 0, data.n))]
+    for known in model.known:
+        columns.append(_held_columns(known, model, data, sample))
+        columns.append(_faded_column(known, model, data, sample or data))
+    return np.concatenate(columns, axis=1)
+
+
+def _held_columns(known: Known, model: Model, data: Measurements, sample: Measurements | None) -> Array:
+    """Return the columns ``(6, K, n)`` of a held effect; none if no pose is beyond its ranges."""
+    arm, (limits, periods) = model.arm, known.held_limits(model.arm)
+    growth, places = np.zeros(data.n), []
+    for name, (low, high) in limits.items():
+        if (values := driver_values(arm, data, name)) is not None:
+            length = max(high - low, 1e-12)
+            excess = range_excess(values, low, high, periods.get(name)) / length
+            growth = np.maximum(growth, np.where(excess > MARGIN, excess, 0.0))
+            image = nearest_image(values, low, high, periods.get(name))
+            places.append(np.stack((image, np.clip(image, low, high))) / length)
+    # The standard deviation over the size of the effect.
+    growth = np.maximum(np.minimum(growth / _SHARE, 1.0), 0.0 if known.effect.traits.is_bounded else growth)
+    result = [np.zeros((6, 0, data.n))]
+    # With ``sample``, poses are a block of many, which all have the columns of every held effect.
+    if not limits or not (places if sample is not None else growth.any()):
+        return result[0]
+    waves = np.ones((1, data.n)) if sample is None else _difference_waves(np.array(places))
+    inside = _within(model, data if sample is None else sample, limits)
+    scalars: dict[int, Array] = {}
+    for term in known.effect.terms(arm, inside):
+        for part in term.parts:
+            if part.loads is None and part.motion != SCALE_OF_INSTRUMENT:
+                added = known.values.get(term.name, 0.0) * part.factor
+                scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
+    jacobian = _motion_columns(model, data, tuple(scalars))
+    for i, scalar in enumerate(scalars.values()):
+        std = math.sqrt(2.0 * float(np.mean(np.square(scalar)))) * growth
+        result.append(jacobian[:, i, None] * (std * waves))
+    return np.concatenate(result, axis=1)
+
+
+def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
+    """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
+    bound = dataclasses.replace(model, free=()).bind(data)
+    terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
+    return dataclasses.replace(bound, terms=terms).linearise(np.zeros(len(terms)))[1]
+
+
+def _difference_waves(places: Array) -> Array:
+    """Return ``(K, n)`` the process at the poses less its value at the end of the range, of unit size.
+
+    ``places`` ``(D, 2, n)`` are the drivers at both, in units of their ranges.
+    """
+    # The generalised golden ratio g with g^(D + 1) = g + 1 spreads points evenly in any number of dimensions.
+    ratio, count = 2.0, len(places)
+    for _ in range(50):
+        ratio = (1.0 + ratio) ** (1.0 / (count + 1))
+    points = np.modf(0.5 + np.outer(np.arange(_WAVES), ratio ** -np.arange(1.0, count + 1)))[0]
+    frequencies = [[normal_quantile(float(value)) for value in row] for row in np.clip(points, 1e-6, 1.0 - 1e-6)]
+    phase = np.tensordot(np.array(frequencies), places / (0.5 * _SHARE), axes=1)
+    waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
+    length = np.linalg.norm(waves, axis=0)
+    result: Array = waves / np.where(length > 0.0, length, 1.0)
+    return result
+
+
+def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
+    """Return poses whose drivers are spread evenly over their ranges; all else is as in ``data``."""
+    sample = data.subset(np.arange(_SAMPLES) % data.n)
+    assert sample.q is not None
+    changes: dict[str, Any] = {}
+    rng = np.random.default_rng(0)
+    for name, (low, high) in limits.items():
+        values = rng.permutation(np.linspace(low, high, _SAMPLES))
+        if name in model.arm.names:
+            q = changes.setdefault("q", sample.q.copy())
+            q[model.arm.number(name)] = values
+        elif name in _COLUMNS:
+            changes[_COLUMNS[name]] = values
+    return dataclasses.replace(sample, **changes)
+
+
+def _faded_column(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array:
+    """Return what fading takes from an effect ``(6, 1, n)``; no column if no pose of ``sample`` is beyond its range."""
+    limits, periods = known.fading_limits(model.arm)
+    if not limits or not is_outside(model.arm, sample, limits, periods).any():
+        return np.zeros((6, 0, data.n))
+    complete = known.effect.terms(model.arm, data)
+    left = faded(known.effect, model.arm, data, known.validity)
+    motions = tuple(dict.fromkeys(term.parts[0].motion for term in complete))
+    lost = np.zeros((len(motions), data.n))
+    for whole, rest in zip(complete, left, strict=True):
+        before, after = whole.parts[0], rest.parts[0]
+        lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
+    result: Array = np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost)
+    return result[:, None]
 
 
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
@@ -244,8 +381,6 @@ def scaled_inverse(normal: Array) -> Array:
 
 # Predicted accuracy of a calibrated arm: what its model file knows of the fit, over poses or the workspace.
 
-MEANING = "errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error"
-
 
 def calibrated_accuracy(
     robot: Robot, fit: ModelFit, configurations: Configurations, poses: Measurements | None, scale: Scale, seed: int
@@ -270,6 +405,18 @@ def calibrated_accuracy(
         for name, share in zip(SOURCES, shares, strict=True)
     ]
     budget.sort(key=lambda share: -share.position)
+    notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
+    outside = np.zeros(data.n, dtype=bool)
+    for name, row in zip(robot.variable_names, configurations.q, strict=True):
+        low, high = fit.ranges.get(name, (-np.inf, np.inf))
+        outside |= (row < low) | (row > high)
+    if outside.any():
+        notes.append(
+            f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
+            "the unexplained error may be larger"
+        )
+    if fit.unexplained.shape[0] < 6:
+        notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
     return predicted(
         configurations,
         (uncertainty.position, uncertainty.orientation),
@@ -278,8 +425,8 @@ def calibrated_accuracy(
         budget=tuple(budget),
         by_joint=(),
         by_kind=(),
-        meaning=MEANING,
-        notes=(*configurations.notes, *_notes(robot, fit, data)),
+        meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
+        notes=tuple(notes),
         is_calibrated=True,
     )
 
@@ -310,23 +457,6 @@ def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements 
         temperature=middle(poses.temperature, "temperature_c"),
         time=middle(poses.time, "time_s"),
     )
-
-
-def _notes(robot: Robot, fit: ModelFit, data: Measurements) -> Sequence[str]:
-    notes = [f"the model was fitted to {fit.n_poses} poses"]
-    outside = np.zeros(data.n, dtype=bool)
-    assert data.q is not None
-    for name, row in zip(robot.variable_names, data.q, strict=True):
-        low, high = fit.ranges.get(name, (-np.inf, np.inf))
-        outside |= (row < low) | (row > high)
-    if outside.any():
-        notes.append(
-            f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
-            "the unexplained error may be larger"
-        )
-    if fit.unexplained.shape[0] < 6:
-        notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
-    return notes
 
 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
@@ -372,16 +502,36 @@ def coverage(
     """
     # Circumstances drawn in place of missing ones would be held against the measurements.
     Model.of(absorb_constants(robot)).bind(measured)
-    data = _with_noise(fit, completed(robot, fit, None, measured, seed), noise)
-    if aligned:
-        error, covariances = _registered(robot, fit, data, aligned)
-    else:
-        error = _errors(robot, data)
-        uncertainty, variances = model_uncertainty(robot, fit, data, measured=True), _noise_variances(fit, data)
-        parts = (uncertainty.position, uncertainty.orientation)
-        covariances = [part + np.eye(3)[:, :, None] * added for part, added in zip(parts, variances, strict=True)]
+    data, stated = completed(robot, fit, None, measured, seed), (measured.sigma_position, measured.sigma_rotation)
+    position, angle = (
+        of_fit if given is None and column is None else given
+        for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
+    )
+    data = dataclasses.replace(
+        data,
+        sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
+        sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+    )
+    half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
+    if aligned and np.all(half == half[0]):
+        fix = "measure at more than one commanded pose, or leave out `align`"
+        message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
+        raise InputError(Problem(message, data.source, fix=fix))
+    error, covariances = np.empty((3 if data.rotation is None else 6, data.n)), np.empty((2, 3, 3, data.n))
+    for part in np.unique(half):
+        rows = np.flatnonzero(half == part)
+        judged, arm = data.subset(rows), robot
+        if aligned:
+            used = data.subset(np.flatnonzero(half != part))
+            registration = registration_fit(robot, used, aligned)
+            arm = apply_fit(registration)
+            covariances[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
+        else:
+            uncertainty = model_uncertainty(robot, fit, judged, measured=True)
+            variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
+            covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
+        error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
     results = []
-    stated = (measured.sigma_position, measured.sigma_rotation)
     quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
         source: Literal["given", "file", "fit"] = "fit"
@@ -393,37 +543,240 @@ def coverage(
     return tuple(results)
 
 
-def _errors(robot: Robot, data: Measurements) -> Array:
-    return residuals(data, Model.of(absorb_constants(robot)).bind(data).poses(np.zeros(0)))
+# Record of a fit for its model file, from the fit and its held-out residuals.
+
+_DOUBT = 2.6
+"""Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
+_GROSS = 11.34
+"""Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
+_FACTOR_ROUNDS = 4
+"""Updates of a factor: its bounds contain the noise, which it does not multiply."""
+_LEAST_SURPLUS = 0.2
+"""Least surplus of measured values over coefficients without a group, as a share of all values."""
+_MANY = 200
+"""Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
+_MOST_ROWS = 20_000
+"""Poses that the unexplained error and the factor are taken from: they know a 95 % bound to 0.3 %."""
+_FEWEST = 20
+"""Smallest number of held-out poses from which a factor of the bounds is taken."""
 
 
-def _with_noise(fit: ModelFit, data: Measurements, noise: tuple[float | None, float | None]) -> Measurements:
-    """Return the poses with the measurement noise that is given, or that of the fit where neither states it."""
-    stated = (data.sigma_position, data.sigma_rotation)
-    position, angle = (
-        of_fit if given is None and column is None else given
-        for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
+def fit_record(
+    fit: Fit,
+    robot: Robot,
+    nominal: Robot,
+    data: Measurements,
+    held_out: tuple[Measurements, Array] | None,
+    repeatability: Repeatability | None,
+    n_folds: int = 0,
+) -> ModelFit:
+    """Return the record of a fit.
+
+    Args:
+        fit: The final fit.
+        robot: The fitted robot.
+        nominal: The robot that the fit started from.
+        data: Poses of the fit.
+        held_out: Poses that were held out and their residuals ``(M, N)``; None without any.
+        repeatability: Scatter of the joints, if it is significant.
+        n_folds: Number of groups that are held out in turn, if ``held_out`` are the poses ``data``; else 0.
+    """
+    assert data.q is not None
+    columns: dict[str, Array | None] = dict(zip(robot.variable_names, data.q, strict=True))
+    columns |= {"payload_kg": data.payload, "temperature_c": data.temperature, "time_s": data.time}
+    known = fit.identifiability.columns
+    known = known[np.all(np.isfinite(fit.covariance[np.ix_(known, known)]), axis=1)]
+    stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
+    record = ModelFit(
+        effects=fit.model.free,
+        coefficients=tuple(fit.names[i] for i in known),
+        covariance=fit.covariance[np.ix_(known, known)],
+        nominal=_changed_numbers(robot, nominal),
+        repeatability=stds,
+        unexplained=np.zeros((fit.residual.shape[0],) * 2),
+        noise=(fit.noise.position, fit.noise.orientation),
+        noise_is_separate=False,
+        bound_factor=(1.0, 1.0),
+        largest_correction=_largest_correction(robot, nominal, data),
+        ranges={
+            name: (float(np.min(values)), float(np.max(values)))
+            for name, values in columns.items()
+            if values is not None
+        },
+        n_poses=data.n,
     )
-    return dataclasses.replace(
-        data,
-        sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
-        sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+    residual, poses, sign = fit.residual[:, fit.inliers], data.subset(fit.inliers), 1.0
+    if held_out is not None:
+        finite = np.all(np.isfinite(held_out[1]), axis=0)
+        if held_out[0] is data:
+            finite &= fit.inliers
+        residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
+    # Held-out residuals have the errors of fits to fewer poses.
+    inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
+    compared = dataclasses.replace(record, covariance=inflation * record.covariance)
+    noise = _separate_noise(poses, fit, repeatability)
+    judged = random_rows(poses, _MOST_ROWS)
+    residual, poses = residual[:, judged], poses.subset(judged)
+    # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
+    unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
+    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0)
+    if record.noise_is_separate:
+        angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
+        record = dataclasses.replace(record, noise=(math.sqrt(noise[0]), angle))
+    if held_out is None or poses.n < _FEWEST:
+        return record
+    compared = dataclasses.replace(compared, unexplained=unexplained)
+    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True), noise)
+    return dataclasses.replace(record, bound_factor=factors)
+
+
+def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
+    """Return the mean variance of predictions of held-out poses over that of predictions by the fit to all poses.
+
+    With p coefficients, n measured values and the share s = 1 - 1/K of them in the fit without a group, random poses
+    are predicted with p / (s n - p) of the noise variance, and poses of the fit with p / n (for random regressors,
+    L. Breiman and D. Freedman, JASA 78, 1983). Repeats of a pose are in the same group and count once.
+    """
+    if n_folds < 2:
+        return 1.0
+    share = 1.0 - 1.0 / n_folds
+    rows = fit.residual.shape[0]
+    coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
+    visited = data.groups()[fit.inliers]
+    if data.target is not None:
+        targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
+        visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
+    effective = float(coefficients) / (different(visited) * rows)
+    return float(1.0 / max(share - effective, _LEAST_SURPLUS))
+
+
+def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
+    """Return the robot that a model was fitted from, in the model's frames and without effects.
+
+    Without a record, its joints keep the fitted numbers, but for the constants.
+    """
+    robot = absorb_constants(robot)
+    before = {} if record is None else record.nominal
+    joints = tuple(
+        dataclasses.replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})})
+        for joint in robot.joints
     )
+    return dataclasses.replace(robot, joints=joints, effects=())
 
 
-def _registered(robot: Robot, fit: ModelFit, data: Measurements, frames: Sequence[str]) -> tuple[Array, list[Array]]:
-    """Return errors ``(M, N)`` and their covariances, with frames fitted to the poses of the other half."""
-    half: NDArray[np.int64] = data.groups() % 2
-    if np.all(half == half[0]):
-        fix = "measure at more than one commanded pose, or leave out `align`"
-        message = f"{' and '.join(frames)} cannot be fitted to one half of the poses: all are the same commanded pose"
-        raise InputError(Problem(message, data.source, fix=fix))
-    error = np.empty((3 if data.rotation is None else 6, data.n))
-    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
-    for part in (0, 1):
-        rows = np.flatnonzero(half == part)
-        judged, used = data.subset(rows), data.subset(np.flatnonzero(half != part))
-        registration = registration_fit(robot, used, frames)
-        error[:, rows] = _errors(apply_fit(registration), judged)
-        position[..., rows], orientation[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
-    return error, [position, orientation]
+def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
+    """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
+    changed: dict[str, dict[str, float]] = {}
+    for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True):
+        for name in sorted({*fitted.parameters, *before.parameters}):
+            number = before.parameters.get(name, 0.0)
+            if number != fitted.parameters.get(name, 0.0):
+                changed.setdefault(before.name, {})[name] = float(number)
+    return changed
+
+
+def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:
+    """Return the largest difference of the model from the nominal robot in the model's frames, m and rad."""
+    robot = absorb_constants(robot)
+    rigid = dataclasses.replace(
+        nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
+    )
+    full = Model.of(robot)
+    arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
+    largest = np.zeros(2)
+    for start in range(0, data.n, BLOCK):
+        part = data.subset(slice(start, start + BLOCK))
+        real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
+        moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
+        largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
+    return float(largest[0]), float(largest[1])
+
+
+def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability | None) -> tuple[float, float]:
+    """Return the variances of the measurement noise that is known apart from the arm's errors, m² and rad².
+
+    They come from the uncertainties in the file, or from visits with several rows that separate noise and scatter.
+    Repeats alone hold both, so all of it counts as the arm's.
+    """
+    if data.sigma_position is not None:
+        angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
+        return float(np.mean(np.square(data.sigma_position))), angle
+    if repeatability is not None and repeatability.source != "residual":
+        return fit.misfit[0] ** 2, fit.misfit[1] ** 2
+    return 0.0, 0.0
+
+
+def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
+    """Return the covariance ``(M, M)`` of the residual beyond the known sources, in the target's frame.
+
+    Where position or orientation shows no more than the known sources, its part is zero.
+    """
+    rows, n = residual.shape
+    remaining = _scatter(
+        np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
+    )
+    local = uncertainty.in_target_frame()
+    parts = (local.position, local.orientation)[: rows // 3]
+    for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
+        block = slice(3 * i, 3 * i + 3)
+        # The first share is that of the coefficients, the second that of the scatter of the joints.
+        known = shares[0] + shares[1]
+        scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
+        explained = variance * np.eye(3) + scale * np.mean(part, axis=2)
+        remaining[block, block] -= explained
+        chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
+        if float(np.trace(remaining[block, block])) <= chance:
+            remaining[block, :] = remaining[:, block] = 0.0
+    return _positive(remaining)
+
+
+def _scatter(residual: Array) -> Array:
+    """Return the second moments ``(M, M)`` of residuals ``(M, N)``; a gross row counts as one at 99 % of a Gaussian.
+
+    A bound of 95 % of the errors must not grow with the size of the worst one. Source: P. J. Huber, Robust Statistics
+    (1981), chapter 8; the limit takes 0.5 % from the variance of Gaussian residuals.
+    """
+    rows, n = residual.shape
+    weight = np.ones(n)
+    for _ in range(20):
+        total = (residual * weight) @ residual.T / n
+        square = np.zeros(n)
+        for i in range(0, rows, 3):
+            part = residual[i : i + 3]
+            spread = total[i : i + 3, i : i + 3] + 1e-12 * np.trace(total[i : i + 3, i : i + 3]) * np.eye(3) / 3.0
+            if np.trace(spread) > 0.0:
+                square = np.maximum(square, np.einsum("in,in->n", part, np.linalg.solve(spread, part)))
+        weight = np.minimum(1.0, _GROSS / np.maximum(square, _GROSS))
+    result: Array = (residual * weight) @ residual.T / n
+    return result
+
+
+def _positive(matrix: Array) -> Array:
+    """Return the nearest positive semidefinite matrix, each block of three scaled to its own size first."""
+    scale = np.repeat([math.sqrt(max(float(np.trace(matrix[i : i + 3, i : i + 3])), 0.0)) or 1.0
+                       for i in range(0, matrix.shape[0], 3)], 3)  # fmt: skip
+    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
+    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale
+    return result
+
+
+def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
+    """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance.
+
+    A factor multiplies the model's standard deviations, not those of the measurement noise.
+    """
+    factors = [1.0, 1.0]
+    parts = (uncertainty.position, uncertainty.orientation)
+    for i, (covariance, variance) in enumerate(zip(parts[: residual.shape[0] // 3], noise, strict=False)):
+        length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
+        for _ in range(_FACTOR_ROUNDS):
+            total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
+            radius = length_quantiles(RADIUS_PROBABILITY, principal_variances(total))
+            ratio = np.sort(length[radius > 0] / radius[radius > 0])
+            n = ratio.size
+            chance = math.sqrt(RADIUS_PROBABILITY * (1.0 - RADIUS_PROBABILITY) / max(n, 1))
+            surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
+            if n < _FEWEST or (n < _MANY and surplus <= _DOUBT * chance):
+                break
+            factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])
+    return factors[0], factors[1]

@@ -13,21 +13,185 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.chain import Chain, Scalar
+from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, transpose
+from robacc.io.yaml_nodes import Source, describe, nearest
+from robacc.io.yaml_nodes import compose as parsed
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.prediction.tolerances import NORMAL, ToleranceParameter
-from robacc.quantities import number_text
-from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
+from robacc.robots.yaml_units import read_units
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic
+
+# Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
+
+FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
+
+_COMPONENTS = {
+    **{"theta": "theta", "d": "d", "a": "a", "alpha": "alpha", "beta": "alpha", "offset": "offset"},
+    **dict.fromkeys(("x", "y", "z"), "origin_length"),
+    **dict.fromkeys(("roll", "pitch", "yaw"), "origin_angle"),
+}
+"""Variance component of each parameter of a joint; beta tilts an axis as alpha does."""
+
+
+NORMAL = "normal: a tolerance t is one standard deviation, variance t²"
+
+
+@dataclass(frozen=True, slots=True)
+class ToleranceParameter:
+    """One parameter of the arm that has an error."""
+
+    name: str
+    """``j1.theta``, ``base.x`` …; unique."""
+    joint: str | None
+    """Name of the joint; None for the base and the tool."""
+    kind: str
+    """``theta``, ``d`` …; a coordinate of a URDF joint's origin; a coordinate of base or tool."""
+    component: str
+    """Variance component of the parameter."""
+    motion: int
+    """Index of the chain's motion."""
+    unit: str
+    sd: float
+    """Standard deviation, m or rad; above zero."""
+
+
+def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
+    """Return every parameter with a standard deviation above zero: base, joints in order, tool.
+
+    Raises:
+        InputError: No parameter has a tolerance.
+    """
+    arm, kinds = Arm.of(robot), (*DH_PARAMETERS, *ORIGIN_PARAMETERS)
+    owners: list[tuple[int, str | None, Sequence[str], Mapping[str, float]]] = [
+        (BASE, None, FRAME_PARAMETERS, robot.base_tolerance),
+        *((owner, joint.name, kinds, joint.tolerance) for owner, joint in enumerate(robot.joints)),
+        (TOOL, None, FRAME_PARAMETERS, robot.tool_tolerance),
+    ]
+    parameters = []
+    for owner, name, own_kinds, sds in owners:
+        frame = "base" if owner == BASE else "tool"
+        for kind in (kind for kind in own_kinds if sds.get(kind, 0.0) > 0.0):
+            # An angle of a frame turns it about its own axis, at any pitch.
+            motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
+            component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
+            full_name = f"{name or frame}.{kind}"
+            parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
+    if not parameters:
+        fix = "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
+        if robot.convention == "urdf":
+            fix += "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+        else:
+            fix += "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
+        message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
+        raise InputError(Problem(message, fix=fix))
+    return tuple(parameters)
+
+
+# Tolerance file of ``robacc predict --tolerances``: YAML, every problem with its line and key.
+#
+# units: {length: mm, angle: deg}
+# distribution: limits            # normal (default) | uniform | limits
+# coverage: 3                     # limits only: number of standard deviations of a limit
+# all: {theta: 0.01, d: 0.2, a: 0.2, alpha: 0.01}   # every moving joint
+# joints:
+#   j2: {a: 0.5}                  # replaces all
+# base: {x: 0.5, yaw: 0.05}
+# tool: {z: 0.1}
+
+DEFAULT_COVERAGE = 3.0
+"""Default number of standard deviations of a drawing's limit."""
+
+_KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
+
+
+def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
+    """Return ``robot`` with the tolerances of a file, which replace its own one by one, as standard deviations.
+
+    Beside it is the conversion of a tolerance into a variance, as text.
+
+    Raises:
+        InputError: The file has problems; all of them are listed with line and dotted key.
+    """
+    source = Source(file)
+    top = source.section(parsed(text, file), "", _KEYS)
+    units = None if top is None else read_units(top)
+    distribution, coverage = "normal", DEFAULT_COVERAGE
+    if top is not None and (node := top.get("distribution")) is not None:
+        distribution = source.choice(node, "distribution", ("normal", "uniform", "limits")) or distribution
+    if top is not None and (node := top.get("coverage")) is not None:
+        stated = source.number(node, "coverage")
+        if distribution != "limits":
+            source.report(node, "coverage", "applies only to limits", "write distribution: limits")
+        elif stated is not None and not 0 < stated <= 10:
+            source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {stated:g}")
+        coverage = stated if stated and stated > 0 else coverage
+    if top is None or units is None:
+        # Nothing else can be checked without units.
+        source.finish()
+        raise AssertionError("finish() raises where there are no units")
+    divisor, meaning = {
+        "normal": (1.0, NORMAL),
+        "uniform": (math.sqrt(3.0), "uniform: a tolerance t is the half width, variance t²/3"),
+        "limits": (
+            coverage,
+            f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²",
+        ),
+    }[distribution]
+    is_urdf = robot.convention == "urdf"
+
+    def read(node: yaml.Node | None, path: str, kinds: Sequence[str], is_slide: bool = False) -> dict[str, float]:
+        section = None if node is None else source.section(node, path, kinds)
+        result = {}
+        for name, item in (section.values if section else {}).items():
+            is_length = name in LENGTH_PARAMETERS or (is_slide and name == "offset")
+            value = units.parameter(source, item, f"{path}.{name}", is_length=is_length)
+            if value is not None and value < 0:
+                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
+            elif value is not None:
+                result[name] = value / divisor
+        return result
+
+    types = {joint.type for joint in robot.joints if joint.type != "fixed"}
+    joint_kinds = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
+    moving = read(top.get("all"), "all", joint_kinds, types == {"prismatic"})
+    if "offset" in moving and len(types) > 1:
+        message = "offset is an angle of revolute joints and a length of prismatic joints"
+        source.report(top.get("all"), "all.offset", message, "give it under joints, for each joint by name")
+    joints = {joint.name: joint for joint in robot.joints}
+    by_joint: dict[str, dict[str, float]] = {}
+    node = top.get("joints")
+    if isinstance(node, yaml.MappingNode):
+        for name, key_node, value in source.entries(node, "joints"):
+            if (joint := joints.get(name)) is None:
+                fix = nearest(name, tuple(joints)) or f"the joints are {', '.join(joints)}"
+                source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
+            else:
+                kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
+                by_joint[name] = read(value, f"joints.{name}", kinds, is_urdf and joint.type == "prismatic")
+    elif node is not None:
+        source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
+    base, tool = (read(top.get(key), key, FRAME_PARAMETERS) for key in ("base", "tool"))
+    if not any((moving, by_joint, base, tool)) and not source.problems:
+        source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
+    source.finish()
+    toleranced = []
+    for joint in robot.joints:
+        common = {} if joint.type == "fixed" else moving
+        tolerance = {**joint.tolerance, **common, **by_joint.get(joint.name, {})}
+        toleranced.append(dataclasses.replace(joint, tolerance=tolerance))
+    base, tool = {**robot.base_tolerance, **base}, {**robot.tool_tolerance, **tool}
+    return dataclasses.replace(robot, joints=tuple(toleranced), base_tolerance=base, tool_tolerance=tool), meaning
+
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
 
@@ -94,23 +258,21 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     endless = [joint.name for joint in robot.variables if joint.limits is None]
-    notes = [f"joint{'s' * (len(endless) != 1)} {', '.join(endless)} without limits: sampled over a full turn"]
-    robot, target_notes = _with_target(robot, target)
+    plural = "s" * (len(endless) != 1)
+    notes = [f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn"] if endless else []
+    name = next(iter(robot.targets), None) if target is None else target
+    if name is not None:
+        if name not in robot.targets:
+            known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+            raise UsageError(f"no target {name!r}; the robot file {known}")
+        if len(robot.targets) > 1 and target is None:
+            notes.append(
+                f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
+            )
+        robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    return Configurations(q, scalars, None, source, (*(notes if endless else ()), *target_notes))
-
-
-def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ...]]:
-    name = next(iter(robot.targets), None) if target is None else target
-    if name is None:
-        return robot, ()
-    if name not in robot.targets:
-        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
-        raise UsageError(f"no target {name!r}; the robot file {known}")
-    ambiguous = len(robot.targets) > 1 and target is None
-    note = (f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",)
-    return dataclasses.replace(robot, tool=robot.targets[name], targets={}), note if ambiguous else ()
+    return Configurations(q, scalars, None, source, tuple(notes))
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
@@ -122,22 +284,14 @@ def _with_target(robot: Robot, target: str | None) -> tuple[Robot, tuple[str, ..
 # The Jacobian of a block is the largest working array; only the 3 x 3 results and the shares outlive the block.
 
 
-@dataclass(frozen=True, slots=True)
-class PoseCovariances:
-    """Covariances of the tool's error at N poses, in the tool's frame, and the contribution of each parameter."""
-
-    position: Array
-    """``(3, 3, N)`` V_d, m²."""
-    orientation: Array
-    """``(3, 3, N)`` V_δ, rad²."""
-    power: Array
-    """``(2, P)`` contribution of each parameter to the sum of all traces of V_d (m²) and of V_δ (rad²)."""
-
-
 def pose_covariances(
     chain: Chain, scalars: Sequence[Scalar], n: int, parameters: Sequence[ToleranceParameter]
-) -> PoseCovariances:
-    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary)."""
+) -> tuple[Array, Array, Array]:
+    """Return equations (7) and (8) for ``n`` poses with the chain's ``scalars`` (floats, or ``(n,)`` if they vary).
+
+    They are the covariances ``(3, 3, N)`` V_d (m²) and V_δ (rad²) in the tool's frame, and the contribution ``(2, P)``
+    of each parameter to the sum of all their traces.
+    """
     # Rotations first: only they have an angular part, which is then a single slice.
     is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
     order = np.argsort(is_length, kind="stable")
@@ -155,7 +309,7 @@ def pose_covariances(
         for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
             covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
             power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
-    return PoseCovariances(position, orientation, power)
+    return position, orientation, power
 
 
 def outer_sums(columns: Array) -> Array:
@@ -222,7 +376,7 @@ class PredictedErrors:
 
     def value(self, statistic: Statistic) -> float:
         """Return the statistic of that name."""
-        return {"rms": self.rms, "mean_error": self.mean_error, "p95": self.p95, "max": self.max}[statistic]
+        return float(getattr(self, statistic))
 
     def percentiles(self) -> dict[int, tuple[float, float]]:
         """Return percentiles over poses of the predicted RMS and of the 95 % radius."""
@@ -239,6 +393,7 @@ class Share:
 
     name: str
     joint: str | None
+    """Joint of a parameter; None for a sum of several."""
     kind: str | None
     tolerance: float | None
     """Standard deviation, m or rad; None for a sum of several parameters."""
@@ -293,15 +448,15 @@ def predict_accuracy(
 
     Args:
         robot: The arm.
-        parameters: From :func:`robacc.prediction.tolerances.uncertain_parameters`.
+        parameters: From :func:`uncertain_parameters`.
         configurations: Configurations of equal weight.
         scale: Scale of the grade.
         meaning: Conversion of a tolerance into a variance, as text.
     """
     chain = Arm.of(robot).chain
-    covariances = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
-    totals = covariances.power.sum(axis=1, keepdims=True)
-    shares = (covariances.power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    *covariances, power = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
+    totals = power.sum(axis=1, keepdims=True)
+    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     by_parameter = [
         Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
         for parameter, pair in zip(parameters, shares, strict=True)
@@ -314,43 +469,59 @@ def predict_accuracy(
     by_joint = [share.joint or share.name.split(".")[0] for share in by_parameter]
     return predicted(
         configurations,
-        (covariances.position, covariances.orientation),
+        covariances,
         scale,
         parameters=tuple(parameters),
         budget=tuple(sorted(by_parameter, key=_largest_first)),
-        by_joint=_summed_shares(by_parameter, by_joint, "joint"),
-        by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters], "kind"),
+        by_joint=_summed_shares(by_parameter, by_joint),
+        by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters]),
         meaning=meaning,
         notes=tuple(notes),
     )
 
 
-def predicted(
-    configurations: Configurations, covariances: tuple[Array, Array], scale: Scale, **facts: Any
-) -> Prediction:
+def predicted(configurations: Configurations, covariances: Sequence[Array], scale: Scale, **facts: Any) -> Prediction:
     """Return the prediction of covariances ``(3, 3, N)`` of position and orientation in the tool's frame.
 
     ``facts`` are the other fields of the prediction.
     """
-    position = predicted_errors("m", covariances[0], configurations, scale.statistic)
-    orientation = predicted_errors("rad", covariances[1], configurations, scale.statistic)
-    return Prediction(
-        configurations=configurations,
-        position=position,
-        orientation=orientation,
-        grade=predicted_grade(position, orientation, scale),
-        **facts,
+    position = _predicted_errors("m", covariances[0], configurations, scale.statistic)
+    orientation = _predicted_errors("rad", covariances[1], configurations, scale.statistic)
+    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
+    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
+    rank = max(ranks.values())
+    met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
+    grade = PredictedGrade(
+        scale,
+        scale.name_of(rank),
+        scale.name_of(ranks["position"]),
+        scale.name_of(ranks["orientation"]),
+        tuple(name for name, each in ranks.items() if each == rank > 0),
+        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
     )
+    return Prediction(configurations=configurations, position=position, orientation=orientation, grade=grade, **facts)
 
 
-def predicted_errors(
+def _predicted_errors(
     unit: Literal["m", "rad"], covariance: Array, configurations: Configurations, statistic: Statistic
 ) -> PredictedErrors:
     """Return the predicted errors of covariances ``(3, 3, N)`` in the tool's frame."""
     variances = principal_variances(covariance)
     rms = np.sqrt(np.sum(variances, axis=0))
-    radius = length_quantiles(RADIUS_PROBABILITY, variances)
-    means = mean_lengths(variances)
+    radius, means = length_quantiles(RADIUS_PROBABILITY, variances), mean_lengths(variances)
+    # The first of equal poses: rounding makes a different one the largest on different machines.
+    index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
+    values, vectors = np.linalg.eigh(covariance[:, :, index])
+    direction = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2]
+    worst = WorstPredictedPose(
+        index,
+        configurations.label(index),
+        configurations.q[:, index].copy(),
+        float(rms[index]),
+        float(radius[index]),
+        direction,
+        math.sqrt(max(float(values[2]), 0.0)),
+    )
     return PredictedErrors(
         unit,
         covariance,
@@ -361,69 +532,23 @@ def predicted_errors(
         mean_error=float(np.mean(means)),
         p95=mixture_quantile(RADIUS_PROBABILITY, variances),
         max=float(np.max(radius)),
-        worst=_worst(covariance, rms, radius, configurations),
+        worst=worst,
         pose_statistic={"rms": rms, "mean_error": means}.get(statistic, radius),
     )
 
 
-def _worst(covariance: Array, rms: Array, radius: Array, configurations: Configurations) -> WorstPredictedPose:
-    # The first of equal poses: rounding makes a different one the largest on different machines.
-    index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
-    values, vectors = np.linalg.eigh(covariance[:, :, index])
-    direction = vectors[:, 2]
-    if direction[np.argmax(np.abs(direction))] < 0:
-        direction = -direction
-    return WorstPredictedPose(
-        index,
-        configurations.label(index),
-        configurations.q[:, index].copy(),
-        float(rms[index]),
-        float(radius[index]),
-        direction,
-        math.sqrt(max(float(values[2]), 0.0)),
-    )
-
-
-def _summed_shares(
-    shares: Sequence[Share], keys: Sequence[str], grouping: Literal["joint", "kind"]
-) -> tuple[Share, ...]:
-    members: dict[str, list[Share]] = {}
+def _summed_shares(shares: Sequence[Share], keys: Sequence[str]) -> tuple[Share, ...]:
+    """Return the sum of the shares of each key, the largest first."""
+    sums: dict[str, Array] = {}
     for share, key in zip(shares, keys, strict=True):
-        members.setdefault(key, []).append(share)
-    summed = [
-        Share(
-            key,
-            own[-1].joint if grouping == "joint" else None,
-            key if grouping == "kind" else None,
-            None,
-            None,
-            sum(share.position for share in own),
-            sum(share.orientation for share in own),
-        )
-        for key, own in members.items()
-    ]
+        sums[key] = np.add(sums.get(key, 0.0), (share.position, share.orientation))
+    summed = [Share(key, None, None, None, None, *total.tolist()) for key, total in sums.items()]
     return tuple(sorted(summed, key=_largest_first))
 
 
 def _largest_first(share: Share) -> tuple[float, float]:
     """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
     return -round(share.position, 9), -round(share.orientation, 9)
-
-
-def predicted_grade(position: PredictedErrors, orientation: PredictedErrors, scale: Scale) -> PredictedGrade:
-    """Return the grade of the predicted errors, and the share of poses that meet each step."""
-    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
-    rank = max(ranks.values())
-    met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
-    return PredictedGrade(
-        scale,
-        scale.name_of(rank),
-        scale.name_of(ranks["position"]),
-        scale.name_of(ranks["orientation"]),
-        tuple(name for name, each in ranks.items() if each == rank > 0),
-        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
-    )
 
 
 def steps_met(scale: Scale, sizes: Mapping[Quantity, Array]) -> NDArray[np.bool_]:
@@ -439,10 +564,10 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
     Raises:
         UsageError: The scale has no step of that name.
     """
-    for step in scale.steps:
-        if step.grade == grade:
-            return step.position, step.orientation
-    raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(s.grade for s in scale.steps)}")
+    limits = {step.grade: (step.position, step.orientation) for step in scale.steps}
+    if grade not in limits:
+        raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}")
+    return limits[grade]
 
 
 # Tolerances that reach a grade at least cost, by tightening the given tolerances.
@@ -457,8 +582,6 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # the solution is f_p = min(1, (λ A_p + μ B_p)^(-1/3)) with both multipliers at zero or at their limits. Parameters
 # with a large share are tightened most; no tolerance is widened.
 
-_MAX_ROUNDS = 12
-_MOST_UPDATES = 2000
 _SOLVED = 1e-12
 _TARGET_BAND = 1e-3
 """Relative distance below a limit at which the allocation stops."""
@@ -505,7 +628,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
     # The statistic is not exactly proportional to the RMS, whose square the budget divides: correct the targets.
     target_variances = 1.0 / np.maximum(np.square(initial_excess), np.finfo(float).tiny)
     factors, verified = np.ones(shares.shape[1]), prediction
-    for _ in range(_MAX_ROUNDS):
+    for _ in range(12):
         excess = _relative_excess(verified, limits)
         if np.max(excess) <= 1.0:
             break
@@ -539,7 +662,7 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
     changed by the excess of its sum to the power of 3/2 until it is zero or its limit is met.
     """
     multipliers = np.ones(2)
-    for _ in range(_MOST_UPDATES):
+    for _ in range(2000):
         # A price of at most one leaves the tolerance unchanged.
         factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
         change = (shares @ np.square(factors) / target_variances) ** 1.5
@@ -571,15 +694,6 @@ class WarrantyMap:
     """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
     grades: tuple[str, ...]
     """``(V,)`` grade that every configuration of the voxel meets."""
-
-    def csv(self) -> str:
-        """Return a CSV with a row for each voxel; lengths in m, angles in rad."""
-        rows = ["x_m,y_m,z_m,configurations,rms_m,bound95_m,rms_rad,bound95_rad,grade"]
-        columns = (self.rms[0], self.bound[0], self.rms[1], self.bound[1])
-        for i, centre in enumerate(self.centre.T.tolist()):
-            numbers = [number_text(float(value)) for value in (*centre, *(column[i] for column in columns))]
-            rows.append(",".join((*numbers[:3], str(int(self.count[i])), *numbers[3:], self.grades[i])))
-        return "\n".join(rows) + "\n"
 
 
 def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> WarrantyMap:

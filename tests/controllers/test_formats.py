@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 from pathlib import Path
+from typing import get_args
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,11 +14,12 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from robacc.controllers.dh_table import dh_table, joint_frames
-from robacc.controllers.formats import (
-    ControllerFormat,
+from robacc.api.export import ExportFormatName
+from robacc.controllers import (
     ExportedModel,
+    dh_table,
     export_model,
+    joint_frames,
     parse_controller_file,
     remaining_error,
 )
@@ -127,11 +129,11 @@ def test_a_dh_table_gives_the_same_poses(path: Path, is_perturbed: bool) -> None
 
 
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
-@pytest.mark.parametrize("form", [ControllerFormat.mdh, ControllerFormat.json])
-def test_tables_and_json_are_read_back(path: Path, form: ControllerFormat) -> None:
+@pytest.mark.parametrize("form", ["mdh", "json"])
+def test_tables_and_json_are_read_back(path: Path, form: str) -> None:
     robot = perturbed(path)
     exported = export_model(robot, form)
-    if form is ControllerFormat.mdh:
+    if form == "mdh":
         again = parse_robot(exported.text, "mdh.yaml")
         assert again.convention == "modified"
     else:
@@ -144,7 +146,7 @@ def test_tables_and_json_are_read_back(path: Path, form: ControllerFormat) -> No
 
 def test_json_holds_both_tables() -> None:
     robot = perturbed(ROBOTS[0])
-    document = json.loads(export_model(robot, ControllerFormat.json).text)
+    document = json.loads(export_model(robot, "json").text)
     q = samples(robot)
 
     def frame(key: str) -> Array:
@@ -188,7 +190,7 @@ def ur_poses(text: str, nominal: dict[str, tuple[float, ...]], q: Array) -> Arra
 
 def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
-    exported = export_model(robot, ControllerFormat.ur_calibration)
+    exported = export_model(robot, "ur-calibration")
     assert exported.arm == "ur10"
     change = deltas(exported.text)
     assert change["a"][5] == change["alpha"][5] == 0, "the controller has neither behind the last axis"
@@ -211,7 +213,7 @@ def test_calibration_conf_is_read() -> None:
 def test_calibration_conf_comes_back() -> None:
     text = CONF.read_text(encoding="ascii")
     robot = parse_controller_file(text, "calibration.conf", "ur10e")
-    exported = export_model(robot, ControllerFormat.ur_calibration, template=text)
+    exported = export_model(robot, "ur-calibration", template=text)
     q = samples(robot)
     assert_same(ur_poses(exported.text, UR10E, q), ur_poses(text, UR10E, q))
     kept = [line for line in text.splitlines() if not line.startswith("delta_")]
@@ -232,8 +234,8 @@ def link_poses(text: str, q: Array) -> Array:
     return np.array(result)
 
 
-@pytest.mark.parametrize(("form", "name"), [(ControllerFormat.ur_kinematics, "ur10"), (ControllerFormat.xarm, "panda")])
-def test_ros_kinematics_files_hold_the_arm(form: ControllerFormat, name: str) -> None:
+@pytest.mark.parametrize(("form", "name"), [("ur-kinematics", "ur10"), ("xarm", "panda")])
+def test_ros_kinematics_files_hold_the_arm(form: str, name: str) -> None:
     robot = perturbed(ROOT / "configs" / "robots" / f"{name}.yaml")
     exported = export_model(robot, form)
     q = samples(robot)
@@ -247,12 +249,12 @@ def test_ros_kinematics_files_hold_the_arm(form: ControllerFormat, name: str) ->
 def test_the_hash_of_the_arm_is_kept() -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
     template = "kinematics:\n  shoulder: {}\n  hash: calib_12345\n"
-    text = export_model(robot, ControllerFormat.ur_kinematics, template=template).text
+    text = export_model(robot, "ur-kinematics", template=template).text
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12345"
 
 
-@pytest.mark.parametrize("form", [ControllerFormat.urdf, ControllerFormat.mdh])
-def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: ControllerFormat) -> None:
+@pytest.mark.parametrize("form", ["urdf", "mdh"])
+def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: str) -> None:
     path = ROOT / "configs" / "robots" / "puma560.yaml"
     rigid = parse_robot(path.read_text(encoding="utf-8"), path.name)
     entry = {"effect": "joint_compliance", "joints": ["j2", "j3"], "values": {"j2": 2e-5, "j3": 3e-5}}
@@ -294,18 +296,18 @@ def urdf_poses(text: str, q: Array) -> Array:
     return np.array(result)
 
 
-def written_poses(form: ControllerFormat, exported: ExportedModel, nominal: Robot, model: Robot, q: Array) -> Array:
+def written_poses(form: str, exported: ExportedModel, nominal: Robot, model: Robot, q: Array) -> Array:
     """What the written file computes, with the base of the model and the tool that the export names."""
     base, tool = of_frame(model.base), of_frame(exported.tool)
-    if form is ControllerFormat.urdf:
+    if form == "urdf":
         return urdf_poses(exported.text, q)
-    if form is ControllerFormat.mdh:
+    if form == "mdh":
         return model_poses(parse_robot(exported.text, "mdh.yaml"), q)
-    if form is ControllerFormat.json:
+    if form == "json":
         return model_poses(parse_controller_file(exported.text, "arm.json"), q)
-    if form is ControllerFormat.ur_calibration:
+    if form == "ur-calibration":
         return base @ ur_poses(exported.text, UR10, q) @ tool
-    if form is ControllerFormat.joint_offsets:
+    if form == "joint-offsets":
         rows = [line.split(",") for line in exported.text.splitlines() if not line.startswith("#")][1:]
         shifted = q + np.radians([float(row[1]) for row in rows])[:, None]
         controller = exported.controller
@@ -313,8 +315,8 @@ def written_poses(form: ControllerFormat, exported: ExportedModel, nominal: Robo
     return base @ link_poses(exported.text, q) @ tool
 
 
-@pytest.mark.parametrize("form", list(ControllerFormat))
-def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: ControllerFormat) -> None:
+@pytest.mark.parametrize("form", get_args(ExportFormatName))
+def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: str) -> None:
     path = ROOT / "configs" / "robots" / "ur10.yaml"
     nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
     nominal = dataclasses.replace(nominal, effects=(), targets={})
@@ -322,12 +324,12 @@ def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: ControllerFo
     names = rigid.variable_names[1:3]
     entry = {"effect": "joint_compliance", "joints": list(names), "values": dict(zip(names, (2e-5, 3e-5), strict=True))}
     model = dataclasses.replace(rigid, effects=(entry,))
-    exported = export_model(model, form, nominal=nominal)
+    exported = export_model(model, form, nominal=nominal if form == "joint-offsets" else None)
     q = samples(model)
     assert_same(written_poses(form, exported, nominal, model, q), model_poses(exported.controller, q))
     # What the format lacks is stated, with the error that it leaves.
     assert exported.not_carried[0] == "effect joint_compliance"
-    assert ("link geometry" in exported.not_carried) == (form is ControllerFormat.joint_offsets)
+    assert ("link geometry" in exported.not_carried) == (form == "joint-offsets")
     elastic = predict(model, Measurements(np.zeros((3, q.shape[1])), q=q)).translation.T
     left = np.linalg.norm(model_poses(exported.controller, q)[:, :3, 3] - elastic, axis=1)
     # 40 other poses than the thousand of the figure.
@@ -344,26 +346,26 @@ def test_joint_offsets_are_those_of_the_model() -> None:
         for joint, offset in zip(nominal.joints, offsets, strict=True)
     ]
     model = dataclasses.replace(nominal, joints=tuple(joints), tool=Frame((0.1, 0.0, 0.1)))
-    exported = export_model(model, ControllerFormat.joint_offsets, nominal=nominal)
+    exported = export_model(model, "joint-offsets", nominal=nominal)
     rows = [line.split(",") for line in exported.text.splitlines() if not line.startswith("#")][1:]
     np.testing.assert_allclose([float(row[1]) for row in rows], np.degrees(offsets), atol=1e-6)
     assert exported.remaining.position_max < MICROMETRE
-    off_table = export_model(perturbed(path), ControllerFormat.joint_offsets, nominal=nominal)
+    off_table = export_model(perturbed(path), "joint-offsets", nominal=nominal)
     assert off_table.remaining.position_rms > 1e-4, "link lengths cannot be mastered away"
 
 
 def test_arms_that_do_not_fit_a_format_are_refused() -> None:
     puma = parse_robot(ROBOTS[2].read_text(encoding="utf-8"), "x")
     with pytest.raises(UsageError, match="arms of Universal Robots"):
-        export_model(perturbed(ROOT / "configs" / "robots" / "puma560.yaml"), ControllerFormat.ur_calibration)
+        export_model(perturbed(ROOT / "configs" / "robots" / "puma560.yaml"), "ur-calibration")
     with pytest.raises(UsageError, match="revolute joints only"):
-        export_model(perturbed(ROOT / "configs" / "robots" / "scara.yaml"), ControllerFormat.xarm)
+        export_model(perturbed(ROOT / "configs" / "robots" / "scara.yaml"), "xarm")
     with pytest.raises(UsageError, match="needs the nominal model"):
-        export_model(puma, ControllerFormat.joint_offsets)
+        export_model(puma, "joint-offsets")
     first = puma.joints[0]
     follower = Joint("follower", "revolute", dict(first.parameters), mimic=Mimic(first.name))
     with pytest.raises(UsageError, match="follower follows other joints"):
-        export_model(dataclasses.replace(puma, joints=(*puma.joints, follower)), ControllerFormat.json)
+        export_model(dataclasses.replace(puma, joints=(*puma.joints, follower)), "json")
 
 
 @pytest.mark.parametrize(

@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from slow_parameters import some_fast
 
 import robacc
-from robacc.correction.correction import length_bound
-from robacc.correction.solving import Evaluate, JointSolution, solve
+from robacc.correction import Evaluate, JointSolution, length_bound, solve
 from robacc.effects.base import REGISTRY
 from robacc.effects.constants import absorbed
 from robacc.effects.specification import entry_of
@@ -270,7 +269,7 @@ def test_frame_base_takes_targets_of_the_controller() -> None:
     result = robacc.correct(data, model=model, nominal=nominal, frame="base")
     np.testing.assert_allclose(result.targets.wanted.q, q, atol=1e-7)
     # The controller computes q from the Cartesian command in its own frames.
-    command = result.targets.pair.from_measuring(result.targets.command)
+    command = result.targets.setting.from_measuring(result.targets.command)
     np.testing.assert_allclose(
         command.translation, predict(nominal, joint_targets(result.targets.q)).translation, atol=1e-12
     )
@@ -377,7 +376,7 @@ def test_work_grows_in_proportion_to_the_targets() -> None:
 
     for n in (100, 800):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("robacc.correction.correction.solve", counted(n))
+            patch.setattr("robacc.correction.solve", counted(n))
             robacc.correct(joint_targets(middle_joints(nominal, n, seed=n)), model=model, nominal=nominal)
     per_target = [counts[n] / n for n in counts]
     assert max(per_target) < 15

@@ -10,15 +10,19 @@ import pytest
 from scipy import stats
 
 from robacc.planning.design import (
+    LEAST_DIRECTION_SHARE,
     Criterion,
     DesignProblem,
+    ExpectedPower,
     FitCriterion,
+    PowerCriterion,
     choose,
+    direction_shares,
     information_of,
     region_variance,
+    route,
 )
-from robacc.planning.power import PowerCriterion, PowerProblem, choose_for_power, expected_power, random_power
-from robacc.planning.route import LEAST_DIRECTION_SHARE, direction_shares, route
+from robacc.planning.expected import choose_for_power, random_power
 
 
 def problem(criterion: Criterion, n: int = 60, size: int = 5, components: int = 3, seed: int = 0) -> DesignProblem:
@@ -91,7 +95,7 @@ def test_what_was_measured_already_counts() -> None:
     assert at(later, chosen_of(later, 5)) < at(case, first)
 
 
-def power_problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -> PowerProblem:
+def power_problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -> DesignProblem:
     rng = np.random.default_rng(seed)
     rows, columns = rng.normal(size=(n, 3, free)), rng.normal(size=(n, 3, effects))
     # Poses differ in what they show, or every choice would be as good.
@@ -100,10 +104,14 @@ def power_problem(seed: int = 0, n: int = 60, free: int = 4, effects: int = 7) -
     rival = np.arange(effects)
     rival[0], rival[1] = 1, 0
     information = np.diag(np.repeat([1e-6, 0.0], [free, effects]))
-    return PowerProblem(np.concatenate((rows, columns), 2), information, PowerCriterion(np.full(effects, 30.0), rival))
+    return DesignProblem(np.concatenate((rows, columns), 2), information, PowerCriterion(np.full(effects, 30.0), rival))
 
 
-def explained(case: PowerProblem, chosen: np.ndarray, k: int, beside: list[int]) -> float:
+def power_of(case: DesignProblem, chosen: np.ndarray) -> ExpectedPower:
+    return case.criterion.power(case.information_with(chosen))  # type: ignore[union-attr]
+
+
+def explained(case: DesignProblem, chosen: np.ndarray, k: int, beside: list[int]) -> float:
     """Squared length of column k of the chosen poses, orthogonal to the four free ones and those ``beside``."""
     columns = case.rows[chosen].reshape(-1, case.rows.shape[2])
     column, others = columns[:, 4 + k], columns[:, [*range(4), *(4 + i for i in beside)]]
@@ -117,7 +125,7 @@ def test_the_value_is_that_of_least_squares() -> None:
     separated = np.ones(7)
     for k in (0, 1):
         separated[k] = stats.norm.cdf(explained(case, chosen, k, [1 - k]) ** 0.5 - 6**0.5)
-    power = expected_power(case, chosen)
+    power = power_of(case, chosen)
     np.testing.assert_allclose(
         [power.detected, power.separated], [np.mean(detected), np.mean(detected * separated)], rtol=1e-6
     )
@@ -139,7 +147,7 @@ def test_choice_for_power_is_never_worse_than_random() -> None:
         assert np.unique(chosen).size == 12
         rng = np.random.default_rng(seed)
         assert case.cost(chosen) < min(case.cost(rng.choice(60, 12, replace=False)) for _ in range(30))
-        assert expected_power(case, chosen).detected > random_power(case, 12, seed).detected
+        assert power_of(case, chosen).detected > random_power(case, case.criterion, 12, seed).detected
 
 
 def poses(n: int, seed: int = 0) -> np.ndarray:

@@ -14,8 +14,7 @@ from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose, plan_campaign
 from robacc.planning.candidates import conditions_of
 from robacc.planning.design import Criterion
-from robacc.planning.expected import candidate_rows, coefficients, free_effects, region_rows
-from robacc.planning.power import expected_power, power_problem
+from robacc.planning.expected import candidate_rows, coefficients, free_effects, power_problem, region_rows
 
 ARMS = ("irb1600", "puma560", "scara")
 POSES, CANDIDATES, DRAWS = 14, 80, 30
@@ -66,8 +65,8 @@ def test_trace(name: str) -> None:
     plan = planned(name, "trace")
     model = Model.of(plan.robot, free_effects(plan.robot, FIT))
     poses = conditions_of(model, (), 0, False).at(plan.candidates.q, None)
-    problem = power_problem(model, poses, plan.noise, None)
-    random = [expected_power(problem, at) for at in draws(plan.candidates.n)]
+    problem, criterion = power_problem(model, poses, plan.noise, None)
+    random = [criterion.power(problem.information_with(at)) for at in draws(plan.candidates.n)]
     assert plan.power.detected + plan.power.separated > max(power.detected + power.separated for power in random)
 
 

@@ -15,10 +15,8 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.extrapolation import beyond_columns
-from robacc.prediction.fit_record import _scatter
 from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import model_uncertainty
+from robacc.prediction.model_uncertainty import _scatter, beyond_columns, model_uncertainty
 from robacc.prediction.predicting import outer_sums
 from robacc.robots.description import Robot
 

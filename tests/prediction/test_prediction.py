@@ -24,8 +24,8 @@ from robacc.prediction.predicting import (
     pose_covariances,
     predict_accuracy,
     sampled_configurations,
+    uncertain_parameters,
 )
-from robacc.prediction.tolerances import Tolerances, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
@@ -54,13 +54,25 @@ def robot_of(name: str) -> Robot:
     return read_robot(Path(urdf.locate()), base_link="base_link", tip_link="tool0")
 
 
-def tolerances_of(robot: Robot) -> Tolerances | None:
-    if robot.convention != "urdf":
-        return None
-    lengths, angles = dict.fromkeys("xyz", 2e-4), dict.fromkeys(("roll", "pitch", "yaw", "offset"), 1.5e-4)
-    return Tolerances(
-        "normal", 1.0, moving_joints={**lengths, **angles}, base={"x": 1e-4, "yaw": 1e-4}, tool={"z": 3e-4}
+def with_tolerances(robot: Robot, all: dict[str, float], name: str = "") -> Robot:
+    """The robot with tolerances of every joint, or of one, in place of its own."""
+    joints = tuple(
+        dataclasses.replace(joint, tolerance={**joint.tolerance, **all})
+        if joint.type != "fixed" and name in ("", joint.name)
+        else joint
+        for joint in robot.joints
     )
+    return dataclasses.replace(robot, joints=joints)
+
+
+def toleranced(name: str) -> Robot:
+    """An arm of the proof, with tolerances of the coordinates of a URDF's origins."""
+    robot = robot_of(name)
+    if robot.convention != "urdf":
+        return robot
+    lengths, angles = dict.fromkeys("xyz", 2e-4), dict.fromkeys(("roll", "pitch", "yaw", "offset"), 1.5e-4)
+    robot = with_tolerances(robot, {**lengths, **angles})
+    return dataclasses.replace(robot, base_tolerance={"x": 1e-4, "yaw": 1e-4}, tool_tolerance={"z": 3e-4})
 
 
 def homogeneous(
@@ -118,13 +130,13 @@ def forward(robot: Robot, q: np.ndarray, errors: Mapping[str, Mapping[str, np.nd
     return pose @ frame(robot.tool, errors.get("tool", {}))
 
 
-def monte_carlo(robot: Robot, tolerances: Tolerances | None, q: np.ndarray, draws: int, seed: int) -> np.ndarray:
+def monte_carlo(robot: Robot, q: np.ndarray, draws: int, seed: int) -> np.ndarray:
     """``(M, 6)`` exact errors [d; δ] in the tool's frame, equations (3) to (5), of robots drawn from the tolerances."""
     rng = np.random.default_rng(seed)
     result = []
     for count in np.diff(np.append(np.arange(0, draws, 20_000), draws)):
         errors: dict[str, dict[str, np.ndarray]] = {}
-        for parameter in uncertain_parameters(robot, tolerances):
+        for parameter in uncertain_parameters(robot):
             owner = parameter.name.rpartition(".")[0]
             errors.setdefault(owner, {})[parameter.kind] = parameter.sd * rng.standard_normal(count)
         relative = np.linalg.inv(forward(robot, q, {})) @ forward(robot, q, errors)
@@ -134,17 +146,16 @@ def monte_carlo(robot: Robot, tolerances: Tolerances | None, q: np.ndarray, draw
 
 
 def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
-    robot = robot_of(name)
-    tolerances = tolerances_of(robot)
+    robot = toleranced(name)
     configurations = sampled_configurations(robot, n_poses, seed=4)
-    covariances = pose_covariances(
-        Arm.of(robot).chain, configurations.scalars, n_poses, uncertain_parameters(robot, tolerances)
+    position, orientation, _ = pose_covariances(
+        Arm.of(robot).chain, configurations.scalars, n_poses, uncertain_parameters(robot)
     )
     for k in range(n_poses):
-        errors = monte_carlo(robot, tolerances, configurations.q[:, k], draws, seed=k)
+        errors = monte_carlo(robot, configurations.q[:, k], draws, seed=k)
         for part, predicted in (
-            (errors[:, :3], covariances.position[..., k]),
-            (errors[:, 3:], covariances.orientation[..., k]),
+            (errors[:, :3], position[..., k]),
+            (errors[:, 3:], orientation[..., k]),
         ):
             sampled = part.T @ part / draws
             # Of a Gaussian sample covariance: var v_ij = (v_ii v_jj + v_ij^2)/n. 4.5 sigma over some 100 elements.
@@ -225,12 +236,12 @@ def test_equations_7_and_8_from_the_matrices() -> None:
 
     position = part(matrices.m1, "theta") + part(matrices.m2, "d") + part(matrices.m3, "a") + part(matrices.m4, "alpha")
     orientation = part(matrices.m2, "theta") + part(matrices.m3, "alpha")
-    np.testing.assert_allclose(covariances.position, position, atol=1e-12 * position.max())
-    np.testing.assert_allclose(covariances.orientation, orientation, atol=1e-12 * orientation.max())
+    np.testing.assert_allclose(covariances[0], position, atol=1e-12 * position.max())
+    np.testing.assert_allclose(covariances[1], orientation, atol=1e-12 * orientation.max())
 
 
-def predicted(robot: Robot, n: int = 64, tolerances: Tolerances | None = None) -> Prediction:
-    parameters = uncertain_parameters(robot, tolerances)
+def predicted(robot: Robot, n: int = 64) -> Prediction:
+    parameters = uncertain_parameters(robot)
     return predict_accuracy(robot, parameters, sampled_configurations(robot, n), default_scale())
 
 
@@ -241,7 +252,7 @@ def test_budget_sums_to_one_and_equals_the_reduction_without_a_parameter() -> No
         sums = [sum(getattr(share, quantity) for share in shares) for quantity in ("position", "orientation")]
         assert sums == pytest.approx([1.0, 1.0], abs=1e-12)
     share = next(share for share in full.budget if share.name == "j2.theta")
-    without = predicted(robot, tolerances=Tolerances("normal", 1.0, joints={"j2": {"theta": 0.0}}))
+    without = predicted(with_tolerances(robot, {"theta": 0.0}, "j2"))
     assert len(without.parameters) == len(full.parameters) - 1
     assert 1 - (without.position.rms / full.position.rms) ** 2 == pytest.approx(share.position, rel=1e-9)
     assert 1 - (without.orientation.rms / full.orientation.rms) ** 2 == pytest.approx(share.orientation, rel=1e-9)
@@ -282,7 +293,7 @@ def test_grade_and_the_share_of_poses_that_meet_it() -> None:
         (prediction.position.pose_radius95 <= 0.5e-3) & (prediction.orientation.pose_radius95 <= np.deg2rad(0.5))
     )
     assert dict(prediction.grade.meeting)["C"] == expected
-    rough = predicted(robot_of("puma560"), tolerances=Tolerances("normal", 1.0, moving_joints={"theta": 0.1}))
+    rough = predicted(with_tolerances(robot_of("puma560"), {"theta": 0.1}))
     assert rough.grade.grade == "F"
     assert all(share == 0 for _, share in rough.grade.meeting)
 
@@ -319,7 +330,7 @@ def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
     assert all(item.factor == 1.0 for item in allocate(robot, prediction, "E").needed)
-    rough = predicted(robot, tolerances=Tolerances("normal", 1.0, moving_joints={"theta": 2e-3, "alpha": 2e-3}))
+    rough = predicted(with_tolerances(robot, {"theta": 2e-3, "alpha": 2e-3}))
     allocation = allocate(robot, rough, "A")
     assert allocation.met
     assert allocation.verified.grade.grade == "A"
@@ -388,4 +399,4 @@ def test_targets_are_predicted_each_by_itself() -> None:
         sampled_configurations(robot, 4, target="left")
     data = Measurements(np.zeros((3, 16)), q=chosen.q, target=np.array(["near", "far"] * 8))
     mixed = pose_covariances(Arm.of(robot).chain, configurations_of(robot, data).scalars, 16, parameters)
-    np.testing.assert_allclose(mixed.position[..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)
+    np.testing.assert_allclose(mixed[0][..., 1::2], far.position.covariance[..., 1::2], rtol=1e-9, atol=1e-20)

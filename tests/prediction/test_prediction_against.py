@@ -28,8 +28,7 @@ from robacc.prediction.comparison import (
     scale_test,
     variance_components,
 )
-from robacc.prediction.predicting import sampled_configurations
-from robacc.prediction.tolerances import ToleranceParameter, Tolerances, uncertain_parameters
+from robacc.prediction.predicting import ToleranceParameter, sampled_configurations, uncertain_parameters
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 
@@ -245,9 +244,7 @@ def test_verdict_names_an_unexpected_pattern() -> None:
     """What the parameters move much is of the right size, what they hardly move is not."""
     variances = np.repeat([1e4, 0.05], 10)
     y = np.repeat([100.0, 2.5], 10)
-    statistics = SufficientStatistics(
-        ("p",), np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, noise_of_file()
-    )
+    statistics = SufficientStatistics(np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, noise_of_file())
     verdict = consistency(statistics).verdict
     assert verdict.startswith("the measured errors have the predicted size but not the predicted pat")
 
@@ -288,8 +285,7 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
     n = y.size
     parameters = [ToleranceParameter(f"j{i}.d", f"j{i}", "d", "d", i, "m", unit) for i in range(n)]
     noise = noise_of_file()
-    names = tuple(parameter.name for parameter in parameters)
-    return SufficientStatistics(names, 1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
+    return SufficientStatistics(1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
 
 
 def test_directly_measured_kind_has_the_textbook_interval() -> None:
@@ -320,10 +316,9 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
     parameters = [
         ToleranceParameter(f"j{i}.{kind}", f"j{i}", kind, kind, i, "m", 1e-4) for kind in ("d", "a") for i in range(5)
     ]
-    names = tuple(parameter.name for parameter in parameters)
     y = effect @ rng.standard_normal(10)
     result = variance_components(
-        SufficientStatistics(names, effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
+        SufficientStatistics(effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
     )
     assert [component.why for component in result.components] == [
         "d is not distinguishable from a on these poses",
@@ -335,7 +330,9 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
 
 
 def test_base_and_tool_are_used_as_given() -> None:
-    parameters = uncertain_parameters(ROBOT, Tolerances("normal", 1.0, base={"x": 1e-4}, tool={"z": 1e-4}))
+    parameters = uncertain_parameters(
+        dataclasses.replace(ROBOT, base_tolerance={"x": 1e-4}, tool_tolerance={"z": 1e-4})
+    )
     result = variance_components(reduce_residuals(ROBOT, simulated(8), parameters), parameters)
     assert [component.name for component in result.components] == ["theta", "d", "a", "alpha"]
     assert result.notes[-1] == "the tolerances of base and tool are used as given, not estimated"

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from robacc.errors import InputError
-from robacc.prediction.tolerances import ToleranceParameter, parse_tolerances, uncertain_parameters
+from robacc.prediction.predicting import ToleranceParameter, parse_tolerances, uncertain_parameters
 from robacc.robots.description import DH_PARAMETERS, ORIGIN_PARAMETERS, Joint, Robot
 
 DH = Robot(
@@ -33,8 +33,8 @@ UNITS = "units: {length: mm, angle: deg}\n"
 
 
 def read(text: str, robot: Robot = DH) -> dict[str, ToleranceParameter]:
-    tolerances = parse_tolerances(UNITS + text, "t.yaml", robot)
-    return {parameter.name: parameter for parameter in uncertain_parameters(robot, tolerances)}
+    toleranced, _ = parse_tolerances(UNITS + text, "t.yaml", robot)
+    return {parameter.name: parameter for parameter in uncertain_parameters(toleranced)}
 
 
 def complaint(text: str, robot: Robot = DH) -> str:
@@ -77,8 +77,8 @@ def test_a_zero_says_that_a_parameter_is_exact() -> None:
 )
 def test_how_a_tolerance_becomes_a_standard_deviation(text: str, divisor: float, meaning: str) -> None:
     content = UNITS + text + "all: {d: 0.3}"
-    tolerances = parse_tolerances(content, "t.yaml", BARE)
-    assert (tolerances.moving_joints["d"], tolerances.meaning) == (pytest.approx(3e-4 / divisor), meaning)
+    robot, stated = parse_tolerances(content, "t.yaml", BARE)
+    assert (robot.joints[0].tolerance["d"], stated) == (pytest.approx(3e-4 / divisor), meaning)
 
 
 def test_a_urdf_has_tolerances_per_coordinate_of_its_origins() -> None:

@@ -1,1 +1,0 @@
-"""Parameters of robot controllers: a model written in their formats, and read back."""

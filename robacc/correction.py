@@ -1,0 +1,831 @@
+"""Correction of targets: commands that make the real arm reach them, refused targets, and expected errors.
+
+Equation: with F the nominal kinematics, G the model of the real arm and x the wanted pose, the joint command q' solves
+G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reaches G(F^-1(x)).
+
+All targets are solved at once by damped Newton steps. With e the error of a pose, A its Jacobian to the joints and r
+the way back to the joints of the start, a step is
+
+    as many joints as errors, or more:  dq = r + A^T (A A^T + mu)^-1 (e - A r)
+    fewer joints than errors:           dq = (A^T A + mu)^-1 A^T e
+
+Rotations count as lengths by a weight (m per rad), and so do slides as angles. The first form ends at the solution
+nearest to the start (D. E. Whitney 1969), the second at the least weighted error. The damping mu falls where a step
+brings the target nearer and rises elsewhere (K. Levenberg 1944), so that singular poses stay in place. Joints stop at
+their limits.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.accuracy.grade import Quantity, Scale
+from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
+from robacc.effects.base import Effect, Part, Term
+from robacc.errors import InputError, Problem
+from robacc.fitting.parameters import absorb_constants
+from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpose
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.prediction.model_fit import ModelFit
+from robacc.prediction.model_uncertainty import completed, model_uncertainty
+from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
+from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian
+from robacc.statistics.distributions import normal_quantile
+
+# Damped steps to wanted poses, all targets at once.
+
+_PATIENCE = 5
+"""Steps without gain after which a target is given up."""
+_SETTLED = 1e-8
+"""Step (rad, slides in arm lengths) at which a target is done; a micrometre is a hundred such steps."""
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-14, 1e-16, 1e3
+_RAISED = 1e-7
+"""Damping after the first step that brings a target no nearer."""
+_LARGEST_STEP = 0.3
+"""rad: largest step of a joint; longer steps leave the configuration."""
+
+Evaluate = Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
+"""Errors ``(R, M)`` and their Jacobian ``(R, J, M)`` at joints ``(J, M)`` of the targets with numbers ``(M,)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointSpace:
+    """Joints of an arm and errors of its pose, as the solver scales and limits them."""
+
+    low: Array
+    """``(J,)`` rad or m; -inf without a limit."""
+    high: Array
+    scale: Array
+    """``(J,)`` size of a joint's unit step: 1 rad, or the arm's length for a slide."""
+    length: float
+    """Size of the arm, m: RMS distance of its target from its base."""
+    weights: Array
+    """``(R,)`` weight of each component of the error: 1 for m, a length for rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointSolution:
+    """Joints at the end of the iteration."""
+
+    q: Array
+    """``(J, N)`` rad or m."""
+    error: Array
+    """``(R, N)`` remaining error, m and rad."""
+    settled: NDArray[np.bool_]
+    """``(N,)`` whether the last step was below the tolerance."""
+
+
+def solve(evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | None = None) -> JointSolution:
+    """Return the joints nearest to ``start`` ``(J, N)`` whose error is least.
+
+    Args:
+        evaluate: Errors and Jacobian.
+        start: Joints to stay near, as far as an arm is redundant.
+        joints: Limits, scales and weights.
+        first: Joints to begin with; None for ``start``.
+    """
+    low, high, scale = (part[:, None] for part in (joints.low, joints.high, joints.scale))
+    weights = joints.weights
+    q, n = np.clip(start if first is None else first, low, high), start.shape[1]
+    error, jacobian = np.zeros((weights.size, n)), np.zeros((weights.size, len(start), n))
+    cost, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
+    stalled, settled = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
+    index, trial = np.arange(n), q.copy()
+    for _ in range(25):
+        # Joints that bring a target nearer are taken; elsewhere the damping rises.
+        new_error, new_jacobian = evaluate(trial[:, index], index)
+        new_cost = np.sum(np.square(weights[:, None] * new_error), axis=0)
+        nearer = new_cost <= cost[index] * (1.0 + 1e-9) + np.square(1e-13 * np.max(weights))
+        taken, refused = index[nearer], index[~nearer]
+        stalled[index] = np.where(new_cost < 0.999 * cost[index], 0, stalled[index] + 1)
+        q[:, taken], cost[taken] = trial[:, taken], new_cost[nearer]
+        error[:, taken], jacobian[..., taken] = new_error[:, nearer], new_jacobian[..., nearer]
+        damping[taken] = np.maximum(0.1 * damping[taken], _LEAST_DAMPING)
+        damping[refused] = np.clip(30.0 * damping[refused], _RAISED, _MOST_DAMPING)
+        matrix = weights[:, None, None] * jacobian[..., index] * scale
+        back = (start[:, index] - q[:, index]) / scale
+        at_low, at_high = q[:, index] <= low, q[:, index] >= high
+        step = _step(matrix, weights[:, None] * error[:, index], back, damping[index], at_low, at_high)
+        settled[index] = np.max(np.abs(step), axis=0, initial=0.0) < _SETTLED
+        trial[:, index] = np.clip(q[:, index] + step * scale, low, high)
+        index = index[~settled[index] & (stalled[index] < _PATIENCE)]
+        if index.size == 0:
+            break
+    return JointSolution(q, error, settled)
+
+
+def _step(
+    matrix: Array, error: Array, back: Array, damping: Array, at_low: NDArray[np.bool_], at_high: NDArray[np.bool_]
+) -> Array:
+    """Return the scaled step ``(J, M)``; joints at a limit that would leave their range stay."""
+    fixed = np.zeros(back.shape, dtype=bool)
+    for _ in range(back.shape[0] + 1):
+        step = _damped_step(matrix, error, back, damping)
+        added = ((at_low & (step < 0.0)) | (at_high & (step > 0.0))) & ~fixed
+        if not added.any():
+            break
+        fixed |= added
+        matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
+        damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
+    largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
+    return np.asarray(step * np.minimum(1.0, _LARGEST_STEP / largest))
+
+
+def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Array:
+    """Return steps ``(J, M)`` for scaled Jacobians ``(R, J, M)``, errors ``(R, M)`` and ways back ``(J, M)``."""
+    rows, columns = matrix.shape[:2]
+    stacked = np.moveaxis(matrix, 2, 0)
+    transposed = np.swapaxes(stacked, 1, 2)
+    size = np.maximum(np.einsum("mij,mij->m", stacked, stacked), 1e-300) / min(rows, columns)
+    weak = (damping * size)[:, None, None]
+    if columns < rows:
+        normal = transposed @ stacked + weak * np.eye(columns)
+        return np.asarray(np.linalg.solve(normal, transposed @ error.T[..., None])[..., 0].T)
+    if columns == rows:
+        back = np.zeros_like(back)
+    remaining = error - np.einsum("ijm,jm->im", matrix, back)
+    normal = stacked @ transposed + weak * np.eye(rows)
+    return np.asarray(back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T)
+
+
+# Circumstances of targets other than the joints, and the two arms of a correction in common frames.
+
+
+def circumstances(
+    data: Measurements, payload: float | None = None, temperature: float | None = None, time: float | None = None
+) -> Measurements:
+    """Return the targets without their joints; a column of the file has precedence over a constant."""
+
+    def filled(column: Array | None, value: float | None) -> Array | None:
+        return column if column is not None or value is None else np.full(data.n, float(value))
+
+    return Measurements(
+        position=np.zeros((3, data.n)),
+        target=data.target,
+        payload_group=data.payload_group,
+        branches=data.branches,
+        branch_names=data.branch_names,
+        direction=data.direction,
+        speed=data.speed,
+        rows=data.rows,
+        payload=filled(data.payload, payload),
+        temperature=filled(data.temperature, temperature),
+        time=filled(data.time, time),
+    )
+
+
+FrameName = Literal["measuring", "base"]
+Motion = tuple[Array | None, Array | None]
+"""Direction and speed of approach ``(J, N)``; None where unknown."""
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionSetting:
+    """Real arm as the model describes it, the arm that the controller computes with, and the targets' circumstances.
+
+    Both arms are in the same frames.
+    """
+
+    model: Model
+    """Effects of the arm; those of the measurement are left out."""
+    nominal: Arm
+    frame: FrameName
+    left_out: tuple[Effect, ...]
+    """Effects of the measurement in the model file, which no command can correct."""
+    columns: Measurements
+    """Targets; time, temperature and payload are complete as far as they are known."""
+    follows_order: bool
+    """Direction and speed of approach follow from the moves between the targets, in their order."""
+    visits: NDArray[np.int64]
+    """``(N,)`` number of the arrival that each row belongs to: rows of several measured targets share one."""
+
+    def from_measuring(self, poses: Poses) -> Poses:
+        """Return poses of the measuring frame in the frame of the Cartesian targets."""
+        return poses if self.frame == "measuring" else self.nominal.robot.base.pose.inverse() @ poses
+
+    def motion(self, q: Array) -> Motion:
+        """Return direction and speed of approach of commands ``q`` ``(J, N)`` in their order."""
+        given = (self.columns.direction, self.columns.speed)
+        if not self.follows_order:
+            return given
+        direction, speed = (
+            derived if column is None else column
+            for column, derived in zip(given, motion_between_visits(q, self.visits), strict=True)
+        )
+        return direction, speed
+
+    def at(self, q: Array, motion: Motion = (None, None), index: NDArray[np.int64] | None = None) -> Measurements:
+        """Return the poses of all targets, or of those ``index``, at commands ``q`` ``(J, M)``."""
+        index = np.arange(q.shape[1]) if index is None else index
+        direction, speed = (None if part is None else part[:, index] for part in motion)
+        return dataclasses.replace(
+            self.columns.subset(index), position=np.zeros((3, index.size)), q=q, direction=direction, speed=speed
+        )
+
+    def nominal_poses(self, q: Array) -> Poses:
+        """Return poses of the target, measuring frame, that the controller computes for joints ``q`` ``(J, N)``."""
+        return Model(self.nominal).bind(self.at(q)).poses(np.zeros(0))
+
+    def joint_space(self, q: Array, oriented: bool, weight: float | None = None) -> JointSpace:
+        """Return limits, scales and weights near joints ``q`` ``(J, N)``.
+
+        An arm with six axes or more reaches position and orientation, so the weight of orientation is only a scale: the
+        arm's length. For an arm with fewer axes ``weight`` (m per rad) decides what it corrects.
+        """
+        variables = self.model.arm.robot.variables
+        low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in variables]).T
+        base = np.array(self.nominal.robot.base.xyz)[:, None]
+        length = max(rms_length(self.nominal.chain.forward(q).translation - base), 1e-3)
+        scale = np.array([1.0 if joint.type == "revolute" else length for joint in variables])
+        turn = length if weight is None or len(variables) >= 6 else weight
+        return JointSpace(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
+
+
+def setting_of(
+    model: Robot, nominal: Robot, columns: Measurements, data: Measurements, frame: FrameName, ordered: bool
+) -> CorrectionSetting:
+    """Return model and nominal robot in common frames, with the circumstances ``columns`` of the targets ``data``.
+
+    The nominal robot stands where the model stands, because a controller knows no measuring frame. With ``frame``
+    ``measuring``, both carry the model's tool, the measured target; with ``base``, both carry the nominal tool, with
+    which the controller works.
+
+    Raises:
+        InputError: The two robots have different joints, or their effects cannot be read.
+    """
+    model = absorb_constants(model)
+    nominal = dataclasses.replace(nominal, effects=(), effect_units=(1.0, 1.0))
+    check_same_joints(model, nominal)
+    if frame == "base":
+        com = Arm.of(model).payload_com
+        model = dataclasses.replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=com)
+    nominal = dataclasses.replace(nominal, base=model.base, tool=model.tool, targets=model.targets)
+    full = Model.of(model)
+    known = tuple(entry for entry in full.known if not entry.effect.traits.is_of_measurement)
+    left_out = tuple(entry.effect for entry in full.known if entry.effect.traits.is_of_measurement)
+    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    return CorrectionSetting(
+        dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits
+    )
+
+
+def check_same_joints(model: Robot, nominal: Robot) -> None:
+    """Raise InputError unless both robots have the same joint variables."""
+    pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]
+    if [kind for _, kind in pairs[0]] != [kind for _, kind in pairs[1]]:
+        texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
+        message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
+        raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
+
+
+Given = Literal["joints", "poses", "poses and joints"]
+
+_REACHED = 1e-7
+"""m and rad: error at which the nominal robot reaches a Cartesian target."""
+_BLOCK = 256
+"""Cartesian targets without joints whose configurations are searched at a time."""
+
+
+@dataclass(frozen=True, slots=True)
+class WantedPoses:
+    """Wanted poses, and nominal joints that keep the commanded configuration."""
+
+    given: Given
+    poses: Poses
+    """``(N)`` wanted poses of the target in the measuring frame; rotations are nominal if none were given."""
+    oriented: bool
+    """The orientation is wanted too, not only the position."""
+    q: Array
+    """``(J, N)`` nominal joints, rad or m."""
+    reached: NDArray[np.bool_]
+    """``(N,)`` whether the nominal robot reaches the wanted pose."""
+
+
+def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
+    """Return the wanted poses of targets.
+
+    Joints mean the pose that the nominal robot has there. Commanded poses (``cmd_`` columns) are wanted as they are,
+    and joints beside them only choose the configuration. Without either, ``x, y, z`` are the wanted poses.
+
+    Raises:
+        InputError: The targets have neither joints nor poses.
+    """
+    position, rotation = data.commanded_position, data.commanded_rotation
+    if position is None and data.q is not None:
+        return WantedPoses("joints", setting.nominal_poses(data.q), True, data.q, np.ones(data.n, dtype=bool))
+    if position is None:
+        position, rotation = data.position, data.rotation
+    if data.n and data.q is None and not np.any(position):
+        fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
+        raise InputError(Problem("the targets have neither joints nor poses", data.source, fix=fix))
+    oriented = rotation is not None
+    wanted = Poses(np.repeat(np.eye(3)[:, :, None], data.n, axis=2) if rotation is None else rotation, position)
+    wanted = wanted if setting.frame == "measuring" else setting.nominal.robot.base.pose @ wanted
+    start = _searched_joints(setting.nominal, wanted, oriented) if data.q is None else data.q
+    evaluate = pose_evaluator(setting, Model(setting.nominal), wanted, oriented, (None, None), np.arange(data.n))
+    solution = solve(evaluate, start, setting.joint_space(start, oriented))
+    reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < _REACHED
+    reached |= (oriented and start.shape[0] < 6) & solution.settled
+    if not oriented:
+        wanted = Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
+    return WantedPoses("poses" if data.q is None else "poses and joints", wanted, oriented, solution.q, reached)
+
+
+def _searched_joints(arm: Arm, wanted: Poses, oriented: bool) -> Array:
+    """Return joints ``(J, N)`` for targets without joints: each the solution nearest to that of the target before."""
+    if arm.robot.targets:
+        raise InputError(Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …"))
+    low, high = joint_ranges(arm)
+    # The first is nearest to the middle of the ranges.
+    previous = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
+    result = np.empty((low.size, wanted.translation.shape[1]))
+    for start in range(0, result.shape[1], _BLOCK):
+        index = np.arange(start, min(start + _BLOCK, result.shape[1]))
+        solutions = inverse_kinematics(arm, part_of(wanted, index), oriented=oriented)
+        for column, number in enumerate(index):
+            distance = np.sum(np.square(solutions.q[:, column] - previous[:, None]), axis=0)
+            cost = np.where(solutions.converged[column], distance, np.inf)
+            best = int(np.argmin(cost if np.isfinite(cost).any() else solutions.error[column]))
+            previous = result[:, number] = solutions.q[:, column, best]
+    return result
+
+
+def pose_error(wanted: Poses, poses: Poses, oriented: bool) -> Array:
+    """Return the way from ``poses`` to ``wanted``: m, and for oriented targets a rotation vector in rad."""
+    position = wanted.translation - poses.translation
+    if not oriented:
+        return position
+    return np.concatenate((position, log_so3(compose(wanted.rotation, transpose(poses.rotation)))))
+
+
+def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
+    """Return some of the poses."""
+    return Poses(poses.rotation[..., index], poses.translation[:, index])
+
+
+def pose_evaluator(
+    setting: CorrectionSetting, model: Model, wanted: Poses, oriented: bool, motion: Motion, targets: NDArray[np.int64]
+) -> Evaluate:
+    """Return errors ``(R, K)`` of a model's poses against wanted poses, and ``(R, J, K)`` to the joints, as a function.
+
+    The Jacobian is that of the model's geometry, without how its effects change with the joints, which are some
+    thousandths of it. The errors are exact, so this costs a step at most.
+
+    Args:
+        setting: Circumstances of all targets.
+        model: Without free effects.
+        wanted: ``(M)`` wanted poses.
+        oriented: Whether their orientation is wanted too.
+        motion: Direction and speed of approach ``(J, N)`` of all targets.
+        targets: ``(M,)`` numbers of the targets whose poses are wanted.
+    """
+    # A joint variable turns its joint with the joint's sign, and those that mimic it.
+    drives = [[drive for drive in model.arm.chain.drives if drive.joint == j] for j in range(len(model.arm.names))]
+    moved = [tuple(Part(drive.motion, drive.coefficient) for drive in own) for own in drives]
+    terms = tuple(Term(name, "", 1.0, parts) for name, parts in zip(model.arm.names, moved, strict=True))
+
+    def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+        data = setting.at(q, motion, targets[index])
+        rigid = dataclasses.replace(Model(model.arm).bind(data), terms=terms)
+        poses, jacobian = rigid.linearise(np.zeros(len(terms)))
+        if model.known:
+            poses = model.bind(data).poses(np.zeros(0))
+        error = pose_error(part_of(wanted, index), poses, oriented)
+        return error, jacobian[: error.shape[0]]
+
+    return evaluate
+
+
+# Limits of a correction.
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits beyond which a target is refused, and the weight for arms with fewer than six axes."""
+
+    position: float | None = None
+    """m: largest correction; None for no limit."""
+    orientation: float | None = None
+    """rad"""
+    weight: float = 0.01
+    """m per rad: weight of orientation for arms with fewer than six axes."""
+    beyond_range: bool = False
+    """Correct targets outside the validity range of the model too."""
+    ranges: Mapping[str, tuple[float, float]] | None = None
+    """Lowest and highest value that the model was fitted on, by joint or column; None if unknown."""
+
+
+# Reasons for which a target is not corrected.
+
+_TOLERANCE = 1e-6
+"""m and rad"""
+_AMPLIFICATION = 30.0
+"""Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
+_NOTICEABLE = np.radians(0.5)
+"""rad: turn of a joint below which a singular pose does no harm."""
+_MARGIN = 0.05
+"""Share of a range by which a target may exceed it."""
+_DEGREES = 180.0 / np.pi
+
+
+class Cause(StrEnum):
+    """Cause of a refusal."""
+
+    unreached = "unreached"
+    limit = "limit"
+    approach = "approach"
+    singular = "singular"
+    configuration = "configuration"
+    too_large = "too_large"
+    out_of_range = "out_of_range"
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Cause of the refusal of a target, and the reason as a sentence."""
+
+    cause: Cause
+    reason: str
+
+
+def refusals(
+    setting: CorrectionSetting, wanted: WantedPoses, solution: JointSolution, joints: JointSpace, limits: Limits
+) -> list[Refusal | None]:
+    """Return the reason of each target that is refused, the first that applies; None for the others."""
+    names, n_joints = setting.model.arm.names, solution.q.shape[0]
+    result: list[Refusal | None] = [None] * solution.q.shape[1]
+
+    def refuse(refused: NDArray[np.bool_], cause: Cause, reason: str | Callable[[int], str]) -> None:
+        for i in np.flatnonzero(refused).tolist():
+            result[i] = result[i] or Refusal(cause, reason if isinstance(reason, str) else reason(i))
+
+    configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
+    refuse(~wanted.reached, Cause.unreached, f"the nominal robot does not reach the wanted pose{configuration}")
+    if not limits.beyond_range:
+        data = setting.at(wanted.q, setting.motion(wanted.q))
+        for known in setting.model.known:
+            reason = f"outside the validity range of {known.effect}"
+            refuse(known.is_held_at(setting.model.arm, data), Cause.out_of_range, reason)
+        columns: dict[str, Array | None] = dict(zip(names, wanted.q, strict=True))
+        columns["payload_kg"] = data.payload
+        # A temperature that no effect depends on refuses no target.
+        if any("temperature_c" in known.effect.validity_drivers(setting.model.arm) for known in setting.model.known):
+            columns["temperature_c"] = data.temperature
+        for name, (low, high) in (limits.ranges or {}).items():
+            if (values := columns.get(name)) is not None:
+                margin = _MARGIN * (high - low)
+                outside = (values < low - margin) | (values > high + margin)
+                refuse(outside, Cause.out_of_range, f"{name} is outside the range that the model was fitted on")
+
+    # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
+    # never reach every pose: what counts is whether a limit takes part.
+    at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
+    limited = [" and ".join(itertools.compress(names, stopped)) for stopped in at_limit.T]
+    failed = ~solution.settled | np.any(at_limit, axis=0)
+    if not wanted.oriented or n_joints >= 6:
+        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
+    remaining = _amounts(solution.error)
+    refuse(
+        failed & np.any(at_limit, axis=0),
+        Cause.limit,
+        lambda i: f"the correction would take {limited[i]} beyond the joint limit",
+    )
+    refuse(
+        failed & setting.follows_order & solution.settled,
+        Cause.approach,
+        "a joint moves less than its play since the previous target, so its direction of approach is unknown",
+    )
+    converges = "near a singular pose the correction does not converge"
+    refuse(failed, Cause.singular, lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain")
+
+    # Near a singular pose joints turn far or change the configuration.
+    correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
+    move = np.abs(solution.q - wanted.q) / joints.scale[:, None]
+    largest, joint = np.max(move, axis=0), np.argmax(move, axis=0)
+    amplified = largest / np.maximum(correction[0] / joints.length + correction[1], 1e-9)
+
+    def moves(i: int) -> str:
+        turn = f"{float(largest[i]) * _DEGREES:.2g}°"
+        return f"near a singular pose: {names[joint[i]]} would move by {turn} for {_sizes(*correction[:, i])}"
+
+    refuse((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), Cause.singular, moves)
+    if wanted.oriented and n_joints == 6:
+        before, after = (
+            np.linalg.det(np.moveaxis(pose_jacobian(setting.nominal, q)[1], 2, 0)) for q in (wanted.q, solution.q)
+        )
+        passes = "the correction would pass a singular pose into another configuration"
+        refuse(before * after < 0.0, Cause.configuration, passes)
+    most = (limits.position, limits.orientation if wanted.oriented else None)
+    far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
+    allowed = _sizes(limits.position, limits.orientation)
+    refuse(
+        far,
+        Cause.too_large,
+        lambda i: f"the correction of {_sizes(*correction[:, i])} is larger than {allowed}, see `most`",
+    )
+    return result
+
+
+def _amounts(error: Array) -> Array:
+    """Return the lengths ``(2, N)`` of the first three components and of the others; zero without others."""
+    return np.stack((np.linalg.norm(error[:3], axis=0), np.linalg.norm(error[3:], axis=0)))
+
+
+def _sizes(position: float | None, angle: float | None) -> str:
+    """Return lengths in mm and angles in degrees as text."""
+    parts = [] if position is None else [f"{1e3 * float(position):.3g} mm"]
+    parts += [] if angle is None else [f"{float(angle) * _DEGREES:.2g}°"]
+    return " and ".join(parts)
+
+
+_SAME_APPROACH = 1e-6
+"""Change of a relative speed that changes no pose by as much as the tolerance."""
+_ROUNDS = 5
+"""Rounds over all targets until directions and speeds of approach agree with the corrected commands."""
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectedTargets:
+    """Commands of all targets; a refused target keeps its nominal command."""
+
+    setting: CorrectionSetting
+    wanted: WantedPoses
+    q: Array
+    """``(J, N)`` corrected joint commands, rad or m."""
+    command: Poses
+    """``(N)`` poses that the controller computes for ``q``, measuring frame."""
+    data: Measurements
+    """Targets at their corrected commands, with their circumstances."""
+    correction: Array
+    """``(6, N)`` command less wanted pose: m, and a rotation vector in rad, measuring frame."""
+    error_before: Array
+    """``(6, N)`` predicted pose at the nominal command less wanted pose."""
+    error_after: Array
+    """``(6, N)`` predicted pose at the corrected command less wanted pose; for a refused target as before."""
+    refusals: tuple[Refusal | None, ...]
+    """``(N)`` reason of each refused target; None for a corrected target."""
+
+    @property
+    def is_corrected(self) -> NDArray[np.bool_]:
+        """``(N,)`` targets with a correction."""
+        return np.array([refusal is None for refusal in self.refusals], dtype=bool)
+
+
+def _solved(
+    setting: CorrectionSetting,
+    wanted: WantedPoses,
+    joints: JointSpace,
+    matters: tuple[bool, bool],
+    beside: tuple[JointSolution, NDArray[np.bool_]] | None = None,
+) -> JointSolution:
+    """Return the solution of all targets, each near its nominal joints.
+
+    It is repeated for targets whose approach changes with the commands of others, in a way that ``matters`` to the
+    model: in direction, in speed. With a solution ``beside`` and the targets that were refused in it, return the one
+    where these stay at their nominal joints.
+    """
+    nominal, n = wanted.q, wanted.q.shape[1]
+
+    def changed(before: Motion, after: Motion) -> NDArray[np.int64]:
+        """Return the numbers of targets to solve again."""
+        result = np.zeros(n, dtype=bool)
+        for old, new, counts in zip(before, after, matters, strict=True):
+            if counts and old is not None and new is not None:
+                result |= np.any(np.abs(new - old) > _SAME_APPROACH, axis=0)
+        return np.flatnonzero(result & chosen)
+
+    chosen, index = np.ones(n, dtype=bool), np.arange(n)
+    q, error, settled = nominal.copy(), np.zeros((joints.weights.size, n)), np.zeros(n, dtype=bool)
+    if beside is not None:
+        before, chosen = beside[0], ~beside[1]
+        q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.settled.copy()
+        index = changed(setting.motion(before.q), setting.motion(q))
+
+    def evaluator() -> Evaluate:
+        return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
+
+    motion = setting.motion(q)
+    for _ in range(_ROUNDS):
+        if index.size == 0:
+            break
+        part = solve(evaluator(), nominal[:, index], joints, q[:, index])
+        q[:, index], error[:, index], settled[index] = part.q, part.error, part.settled
+        previous, motion = motion, setting.motion(q)
+        index = changed(previous, motion)
+    if index.size:
+        # The approach does not agree with the commands: the error shows it, and the target is refused.
+        error[:, index] = evaluator()(q[:, index], np.arange(index.size))[0]
+    return JointSolution(q, error, settled)
+
+
+def _approach_matters(setting: CorrectionSetting, q: Array) -> tuple[bool, bool]:
+    """Return whether the model's poses depend on direction and on speed of approach, where the order gives them."""
+    if not setting.follows_order:
+        return False, False
+    index = np.arange(min(q.shape[1], 2))
+    results = []
+    for signs in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)):
+        direction, speed = (np.full(q.shape, sign) for sign in signs)
+        poses = setting.model.bind(setting.at(q[:, index], (direction, speed), index)).poses(np.zeros(0))
+        results.append(np.concatenate((poses.rotation.reshape(9, -1), poses.translation)))
+    return not np.array_equal(results[0], results[1]), not np.array_equal(results[0], results[2])
+
+
+# Expected errors of targets before and after the correction: their length, its 95 % bound, and the grade.
+#
+# A predicted error e with covariance V of what the model does not know has a length below the bound with probability
+# 0.95. Its square is a weighted sum of noncentral chi-squares, here by Pearson's approximation with three cumulants,
+# within 2 % of the exact radius. Source: E. S. Pearson, "Note on an approximation to the distribution of non-central
+# chi-square", Biometrika 46 (1959); for quadratic forms J. P. Imhof, Biometrika 48 (1961), eq. 4.2.
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedErrors:
+    """Expected errors of N targets, at their nominal or at their corrected commands."""
+
+    position: Array
+    """``(N,)`` length of the predicted error, m."""
+    orientation: Array
+    """``(N,)`` angle of the predicted error, rad."""
+    position_rms: Array
+    """``(N,)`` root mean square of the error's length: predicted error and uncertainty of the model, m."""
+    orientation_rms: Array
+    """``(N,)`` rad."""
+    position_bound: Array | None
+    """``(N,)`` bound of 95 % of the errors, m; None where the model has no uncertainty."""
+    orientation_bound: Array | None
+    """``(N,)`` rad; None where the model has no uncertainty of orientation."""
+    grades: tuple[str, ...] | None
+    """``(N,)`` grade of each bound; None without bounds."""
+
+    @property
+    def orientation_is_known(self) -> bool:
+        """Return whether the model says how uncertain its orientation is; a fit to positions alone does not."""
+        return self.position_bound is None or self.orientation_bound is not None
+
+
+def expected_errors(
+    error: Array, position: Array | None, orientation: Array | None, scale: Scale, oriented: bool
+) -> ExpectedErrors:
+    """Return lengths, bounds and grades of predicted errors ``(6, N)``.
+
+    Args:
+        error: Predicted position errors, m, and orientation errors, rad.
+        position: ``(3, 3, N)`` covariance of the unpredicted position error, m²; None if unknown.
+        orientation: ``(3, 3, N)`` rad²; None if unknown.
+        scale: Scale of the grades.
+        oriented: Whether orientation counts.
+    """
+    lengths, rms, bounds = [], [], []
+    for part, covariance in ((error[:3], position), (error[3:], orientation)):
+        square = np.sum(np.square(part), axis=0)
+        lengths.append(np.sqrt(square))
+        rms.append(np.sqrt(square + (0.0 if covariance is None else np.einsum("iin->n", covariance))))
+        bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
+    counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
+    sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
+    grades = None
+    if "position" in sizes:
+        # The best grade whose limits the bounds meet.
+        grades = tuple(map(scale.name_of, np.argmax(steps_met(scale, sizes), axis=0).tolist()))
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1], bounds[0], bounds[1], grades)
+
+
+def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
+    """Return radii ``(N,)`` about zero that contain ``probability`` of N(mean, covariance).
+
+    Args:
+        probability: Above 0.5.
+        mean: ``(3, N)``.
+        covariance: ``(3, 3, N)``.
+    """
+    moved = np.einsum("ijn,jn->in", covariance, mean)
+    square = np.einsum("ijn,jkn->ikn", covariance, covariance)
+    first = np.einsum("iin->n", covariance) + np.sum(np.square(mean), axis=0)
+    second = np.einsum("iin->n", square) + 2.0 * np.sum(mean * moved, axis=0)
+    third = np.einsum("ijn,jin->n", square, covariance) + 3.0 * np.sum(np.square(moved), axis=0)
+    scatter = second > 1e-28 * np.square(first)
+    dof = np.where(scatter, second**3 / np.where(scatter, third, 1.0) ** 2, 1.0)
+    # Wilson and Hilferty's cube root; at one degree of freedom, exactly.
+    part = 2.0 / (9.0 * dof)
+    quantile = dof * (1.0 - part + normal_quantile(probability) * np.sqrt(part)) ** 3
+    quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
+    return np.asarray(
+        np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """Corrected targets with their expected errors."""
+
+    targets: CorrectedTargets
+    limits: Limits
+    limits_source: Literal["option", "model", "none"]
+    before: ExpectedErrors
+    """At the nominal commands."""
+    after: ExpectedErrors
+    """At the corrected commands."""
+    scale: Scale
+    notes: tuple[str, ...]
+    """Assumptions and limitations."""
+
+    @property
+    def n_targets(self) -> int:
+        """Number of targets."""
+        return len(self.targets.refusals)
+
+    @property
+    def n_corrected(self) -> int:
+        """Number of corrected targets."""
+        return int(np.count_nonzero(self.targets.is_corrected))
+
+    @property
+    def correction_metrics(self) -> PoseMetrics:
+        """Metrics of the corrected targets' corrections, m and rad."""
+        return pose_metrics(self.targets.correction[:, self.targets.is_corrected])
+
+    def metrics(self, sizes: Array) -> ErrorMetrics:
+        """Return the metrics over the corrected targets of sizes ``(N,)`` of all targets, m or rad."""
+        return length_metrics(sizes[self.targets.is_corrected])
+
+    @property
+    def causes(self) -> dict[Cause, int]:
+        """Number of refused targets by cause, the causes in their order."""
+        causes = [refusal.cause for refusal in self.targets.refusals if refusal is not None]
+        return {cause: causes.count(cause) for cause in Cause if cause in causes}
+
+
+def correction(
+    data: Measurements,
+    model: Robot,
+    nominal: Robot,
+    columns: Measurements,
+    fit: ModelFit | None,
+    *,
+    ordered: bool,
+    frame: FrameName,
+    limits: Limits,
+    limits_source: Literal["option", "model", "none"],
+    scale: Scale,
+) -> Correction:
+    """Correct targets and compute their expected errors.
+
+    Raises:
+        InputError: The robots have different joints, the targets have neither joints nor poses, or the arm has no
+            elastic equilibrium.
+        MissingColumnError: The targets lack what an effect of the model depends on.
+    """
+    setting = setting_of(model, nominal, columns, data, frame, ordered)
+    wanted = wanted_poses(data, setting)
+    joints, matters = (
+        setting.joint_space(wanted.q, wanted.oriented, limits.weight),
+        _approach_matters(setting, wanted.q),
+    )
+    solution = _solved(setting, wanted, joints, matters)
+    refused = refusals(setting, wanted, solution, joints, limits)
+    if any(refused) and any(matters):
+        # Refused targets keep their nominal command, which changes the approach to the targets after them.
+        solution = _solved(setting, wanted, joints, matters, (solution, np.array(list(map(bool, refused)))))
+        again = refusals(setting, wanted, solution, joints, limits)
+        refused = [first or second for first, second in zip(refused, again, strict=True)]
+    q = np.where(np.array(list(map(bool, refused)), dtype=bool), wanted.q, solution.q)
+    uncorrected, corrected = (setting.at(each, setting.motion(each)) for each in (wanted.q, q))
+    errors = [
+        -pose_error(wanted.poses, setting.model.bind(poses).poses(np.zeros(0)), True)
+        for poses in (uncorrected, corrected)
+    ]
+    command = setting.nominal_poses(q)
+    to_command = -pose_error(wanted.poses, command, True)
+    targets = CorrectedTargets(setting, wanted, q, command, corrected, to_command, errors[0], errors[1], tuple(refused))
+    position, orientation = None, None
+    if fit is not None:
+        uncertainty = model_uncertainty(model, fit, completed(model, fit, None, corrected, 0), measured=False)
+        position, orientation = uncertainty.position, uncertainty.orientation if fit.unexplained.shape[0] == 6 else None
+    before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
+    notes = []
+    if wanted.given == "joints":
+        notes.append("a joint target is taken as the pose that the nominal robot has there")
+    if setting.left_out:
+        listed = ", ".join(map(str, setting.left_out))
+        notes.append(f"{listed}: an effect of the measurement, not of the arm, is not corrected")
+    if ordered and columns.direction is None and columns.speed is None:
+        notes.append("assumed: the arm drives to the targets in their order; the approach to the first is unknown")
+    if wanted.oriented and q.shape[0] < 6:
+        notes.append(
+            f"{q.shape[0]} axes do not reach every pose: the correction has the least error, where 1° of "
+            f"orientation counts as {1e3 * limits.weight / _DEGREES:.3g} mm"
+        )
+    return Correction(targets, limits, limits_source, before, after, scale, tuple(notes))

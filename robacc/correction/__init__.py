@@ -1,1 +1,0 @@
-"""Commands that make a real arm reach its wanted poses, from a model of the arm."""

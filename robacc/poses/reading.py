@@ -163,8 +163,7 @@ def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str |
             known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
             known += [f"{key}_{unit}" for key in known for unit in NAME_UNITS]
             nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
-            message = f"expected a documented name, found {meaning!r}"
-            source.report(value, key, message, f"did you mean {nearest}?")
+            source.report(value, key, f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?")
     return result
 
 

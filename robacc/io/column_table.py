@@ -204,8 +204,8 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
             documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
             document = documents[0] if len(documents) == 1 else documents
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(Problem(f"cannot be read as JSON or YAML ({reason})", file, fix="export it again")) from None
+        message = f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})"
+        raise InputError(Problem(message, file, fix="export it again")) from None
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
     if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
         document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]

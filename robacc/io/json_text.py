@@ -63,9 +63,7 @@ def _pieces(value: Any, indent: str) -> Iterator[str]:
 
 def _is_nested(value: Any) -> bool:
     """Return whether a value has items; the types of most values come first, since the test of others is slow."""
-    if isinstance(value, _SCALARS):
-        return False
-    return isinstance(value, dict | list | tuple | np.ndarray | Mapping | Sequence)
+    return not isinstance(value, _SCALARS) and isinstance(value, dict | list | tuple | np.ndarray | Mapping | Sequence)
 
 
 def _scalar(value: Any) -> str:

@@ -22,9 +22,8 @@ from robacc.poses.columns import (
     CIRCUMSTANCES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
+    FIXED_KINDS,
     QUATERNION,
-    ROTATION_VECTOR,
-    RPY,
     SIGMAS,
     TEXTS,
     TIME_KEYS,
@@ -152,7 +151,10 @@ def read_poses(
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
             values = with_units(values, robot, known_poses)
-            wrong_joints, _ = check_units(values.complete() if log.total else values, robot.limits)
+            wrong_joints, _ = check_units(
+                values.rows(np.flatnonzero(np.isfinite(values.numbers).all(axis=0))) if log.total else values,
+                robot.limits,
+            )
         check_rows(values, robot, wrong_joints, ignore_limits)
         check_visits(values, ordered)
         angles = conventions(values, reading, robot.pose_at, known_poses)
@@ -166,7 +168,11 @@ def read_poses(
 def _read_values(table: Table, layout: Layout) -> Values:
     """Return the values of the columns in use."""
     columns, log = layout.columns, table.log
-    keys = [key for key in _numeric_order(layout) if key in columns]
+    # The members of a set are adjacent.
+    numeric = [*layout.joints(), *(key for key, kind in FIXED_KINDS.items() if kind != "text")]
+    numeric += [key for prefix in ("dir_", "speed_", "read_") for key in layout.joints(prefix)]
+    numeric += [f"branch_q{i + 1}" for i in range(len(layout.names.robot.branches))]
+    keys = [key for key in numeric if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
     table.times = frozenset(columns[key].index for key in times)
@@ -180,9 +186,8 @@ def _read_values(table: Table, layout: Layout) -> Values:
         for key, column in zip(texts, body.texts, strict=True)
     }
     if times:
-        names = {key: columns[key].name for key in times}
-        stamps = {key: by_key.pop(key) for key in times}
-        numbers = np.vstack([numbers, read_times(stamps, body.lines, names, columns[times[0]].divisor, log)])
+        stamps = {columns[key]: by_key.pop(key) for key in times}
+        numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
     return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(log.gaps))
@@ -196,21 +201,10 @@ def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
     different = set(names.tolist())
     if len(different) < max(names.size, 2) or different & set(target_names):
         return values
-    note = Note(f"{column.name} is used as the names of the poses, because it differs in every row")
-    values.log.warn(note, of_file=True)
+    text = f"{column.name} is used as the names of the poses, because it differs in every row"
+    values.log.warn(Note(text), of_file=True)
     texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
     return replace(values, texts=texts)
-
-
-def _numeric_order(layout: Layout) -> Iterator[str]:
-    """Yield the keys of all columns of numbers, with the members of a set adjacent."""
-    yield from layout.joints()
-    for prefix in ("", "cmd_"):
-        yield from (f"{prefix}{name}" for name in (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY))
-    yield from (*SIGMAS, "sigma_r", *CIRCUMSTANCES)
-    for prefix in ("dir_", "speed_", "read_"):
-        yield from layout.joints(prefix)
-    yield from (f"branch_q{i + 1}" for i in range(len(layout.names.robot.branches)))
 
 
 def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> Measurements:

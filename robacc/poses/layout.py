@@ -67,17 +67,19 @@ class Names:
     """Names that a column may have in one file, for one robot."""
 
     robot: KnownRobot
+    header: Sequence[str | None]
+    """Names of the columns, or those that a column map gives them; None for a column that is not read."""
     keys: Mapping[str, str]
     """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; those of joints outside the chain are
     ``branch_q1 …``."""
 
     @classmethod
-    def of(cls, header_names: Sequence[str | None], robot: KnownRobot) -> Names:
+    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> Names:
         """Return the names for a robot in a file with this header."""
         names = tuple(robot.joint_names or ())
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
         # first where the file has all of it; then the joints' names, where the file has all of those.
-        bare = {text for name in header_names if name for text in (name, split_unit(name)[0])}
+        bare = {text for name in header if name for text in (name, split_unit(name)[0])}
         by_name = set(names) <= bare and not {f"q{i + 1}" for i in range(len(names))} <= bare
         labels = {branch.name: (f"branch_q{i + 1}", False) for i, branch in enumerate(robot.branches)}
         for (i, name), prefix in itertools.product(enumerate(names), ("", "dir_", "speed_", "read_")):
@@ -87,7 +89,7 @@ class Names:
             for label, (key, goes_first) in labels.items()
             if label not in FIXED_KINDS and (goes_first or not JOINT_COLUMN.fullmatch(label))  # it means nothing else
         }
-        return cls(robot, keys)
+        return cls(robot, header, keys)
 
     def key(self, name: str) -> str | None:
         """Return the key of a name without unit; None for an unknown name."""
@@ -185,7 +187,7 @@ def read_layout(
         nearest = difflib.get_close_matches(stated, table.names, n=1, cutoff=0.6)
         hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
         log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
-    names = Names.of(_as_mapped(table, reading), robot)
+    names = Names.of([(reading.columns or {}).get(name, name) for name in table.names], robot)
     layout = documented_columns(table, names, reading)
     if reading.columns is None and (not table.dialect.is_documented or _lacks_a_pose(layout, attained, commands)):
         # The names are not all documented: notes say what each was taken for.
@@ -213,16 +215,11 @@ def read_layout(
     return layout
 
 
-def _as_mapped(table: Table, reading: Reading) -> list[str | None]:
-    """Return the names of a table, or those that a column map gives them; None for a column that is not read."""
-    return [(reading.columns or {}).get(name, name) for name in table.names]
-
-
 def documented_columns(table: Table, names: Names, reading: Reading = AS_NAMED) -> Layout:
     """Return the columns whose names, or whose entries in a column map, are documented."""
     columns: dict[str, Column] = {}
     unknown: list[str] = []
-    for index, name in enumerate(_as_mapped(table, reading)):
+    for index, name in enumerate(names.header):
         column = None if name is None else _documented_column(name, index, names, table, reading)
         if name is not None and column is None:
             unknown.append(name)
@@ -690,10 +687,6 @@ class Values:
             return None
         start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
-
-    def complete(self) -> Values:
-        """Return the rows in which every number could be read."""
-        return self.rows(np.flatnonzero(np.isfinite(self.numbers).all(axis=0)))
 
     def rows(self, index: NDArray[Any]) -> Values:
         """Return some of the rows."""

@@ -16,7 +16,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.columns import COMMANDED_AXES
+from robacc.poses.columns import COMMANDED_AXES, Column
 from robacc.poses.layout import Values, listing
 
 # Dates and times of day as seconds.
@@ -35,43 +35,46 @@ _EPOCHS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0))
 """Numbers above the first are times since 1970 in the unit of which the second make a second."""
 
 
-def read_times(
-    texts: Mapping[str, NDArray[np.str_]], lines: NDArray[np.int64], names: Mapping[str, str], divisor: float,
-    log: ProblemLog,
-) -> Array:  # fmt: skip
+def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int64], log: ProblemLog) -> Array:
     """Return the time ``(N,)`` of each row in s, NaN where a problem was logged; a note says where it begins.
 
     Times count from the midnight before the first row where the file has dates or clocks; numbers that count by
     themselves have no beginning.
 
     Args:
-        texts: Columns ``(N,)`` by key: ``time``, ``date``, ``seconds``, ``nanoseconds``.
+        stamps: Texts ``(N,)`` of the columns with the keys ``time``, ``date``, ``seconds``, ``nanoseconds``.
         lines: ``(N,)`` lines of the rows.
-        names: Name of each column in the file.
-        divisor: Number of the unit of ``time`` that makes one second.
         log: Takes entries that are no times.
     """
+    columns = {column.key: column for column in stamps}
+    texts = {column.key: text for column, text in stamps.items()}
 
     def each(key: str, column: NDArray[np.str_], value_of: Callable[[str], float | None], expected: str) -> Array:
         found = [value_of(text) if text else math.nan for text in column.tolist()]
         for i in [i for i, value in enumerate(found) if value is None]:
-            log.add(f"found {clip(str(column[i]))}, expected {expected}", int(lines[i]), names[key])
+            log.add(f"found {clip(str(column[i]))}, expected {expected}", int(lines[i]), columns[key].name)
         return np.array([math.nan if value is None else value for value in found])
 
     of_numbers = "a time in numbers as in the first rows"
     if "seconds" in texts:
-        parts = ((key, scale) for key, scale in (("seconds", 1.0), ("nanoseconds", 1e9)) if key in texts)
-        return _since_midnight(sum(each(key, texts[key], _number, of_numbers) / scale for key, scale in parts), log)  # type: ignore[arg-type]
+        seconds = each("seconds", texts["seconds"], _number, of_numbers)
+        if "nanoseconds" in texts:
+            seconds += each("nanoseconds", texts["nanoseconds"], _number, of_numbers) / 1e9
+        return _since_midnight(seconds, log)
     key = next((key for key in ("time", "date") if key in texts), None)
     if key is None:
-        log.add("nanoseconds without a column of seconds", None, names["nanoseconds"], "leave it out with `columns`")
+        log.add(
+            "nanoseconds without a column of seconds", None, columns["nanoseconds"].name, "leave it out with `columns`"
+        )
         return np.full(lines.size, np.nan)
     column = texts[key]
     if "date" not in texts and all(_NUMBER.fullmatch(text) for text in column[:20]):
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
-        scale = next((scale for limit, scale in _EPOCHS if typical > limit), None) if divisor == 1.0 else None
-        return _since_midnight(values / scale, log) if scale else values / divisor
+        scale = (
+            next((scale for limit, scale in _EPOCHS if typical > limit), None) if columns[key].divisor == 1.0 else None
+        )
+        return _since_midnight(values / scale, log) if scale else values / columns[key].divisor
     if key == "time" and "date" in texts:
         column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
     dates = [match for text in column.tolist() if (match := _YEAR_LAST.match(text))]
@@ -80,7 +83,7 @@ def read_times(
         log.add(
             f"found {clip(str(column[0]))}, in which either number may be the day",
             int(lines[0]),
-            names[key],
+            columns[key].name,
             "write dates as 2026-11-22, or leave the column out with `columns`",
         )
         return np.full(lines.size, np.nan)

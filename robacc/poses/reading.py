@@ -218,16 +218,6 @@ class KnownRobot:
         """Names of the targets of the robot file; empty where it has one tool, or no robot is known."""
         return () if self.target_names is None or self.target_names == "any" else tuple(self.target_names)
 
-    @property
-    def valid_targets(self) -> tuple[str, ...] | None:
-        """Names that the column ``target`` may have; None: any."""
-        return None if self.target_names is None or self.target_names == "any" else self.targets
-
-    @property
-    def targets_in_columns(self) -> tuple[str, ...] | None:
-        """Targets that columns ``x1 … z2`` may be of; None: any."""
-        return None if self.target_names == "any" else self.targets
-
 
 UNKNOWN_ROBOT = KnownRobot()
 """No robot is known."""

@@ -16,7 +16,16 @@ from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name, source_of
+from robacc.poses.columns import (
+    AXES,
+    QUATERNION,
+    SAY_LITTLE,
+    UNITS,
+    heading_of,
+    is_point_name,
+    labelled,
+    source_of,
+)
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
@@ -242,7 +251,9 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
             for name in table.names
         )
     table = with_poses_of_matrices(table)
-    return _axes_in_rows(table) or _targets_in_rows(table, robot.targets_in_columns) or table
+    # Any target may have columns of its own.
+    targets = None if robot.target_names == "any" else robot.targets
+    return _axes_in_rows(table) or _targets_in_rows(table, targets) or table
 
 
 def with_named_quaternion(table: Table) -> tuple[str, ...]:
@@ -257,12 +268,13 @@ def with_named_quaternion(table: Table) -> tuple[str, ...]:
 def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
     """Return the columns ``X1, Y1, Z1, X2 …`` by label and axis; empty unless two labels have an axis."""
     points: dict[str, dict[str, int]] = {}
-    headings = [heading_of(name) for name in names]
-    placed = [(i, *axis_and_label(heading)) for i, heading in enumerate(headings)]
-    for i, axis, label in placed:
-        if axis is not None and label is not None:
-            points.setdefault(label, {}).setdefault(axis, i)
-    sources = {source_of(headings[i].words) for i, axis, _ in placed if axis is not None}
+    sources = set()
+    for index, heading in enumerate(map(heading_of, names)):
+        words, axis = labelled(heading) or ((), "turn")
+        if axis != "turn" and (source := source_of(heading.words)) >= 0:
+            label = "".join(word for word in words if word not in SAY_LITTLE)
+            points.setdefault(label, {}).setdefault(axis, index)
+            sources.add(source)
     return {} if "" in points or len(points) < 2 or len(sources) > 1 else points
 
 

@@ -222,7 +222,7 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
         log.warn(
             f"payload_kg is {payload[heavy][0]:g} kg, more than an arm carries", int(values.lines[np.argmax(heavy)])
         )
-    target, known = values.texts.get("target"), robot.valid_targets
+    target, known = values.texts.get("target"), None if robot.target_names in (None, "any") else robot.targets
     if target is not None and known:
         log.add_rows(
             ~np.isin(target, known) & (target != ""),

@@ -214,10 +214,10 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
     if values.lines.size == 0 or layout.wrong_unit or layout.without_unit:
         return frozenset(joints), frozenset()
 
-    def bare(keys: Sequence[str] | None) -> Array | None:
+    def bare(keys: Sequence[str]) -> Array | None:
         """Return a set of columns without units in their names; None for any other set."""
-        is_bare = keys and layout.has(keys) and all(layout.columns[key].unit is None for key in keys)
-        return values.column_set(keys) if keys and is_bare else None
+        is_bare = layout.has(keys) and all(layout.columns[key].unit is None for key in keys)
+        return values.column_set(keys) if is_bare else None
 
     def refuse(keys: Sequence[str], found: str, kind: str, large: NDArray[np.bool_] | None = None) -> None:
         """Log columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
@@ -276,9 +276,11 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
         if angles is not None and (largest := np.max(np.abs(angles))) > _LARGEST_ANGLE:
             refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
     for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
-        impossible, doubtful = (False, False) if (sigma := bare(keys)) is None else doubtful_sigma(sigma, kind)
+        if (sigma := bare(keys)) is None:
+            continue
+        impossible, doubtful = doubtful_sigma(sigma, kind)
         unit, likely_unit = _READINGS[kind][:2]
-        typical = f"found a typical measuring uncertainty of {0 if sigma is None else np.median(sigma):.3g} {unit}"
+        typical = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
         if impossible:
             refuse(keys, f"{typical}, which no instrument has", kind)
         elif doubtful:

@@ -112,9 +112,7 @@ def split_cell(text: str) -> tuple[str, str | None]:
 def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
     """Return the unit in the first cell of each column that has one there; empty cells do not count."""
     first: dict[int, str | None] = {}
-    for number, row in enumerate(rows):
-        if number == _CELLS_EXAMINED:
-            break
+    for row in itertools.islice(rows, _CELLS_EXAMINED):
         for i, text in enumerate(row):
             if i not in first and any(sign.isdecimal() for sign in text):
                 first[i] = split_cell(text)[1]

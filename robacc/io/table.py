@@ -145,6 +145,7 @@ _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
+_MOST_LINES = 1000
 _NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
 """Bytes that Windows-1252 leaves open."""
 
@@ -166,7 +167,7 @@ class LineReader:
         self.encoding = "UTF-8"
         """Windows-1252 where a line is not UTF-8."""
         self.not_text: list[tuple[str, int]] = []
-        """Problems and numbers of lines with bytes that Windows-1252 does not have either."""
+        """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
         self.digest = hashlib.sha256()
         """Of the bytes read so far."""
         self.share_read = 0.5
@@ -233,7 +234,7 @@ class LineReader:
             return line.decode()
         except UnicodeDecodeError as error:
             self.encoding = "Windows-1252"
-            if any(byte in _NO_CHARACTER for byte in line):
+            if len(self.not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self.not_text.append((message, number))
             return line.decode("cp1252", errors="replace")

@@ -37,7 +37,7 @@ class ProblemLog:
     def add(self, message: str, line: int | None = None, column: str | None = None, fix: str | None = None) -> None:
         """Add a problem."""
         self.total += 1
-        if self.total <= _MAX_STORED:
+        if len(self.problems) < _MAX_STORED:
             line, row = (None, line) if self.counted == "row" else (line, None)
             self.problems.append(Problem(message, self.file, line, column, fix, row))
 

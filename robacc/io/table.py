@@ -139,7 +139,7 @@ MAX_LINE = 1 << 20
 """Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
 _BLOCK = 1 << 18
 """Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
-_TAIL = 1 << 22
+_TAIL = 5 * MAX_LINE
 """Bytes behind a block at most up to a line feed: old files end their lines otherwise."""
 _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
@@ -196,17 +196,13 @@ class LineReader:
             self.share_read = min(consumed / size, 1.0) if size else 0.5
             self.ends_with_line = data.endswith((b"\n", b"\r"))
             lines = self._lines(data, number)
-            # Only a line with much behind the block can be too long.
-            long = (i for i, line in enumerate(lines, number) if len(line) > MAX_LINE) if len(tail) > _BLOCK else ()
-            if (line := next(iter(long), None)) is not None:
-                raise InputError(
-                    Problem(
-                        f"the line is longer than {MAX_LINE / (1 << 20):g} MB",
-                        self._file,
-                        line,
-                        fix="expected one line per pose",
-                    )
-                )
+            # Only a line with much behind the block can be too long, or have no end at all.
+            too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
+            if len(tail) == _TAIL and not tail.endswith(b"\n"):
+                too_long.append(number + len(lines) - 1)
+            if too_long:
+                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
+                raise InputError(Problem(message, self._file, too_long[0], fix="expected one line per pose"))
             yield Block(lines, number)
             number += len(lines)
 

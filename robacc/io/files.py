@@ -275,18 +275,17 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:
-    is_new = not target.exists()
-    mode = 0o666 if is_new else target.stat().st_mode & 0o777
-    if not is_new and not os.access(target, os.W_OK):
+    mode = target.stat().st_mode & 0o777 if target.exists() else None
+    if mode is not None and not os.access(target, os.W_OK):
         # Another file could replace it; a write-protected file stays as it is all the same.
         raise PermissionError(None, "the file is write-protected")
     temporary = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
     try:
-        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode)) as raw:
+        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode or 0o666)) as raw:
             raw.writelines(pieces)
             raw.flush()
             os.fsync(raw.fileno())
-        if not is_new:  # the mask for new files may have taken permissions away
+        if mode is not None:  # the mask for new files may have taken permissions away
             os.chmod(temporary, mode)
         os.replace(temporary, target)
     except BaseException:

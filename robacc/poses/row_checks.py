@@ -36,8 +36,7 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     """
     if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
         return data
-    groups = data.groups()
-    if np.unique(groups).size < data.n:
+    if np.unique(data.groups()).size < data.n:
         return data
     place = close_groups(data.q, _NEAR, 2.0 * _NEAR)
     count = np.bincount(place)

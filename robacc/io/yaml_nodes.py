@@ -326,7 +326,7 @@ class _Edits:
         for key, value in document.items():
             if key in entries:
                 place = entries[key][1]
-                is_new = key in self.rewritten and not (_is_alike(place, value) or _is_extended(place, value))
+                is_new = key in self.rewritten and not _is_alike(place, value, longer=True)
                 (self.replace if is_new else self.value)(place, value)
             elif not _is_zero(value):
                 entry = _entry(key, value, node.start_mark.column)
@@ -391,24 +391,15 @@ def _has_items_for(node: yaml.Node, value: Any) -> bool:
     )
 
 
-def _is_extended(node: yaml.Node, value: Any) -> bool:
-    """Return whether a list has the items of the node, with other numbers, and possibly more items."""
-    return (
-        isinstance(node, yaml.SequenceNode)
-        and isinstance(value, list)
-        and len(value) >= len(node.value)
-        and all(map(_is_alike, node.value, value))
-    )
-
-
-def _is_alike(node: yaml.Node, value: Any) -> bool:
-    """Return whether a value differs from a node by numbers and added keys alone."""
+def _is_alike(node: yaml.Node, value: Any, longer: bool = False) -> bool:
+    """Return whether a value differs from a node by numbers and added keys alone, or by more items where ``longer``."""
     if isinstance(node, yaml.MappingNode):
         return isinstance(value, Mapping) and all(
             key.value in value and _is_alike(item, value[key.value]) for key, item in node.value
         )
     if isinstance(node, yaml.SequenceNode):
-        return isinstance(value, list) and len(value) == len(node.value) and all(map(_is_alike, node.value, value))
+        has_items = isinstance(value, list) and len(value) >= len(node.value) and all(map(_is_alike, node.value, value))
+        return has_items and (longer or len(value) == len(node.value))
     return isinstance(value, float) or _is_same(node, value)
 
 
@@ -429,10 +420,8 @@ def _is_same(node: yaml.Node, value: Any) -> bool:
 
 def _is_zero(value: Any) -> bool:
     """Return whether a value is zero throughout."""
-    if isinstance(value, Mapping):
-        return all(map(_is_zero, value.values()))
-    if isinstance(value, list):
-        return all(map(_is_zero, value))
+    if isinstance(value, Mapping | list):
+        return all(map(_is_zero, value.values() if isinstance(value, Mapping) else value))
     return isinstance(value, int | float) and not isinstance(value, bool) and value == 0
 
 

@@ -1,18 +1,21 @@
-"""Columns in memory as a table: those of a data frame, the samples of a recording, or the records of a document."""
+"""Columns as a table: those of a data frame, of a Parquet file, of a recording, or of the records of a document."""
 
 from __future__ import annotations
 
 import datetime as dt
 import hashlib
+import io
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from contextlib import contextmanager
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import clip, decode
@@ -20,6 +23,14 @@ from robacc.io.table import MAX_TEXT, Table, TableBody
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
+_MOST_ROWS = 50_000_000
+"""A small file can repeat a value a billion times; nobody measures that many poses."""
+_MOST_NUMBERS = 2_000_000_000
+"""Numbers of all columns in use: 16 GB."""
+_PIPE_LIMIT = 2 << 30
+"""Largest pipe, bytes: Parquet is read from its end, so a pipe is read completely."""
+_INDEX = re.compile(r"__index_level_\d+__")
+"""Columns in which pandas stores its row numbers."""
 
 
 class ColumnTable(Table):
@@ -48,73 +59,61 @@ class ColumnTable(Table):
         super().__init__(file, [name for name, _ in columns], skip_gaps=skip_gaps)
         self._columns = [column for _, column in columns]
         self.n = self._columns[0].size if columns else 0
-        self.remarks.append(remark)
-        self.sha256 = sha256 or self._digest()
+        self.log.remarks.append(remark)
+        self.sha256 = sha256
+        if not sha256:
+            digest = hashlib.sha256()
+            for name, column in columns:
+                is_plain = column.dtype.kind in "fiub"
+                digest.update(f"{name.strip()}\0{column.dtype if is_plain else 'text'}\0".encode())
+                texts = "" if is_plain else "\0".join(map(str, column.tolist()))
+                digest.update(column.tobytes() if is_plain else texts.encode(errors="replace"))
+            self.sha256 = digest.hexdigest()
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values."""
         table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
             row[:] = self._numbers(*self.column(i), self.labels[i])
-        columns = tuple(self._texts(i) for i in texts)
-        return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.gaps)
-
-    def _digest(self) -> str:
-        digest = hashlib.sha256()
-        for name, column in zip(self.names, self._columns, strict=True):
-            is_plain = column.dtype.kind in "fiub"
-            digest.update(f"{name}\0{column.dtype if is_plain else 'text'}\0".encode())
-            values = column.tobytes() if is_plain else "\0".join(map(str, column.tolist())).encode(errors="replace")
-            digest.update(values)
-        return digest.hexdigest()
+        columns = [self._texts(_as_text(self.column(i)[0]), self.labels[i]) for i in texts]
+        return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.log.gaps)
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return a column, and where its values are missing."""
         column = self._columns[index]
-        if column.dtype.kind == "f":
-            return column, np.isnan(column)
         if column.dtype.kind == "O":
             return column, np.array([_is_missing(value) for value in column.tolist()], dtype=bool)
-        return column, np.zeros(column.size, dtype=bool)
+        return column, np.isnan(column) if column.dtype.kind == "f" else np.zeros(column.size, dtype=bool)
 
     def _numbers(self, column: NDArray[Any], missing: NDArray[np.bool_], name: str) -> Array:
         """Return a column as numbers, with NaN where a problem was logged."""
         rows = np.arange(1, column.size + 1)
-        if column.dtype.kind == "O":
-            values = np.full(column.size, np.nan)
-            for i in np.flatnonzero(~missing).tolist():
-                values[i] = self._number(column[i], i + 1, name)
-            infinite = np.isinf(values)
-        elif column.dtype.kind in "fiu":
-            values = column.astype(float)
-            infinite = ~np.isfinite(values) & ~missing
-        else:
+        if column.dtype.kind not in "fiuO":
             self.log.add(f"the column holds {column.dtype}, expected numbers", None, name)
             return np.full(column.size, np.nan)
+        is_object = column.dtype.kind == "O"
+        values = np.full(column.size, np.nan) if is_object else column.astype(float)
+        for i in np.flatnonzero(~missing).tolist() if is_object else ():
+            try:
+                if isinstance(column[i], _NOT_NUMBERS):
+                    raise TypeError
+                values[i] = float(column[i])
+            except (TypeError, ValueError, OverflowError):
+                fix = "convert the column to numbers" if isinstance(column[i], str) else None
+                self.log.add(f"found {clip(str(column[i]))}, expected a number", i + 1, name, fix)
+        infinite = np.isinf(values) if is_object else ~np.isfinite(values) & ~missing
         if self.skip_gaps:
-            self.gaps.update(rows[missing | infinite].tolist())
+            self.log.gaps.update(rows[missing | infinite].tolist())
         else:
             self.log.add_rows(missing, rows, name, lambda i: "the value is missing, expected a number")
             self.log.add_rows(infinite, rows, name, lambda i: f"found {clip(str(values[i]))}, expected a finite number")
         return np.where(infinite, np.nan, values)
 
-    def _number(self, value: Any, row: int, name: str) -> float:
-        """Return an object as a number, NaN where a problem was logged."""
-        if not isinstance(value, _NOT_NUMBERS):
-            try:
-                return float(value)
-            except (TypeError, ValueError, OverflowError):
-                pass
-        fix = "convert the column to numbers" if isinstance(value, str) else None
-        self.log.add(f"found {clip(str(value))}, expected a number", row, name, fix)
-        return np.nan
-
-    def _texts(self, index: int) -> NDArray[np.str_]:
-        texts = _as_text(self.column(index)[0])
-        if self.skip_gaps:
-            self.gaps.update(i for i, text in enumerate(texts, 1) if not text)
-            return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
-        return np.array([self.text(text, i, self.labels[index]) for i, text in enumerate(texts, 1)], dtype=str)
+    def _texts(self, texts: list[str], name: str) -> NDArray[np.str_]:
+        if not self.skip_gaps:
+            return np.array([self.text(text, i, name) for i, text in enumerate(texts, 1)], dtype=str)
+        self.log.gaps.update(i for i, text in enumerate(texts, 1) if not text)
+        return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
 
 
 def _is_missing(value: Any) -> bool:
@@ -129,19 +128,14 @@ def _is_missing(value: Any) -> bool:
 def _as_text(column: NDArray[Any]) -> list[str]:
     """Return entries as text, empty where they are missing."""
     if column.dtype.kind == "M":
-        texts = np.datetime_as_string(column).tolist()
-        return ["" if text == "NaT" else text for text in texts]
-    if column.dtype.kind in "iu":
-        return [str(value) for value in column.tolist()]
+        return ["" if text == "NaT" else text for text in np.datetime_as_string(column).tolist()]
     return ["" if _is_missing(value) else _text(value) for value in column.tolist()]
 
 
 def _text(value: Any) -> str:
     if isinstance(value, float):
         return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
-    if isinstance(value, dt.datetime | dt.time):
-        return value.isoformat()
-    return " ".join(str(value).split())
+    return value.isoformat() if isinstance(value, dt.datetime | dt.time) else " ".join(str(value).split())
 
 
 def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
@@ -156,43 +150,34 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
         if any(level is not None for level in getattr(getattr(frame, "index", None), "names", ()) or ()):
             frame = frame.reset_index()
         if not hasattr(frame, "column_names") and not hasattr(frame, "__getitem__"):
-            frame = _as_arrow(frame, name)
+            # A table that only speaks Arrow's stream interface, such as a database's relation.
+            try:
+                import pyarrow
+            except ImportError as error:
+                raise InputError(
+                    Problem("is not a table whose columns can be read", name, fix="convert it to pandas")
+                ) from error
+            frame = pyarrow.table(frame)
         names = list(getattr(frame, "column_names", None) or frame.columns)
         get = frame.column if hasattr(frame, "column") else frame.__getitem__
         repeated = [key for key, count in Counter(map(str, names)).items() if count > 1]
         if repeated:
             raise InputError(Problem(f"found two columns {clip(repeated[0])}", name, fix="rename one of them"))
         pairs = [(key, get(key)) for key in names]
-    if not all(isinstance(key, str) for key, _ in pairs):
-        message = (
-            f"expected a text as the name of each column, found {next(k for k, _ in pairs if type(k) is not str)!r}"
-        )
-        raise InputError(Problem(message, name, fix="name the columns, for example q1, x_mm"))
-    columns = [(key, _column(values, key, name)) for key, values in pairs]
+    columns = []
+    for key, values in pairs:
+        if not isinstance(key, str):
+            message = f"expected a text as the name of each column, found {key!r}"
+            raise InputError(Problem(message, name, fix="name the columns, for example q1, x_mm"))
+        column = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
+        if column.ndim != 1:
+            message = f"expected one value per row, found an array of shape {column.shape}"
+            raise InputError(Problem(message, name, column=key))
+        columns.append((key, column))
     lengths = {column.size for _, column in columns}
     if len(lengths) > 1:
         raise InputError(Problem(f"the columns have {min(lengths)} to {max(lengths)} rows", name))
     return columns
-
-
-def _as_arrow(frame: Any, name: str) -> Any:
-    """Return a table that only speaks Arrow's stream interface, such as a database's relation, as an Arrow table."""
-    try:
-        import pyarrow
-    except ImportError as error:
-        raise InputError(
-            Problem("is not a table whose columns can be read", name, fix="convert it to pandas")
-        ) from error
-    return pyarrow.table(frame)
-
-
-def _column(values: Any, key: str, name: str) -> NDArray[Any]:
-    column = values.to_numpy() if hasattr(values, "to_numpy") else np.asarray(values)
-    if column.ndim != 1:
-        raise InputError(
-            Problem(f"expected one value per row, found an array of shape {column.shape}", name, column=key)
-        )
-    return np.asarray(column)
 
 
 def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
@@ -219,16 +204,22 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
             documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
             document = documents[0] if len(documents) == 1 else documents
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise InputError(Problem(f"cannot be read as JSON or YAML ({reason})", file, fix="export it again")) from None
+        message = f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})"
+        raise InputError(Problem(message, file, fix="export it again")) from None
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
     if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
         document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
-    rows = [dict(_leaves(record, ())) for record in max(lists, key=len, default=[]) if isinstance(record, dict)]
-    if not rows or len(rows) < max(map(len, lists)):
-        fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
-        raise InputError(Problem("has no list of records, expected a table of poses", file, fix=fix))
+    longest = max(lists, key=len, default=[])
+    rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
+    if not rows or len(rows) < len(longest):
+        raise InputError(
+            Problem(
+                "has no list of records, expected a table of poses",
+                file,
+                fix="give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV",
+            )
+        )
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
     return ColumnTable(columns, file, skip_gaps, hashlib.sha256(data).hexdigest())
@@ -250,3 +241,108 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
             yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
     else:
         yield "_".join(sorted("_".join(path).split("_"), key=_UNITS.__contains__)), value
+
+
+class ParquetTable(ColumnTable):
+    """Table of one Parquet file, without pandas' index, of which Arrow reads one column at a time."""
+
+    def __init__(self, stream: BinaryIO, file: str, skip_gaps: bool) -> None:
+        """Read the names of the columns of ``stream``, called ``file`` in messages.
+
+        Raises:
+            UsageError: The extra ``parquet`` is not installed.
+            InputError: The file is damaged, or too large.
+        """
+        try:
+            from pyarrow.parquet import ParquetFile
+        except ImportError as error:
+            raise UsageError(
+                f"{file} is Parquet, which needs an optional package; run {install_advice('parquet')}"
+            ) from error
+        self.file = file
+        if not stream.seekable():
+            data = stream.read(_PIPE_LIMIT + 1)
+            if len(data) > _PIPE_LIMIT:
+                raise self._error(f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB", "name a file instead")
+            stream = io.BytesIO(data)
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
+        stream.seek(0)
+        with self._arrow_errors():
+            self._opened = ParquetFile(stream, pre_buffer=False, page_checksum_verification=True)
+            fields = [field for field in self._opened.schema_arrow if not _INDEX.fullmatch(field.name)]
+            self._parts = [(field, part) for field in fields for part in self._places(field)]
+        self._kinds = [field.type if part is None else field.type.value_type for field, part in self._parts]
+        names = [field.name if part is None else f"{field.name}_{part + 1}" for field, part in self._parts]
+        super().__init__([(name, np.empty(0)) for name in names], file, skip_gaps, digest)
+        self.n = self._opened.metadata.num_rows
+        if not 0 <= self.n <= _MOST_ROWS:
+            raise self._error(f"found {self.n} rows", f"expected at most {_MOST_ROWS}")
+
+    def _places(self, field: Any) -> Sequence[int | None]:
+        """Return the places in the lists of a column, as long as its first one; None for a column without lists."""
+        from pyarrow import types
+
+        if not (types.is_list(field.type) or types.is_fixed_size_list(field.type)):
+            return [None]
+        first = next(self._opened.iter_batches(1, columns=[field.name]), None)
+        length = len(first.column(0)[0] or ()) if first is not None else 0
+        return range(length) if length > 1 else [None]
+
+    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
+        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
+
+        Raises:
+            InputError: The file is damaged, or the type of a column does not fit its name.
+        """
+        from pyarrow import types
+
+        of_numbers = (types.is_integer, types.is_floating, types.is_decimal, types.is_null)
+        of_texts = (types.is_string, types.is_large_string, types.is_integer)
+        for i in (*numbers, *({*texts} - self.times)):
+            kind = self._kinds[i]
+            inner = kind.value_type if types.is_dictionary(kind) and i not in numbers else kind
+            if not any(is_kind(inner) for is_kind in (of_numbers if i in numbers else of_texts)):
+                expected, stored = ("numbers", "double") if i in numbers else ("text", "string")
+                self.log.add(
+                    f"the column holds {kind}, expected {expected}", None, self.labels[i], f"store it as {stored}"
+                )
+        # Arrow cannot select one of two columns with the same name; the log has that problem already.
+        self.log.raise_if_any()
+        if self.n * len(numbers) > _MOST_NUMBERS:
+            raise self._error(f"found {self.n} rows of {len(numbers)} columns", "split the file")
+        return super().body(numbers, texts)
+
+    def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
+        """Return a column, and where its values are missing."""
+        from pyarrow import compute, float64, string, types
+
+        (field, part), kind = self._parts[index], self._kinds[index]
+        inner = kind.value_type if types.is_dictionary(kind) else kind
+        is_text = types.is_string(inner) or types.is_large_string(inner) or types.is_timestamp(inner)
+        with self._arrow_errors():
+            stored = self._opened.read([field.name], use_threads=False).column(0)
+            if part is not None:
+                stored = compute.list_element(stored, part)
+            missing = np.asarray(stored.is_null())
+            if is_text or not types.is_integer(inner) or stored.null_count:
+                stored = stored.cast(string() if is_text else float64(), safe=False)
+            values = stored.to_numpy()
+        if values.size != self.n:
+            raise self._damaged(f"its header announces {self.n} rows, the data has another number")
+        return values, missing
+
+    def _error(self, message: str, fix: str | None = None) -> InputError:
+        return InputError(Problem(message, self.file, fix=fix))
+
+    @contextmanager
+    def _arrow_errors(self) -> Iterator[None]:
+        """Raise errors of Arrow as problems of the file."""
+        from pyarrow import ArrowException
+
+        try:
+            yield
+        except (ArrowException, OSError, UnicodeDecodeError) as error:
+            raise self._damaged(str(error).strip().partition("\n")[0][:200]) from error
+
+    def _damaged(self, why: str) -> InputError:
+        return self._error(f"cannot be read as Parquet ({why})", "it is damaged or cut short")

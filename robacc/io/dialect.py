@@ -7,6 +7,7 @@ not of this form is examined further, so that documented files are read exactly 
 from __future__ import annotations
 
 import csv
+import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -58,19 +59,18 @@ def from_spreadsheet(text: str) -> str:
 
 def advice(field: str, column: str, decimal_comma: bool) -> str | None:
     """Return what to do about a field that is no number."""
-    if field == column:
-        return "delete the repeated header row"
-    if _WITH_UNIT.fullmatch(field):
-        return "write the number alone, and the unit in the column's name"
-    if not decimal_comma and field.count(",") == 1 and field.replace(",", "").lstrip("+-").isdecimal():
-        if _THOUSANDS.fullmatch(field):
-            return f"the comma may separate thousands: write {field.replace(',', '')} or {field.replace(',', '.')}"
-        return "write decimals with a point, not a comma"
-    if _THOUSANDS.fullmatch(field):
-        return "export numbers without a separator of thousands"
-    if decimal_comma and "." in field:
-        return "the file has decimal commas; a point could separate thousands"
-    return None
+    bare, may_group = field.replace(",", ""), _THOUSANDS.fullmatch(field) is not None
+    has_comma = not decimal_comma and field.count(",") == 1 and bare.lstrip("+-").isdecimal()
+    either = f"the comma may separate thousands: write {bare} or {field.replace(',', '.')}"
+    rules = (
+        (field == column, "delete the repeated header row"),
+        (_WITH_UNIT.fullmatch(field), "write the number alone, and the unit in the column's name"),
+        (has_comma and may_group, either),
+        (has_comma, "write decimals with a point, not a comma"),
+        (may_group, "export numbers without a separator of thousands"),
+        (decimal_comma and "." in field, "the file has decimal commas; a point could separate thousands"),
+    )
+    return next((text for applies, text in rules if applies), None)
 
 
 # Units behind the numbers of a table: ``381.289 mm``, ``33.5°``.
@@ -112,9 +112,7 @@ def split_cell(text: str) -> tuple[str, str | None]:
 def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
     """Return the unit in the first cell of each column that has one there; empty cells do not count."""
     first: dict[int, str | None] = {}
-    for number, row in enumerate(rows):
-        if number == _CELLS_EXAMINED:
-            break
+    for row in itertools.islice(rows, _CELLS_EXAMINED):
         for i, text in enumerate(row):
             if i not in first and any(sign.isdecimal() for sign in text):
                 first[i] = split_cell(text)[1]
@@ -164,7 +162,7 @@ class TableDialect:
     comments: tuple[str, ...] = ("#",)
     """Beginnings of lines that are skipped."""
     header_line: int | None = None
-    """0-based index of the line of names; None: the first line that is no comment."""
+    """0-based index of the line of names; None without a header."""
     first_row: int = 0
     """0-based index of the first row of measurements below the header."""
     names: tuple[str, ...] = ()
@@ -173,14 +171,14 @@ class TableDialect:
     """Lines above the rows that are neither names nor blank."""
     sample: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
     """Fields of the first rows."""
+    is_documented: bool = False
+    """Whether the table has the documented form: commas, points, and documented names in its first line."""
 
     def description(self) -> str:
         """Return the deviations from the documented form, for a message; empty without any."""
         names = {"\t": "tabs", ";": "semicolons", "|": "bars", None: "blanks"}
         parts = [f"separated by {names[self.separator]}"] if self.separator in names else []
-        if self.decimal_comma:
-            parts.append("decimal comma")
-        return ", ".join(parts)
+        return ", ".join([*parts, *(["decimal comma"] if self.decimal_comma else [])])
 
     def split(self, line: str) -> list[str]:
         """Return the fields of a line, stripped and without quotes.
@@ -190,10 +188,17 @@ class TableDialect:
         """
         if self.separator is None:
             return line.split()
-        if '"' not in line:
-            return [part.strip() for part in line.split(self.separator)]
-        reader = csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True)
-        return [part.strip() for part in next(reader)]
+        fields = line.split(self.separator)
+        if '"' in line:
+            fields = next(csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True))
+        return [part.strip() for part in fields]
+
+    def fields(self, line: str) -> list[str]:
+        """Return the fields of a line as :meth:`split` does; none where quotes do not match."""
+        try:
+            return self.split(line)
+        except csv.Error:
+            return []
 
     def is_row(self, line: str) -> bool:
         """Return whether a line is neither blank nor a comment."""
@@ -202,7 +207,7 @@ class TableDialect:
 
     def is_footer(self, line: str, width: int) -> bool:
         """Return whether a line at the file's end is no row: blank, a mean, or few texts that are not a row's names."""
-        fields = _split(self, line) if self.is_row(line) else []
+        fields = self.fields(line) if self.is_row(line) else []
         texts = {i: text for i, text in enumerate(fields) if text.lower() not in GAPS}
         first = dict(enumerate(self.sample[0] if self.sample else ()))
         return (
@@ -222,83 +227,68 @@ class TableDialect:
         return bool(NUMBER_POINT.fullmatch(text) or (self.decimal_comma and _NUMBER_COMMA.fullmatch(text)))
 
 
-PLAIN = TableDialect()
+PLAIN = TableDialect(is_documented=True)
 """The documented form."""
 
 
-def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> TableDialect | None:
-    """Return the dialect of a table that begins with these lines; None for the documented form and for no table.
+def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> TableDialect:
+    """Return the dialect of a table that begins with these lines; the documented one for what is no table.
 
     Args:
-        lines: First lines of the file, without their ends.
+        lines: First lines of the file, without their ends; one is neither blank nor a comment.
         is_known: Whether a name is a documented column name.
     """
-    head = next((line for line in lines if PLAIN.is_row(line)), None)
-    if head is None or any(is_known(name) for name in _split(PLAIN, head)):
-        return None
+    at = next(i for i, line in enumerate(lines) if PLAIN.is_row(line))
+    documented = replace(PLAIN, header_line=at, first_row=at + 1)
+    if any(map(is_known, PLAIN.fields(lines[at]))):
+        return documented
     declared = re.fullmatch(r"\s*sep=(.)\s*", lines[0])  # by a spreadsheet program
-    candidates = [
-        candidate
-        for separator in ((declared[1],) if declared else _SEPARATORS)
-        if (candidate := _candidate(list(lines[:_EXAMINED]), separator, is_known)) is not None
-    ]
-    if not candidates:
-        # A table with one number in each row is told from other text by its names.
-        single = (_candidate(list(lines[:_EXAMINED]), separator, is_known, fewest=1) for separator in (";", "\t", "|"))
-        candidates = [candidate for candidate in single if candidate is not None and len(candidate[1].names) > 2]
-    if candidates:
-        return max(candidates, key=lambda item: item[0])[1]
-    return _without_rows(head, lines.index(head), is_known)
+    # A table with one number in each row is told from other text by its names.
+    ways = ((_FEWEST_NUMBERS, 0, (declared[1],) if declared else _SEPARATORS), (1, 3, (";", "\t", "|")))
+    for fewest, least_names, separators in ways:
+        tables = (_table(list(lines[:_EXAMINED]), separator, is_known, fewest) for separator in separators)
+        scored = [table for table in tables if table is not None and len(table[1].names) >= least_names]
+        if scored:
+            return max(scored, key=lambda table: table[0])[1]
+    # A header without rows is judged by its names.
+    headers = (replace(documented, separator=sign, is_documented=False) for sign in _SEPARATORS)
+    named = (replace(header, names=tuple(header.fields(lines[at]))) for header in headers)
+    return next(
+        (item for item in named if len(item.names) > 1 and sum(map(is_known, item.names)) > len(item.names) / 2),
+        documented,
+    )
 
 
-def _without_rows(head: str, line: int, is_known: Callable[[str], bool]) -> TableDialect | None:
-    """Return the dialect of a header without rows, judged by its names."""
-    for separator in _SEPARATORS:
-        dialect = TableDialect(separator)
-        names = _split(dialect, head)
-        if len(names) > 1 and sum(map(is_known, names)) > len(names) / 2:
-            return TableDialect(separator, header_line=line, first_row=line + 1, names=tuple(names))
-    return None
-
-
-def _candidate(
-    lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int = _FEWEST_NUMBERS
+def _table(
+    lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int
 ) -> tuple[tuple[int, bool, int], TableDialect] | None:
-    """Return the best table with this separator and its score; None where there is none."""
+    """Return the longest table with this separator, and its score; None where no line has ``fewest`` numbers."""
     dialect = TableDialect(separator, comments=_COMMENTS)
-    grid = [_split(dialect, line) for line in lines]
+    grid = [dialect.fields(line) for line in lines]
     if separator != ",":
-        texts = [split_cell(text)[0] for line, fields in zip(lines, grid, strict=True) for text in fields
-                 if dialect.is_row(line)]  # fmt: skip
+        rows = (fields for line, fields in zip(lines, grid, strict=True) if dialect.is_row(line))
+        texts = [split_cell(text)[0] for text in itertools.chain.from_iterable(rows)]
         points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in texts)
         commas = sum(_NUMBER_COMMA.fullmatch(text) is not None for text in texts)
         dialect = replace(dialect, decimal_comma=commas > points)
-    best: tuple[int, int, int] | None = None  # rows, start, fields
-    start, width, rows = 0, 0, 0
-    first_of_width: dict[int, int] = {}  # of the rows since the last line without numbers
+    tables: dict[tuple[int, int], list[int]] = {}  # rows by the line without numbers above them, and their width
+    above = 0
     for i, (line, fields) in enumerate(zip(lines, grid, strict=True)):
         if not dialect.is_row(line):
             continue
         numbers = sum(map(dialect.is_number, fields))
         gaps = sum(text.lower() in GAPS for text in fields if text)
-        if rows and not numbers and gaps >= fewest and len(fields) == width:
-            continue  # a row whose values are all missing
-        if not numbers or numbers + gaps < fewest:
-            rows = 0
-            first_of_width = {}
-            continue
-        if rows == 0 or len(fields) != width:
+        if numbers and numbers + gaps >= fewest:
             # A row of another width, such as one with a separator in a text, does not begin another table.
-            start, width, rows = first_of_width.setdefault(len(fields), i), len(fields), 0
-        rows += 1
-        if best is None or rows > best[0]:
-            best = (rows, start, width)
-    if best is None:
+            tables.setdefault((above, len(fields)), []).append(i)
+        elif numbers or gaps < fewest:  # else all values of a row are missing
+            above = i
+    if not tables:
         return None
-    rows, start, width = best
-    result = _with_header(lines, grid, dialect, start, is_known)
+    longest = max(tables.values(), key=len)
+    result = _with_header(lines, grid, dialect, longest[0], is_known)
     # Names above the rows are as good as twice as many rows: a text may split into more fields at blanks.
-    return (rows * (2 if result.names else 1), separator is not None, width), result
+    return (len(longest) * (2 if result.names else 1), separator is not None, len(grid[longest[0]])), result
 
 
 def _with_header(
@@ -308,53 +298,60 @@ def _with_header(
     width = len(grid[start])
     names: tuple[str, ...] = ()
     units: list[str] | None = None
-    header_line = None
+    header_line, first_row = None, start
     alike = [i for i in range(start) if len(grid[i]) == width]
     # Below the first line with as many fields as the rows, a line with a number is a row.
     rows_above = {i for i in alike[1:] if any(map(dialect.is_number, grid[i]))}
-    above = [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]
-    for i in above:
-        # An uncommented line decides; a comment gives names only if it has as many fields as the rows.
-        line, marked = lines[i], grid[i]
-        if len(marked) != width or marked[0] != "#":  # else the name of a count
-            line = _MARK.sub("", line).strip() if _MARK.match(line) else line
-        fields = _split(dialect, line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
-        if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
-            # Words of the first name, or a last column that every row leaves out.
-            extra = 0 if dialect.separator else len(fields) - width
-            fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
-        if len(fields) == width + 1 and fields[-1].lower() in _REMARKS:
-            fields = fields[:-1]
-        if len(fields) == width - 1 and not grid[start][-1]:
-            fields = [*fields, ""]  # every row ends with a separator
+    for i in [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]:
+        fields = _names_in(lines[i], grid[i], grid[start], dialect, is_known)
         if len(fields) != width or _is_gap(fields) or any(map(_DECIMAL.fullmatch, fields)):
             continue
         if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
             units = fields
-            continue
-        if sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
+        elif sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
             names, header_line = _with_groups(tuple(fields), grid[:i]), i
+            # Rows of another width below the names are rows too: the reader reports them.
+            below = (
+                j for j in range(i + 1, start) if dialect.is_row(lines[j]) and _is_measured(grid[j], width, dialect)
+            )
+            first_row = next(below, start)
             break
     if names and units is not None:
-        names = tuple(f"{name} [{unit.strip('[]()<>{} ')}]" if unit.strip("[]()<>{} -") else name
-                      for name, unit in zip(names, units, strict=True))  # fmt: skip
+        stems = [unit.strip("[]()<>{} ") for unit in units]
+        names = tuple(f"{name} [{unit}]" if unit.strip("-") else name for name, unit in zip(names, stems, strict=True))
     preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
-    rows = [tuple(grid[i]) for i in range(start, min(start + _SAMPLED, len(lines))) if dialect.is_row(lines[i])]
-    if names and header_line is not None:
-        # Rows of another width below the names are rows too: the reader reports them.
-        start = next(
-            (
-                i
-                for i in range(header_line + 1, start)
-                if dialect.is_row(lines[i])
-                if sum(map(dialect.is_number, grid[i])) >= _FEWEST_NUMBERS
-                or _is_gap(grid[i])
-                or (len(grid[i]) == width and any(grid[i]) and all(map(dialect.is_number, filter(None, grid[i]))))
-            ),
-            start,
-        )
-    return replace(
-        dialect, header_line=header_line, first_row=start, names=names, preamble=preamble, sample=tuple(rows)
+    rows = tuple(tuple(grid[i]) for i in range(start, min(start + _SAMPLED, len(lines))) if dialect.is_row(lines[i]))
+    return replace(dialect, header_line=header_line, first_row=first_row, names=names, preamble=preamble, sample=rows)
+
+
+def _names_in(
+    line: str, marked: list[str], row: list[str], dialect: TableDialect, is_known: Callable[[str], bool]
+) -> list[str]:
+    """Return the fields of a line above the rows, which may be a comment, as one for each field of the first row.
+
+    An uncommented line decides; a comment gives names only if it has as many fields as the rows.
+    """
+    width = len(row)
+    if len(marked) != width or marked[0] != "#":  # else the name of a count
+        line = _MARK.sub("", line).strip() if _MARK.match(line) else line
+    fields = dialect.fields(line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
+    if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
+        # Words of the first name, or a last column that every row leaves out.
+        extra = 0 if dialect.separator else len(fields) - width
+        fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
+    if len(fields) == width + 1 and fields[-1].lower() in _REMARKS:
+        fields = fields[:-1]
+    # Every row may end with a separator.
+    return [*fields, ""] if len(fields) == width - 1 and not row[-1] else fields
+
+
+def _is_measured(fields: Sequence[str], width: int, dialect: TableDialect) -> bool:
+    """Return whether a line below the names is a row: with numbers, with gaps, or as wide as the rows."""
+    numbers = sum(map(dialect.is_number, fields))
+    return (
+        numbers >= _FEWEST_NUMBERS
+        or _is_gap(fields)
+        or (len(fields) == width and 0 < numbers == sum(map(bool, fields)))
     )
 
 
@@ -385,10 +382,3 @@ def _with_groups(names: tuple[str, ...], above: Sequence[Sequence[str]]) -> tupl
     if len(upper) == len(names) and sum(map(bool, upper)) > 1:
         names = tuple(name or text for name, text in zip(names, upper, strict=True))
     return names
-
-
-def _split(dialect: TableDialect, line: str) -> list[str]:
-    try:
-        return dialect.split(line)
-    except csv.Error:
-        return []

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import MAX_PROBLEMS, Counted, InputError, Problem
+from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem
 
 # Problems of one file, collected so that one error reports them all.
 
@@ -20,7 +20,7 @@ _MAX_STORED = 1000
 
 
 class ProblemLog:
-    """Problems of one file, and warnings of how it was read: stores enough problems to report, counts them all."""
+    """Problems, remarks and warnings of one file: stores enough problems to report, and counts them all."""
 
     def __init__(self, file: str, counted: Counted = "line") -> None:
         """Collect problems of ``file``; places in it are counted in lines, or in rows where it has no lines."""
@@ -28,13 +28,18 @@ class ProblemLog:
         self.total = 0
         self.problems: list[Problem] = []
         """The problems so far, as far as they are stored."""
+        self.remarks: list[str] = []
+        """How the file differs from the documented form, and how its rows came to be."""
+        self.gaps: set[int] = set()
+        """Lines or rows that are left out because a value is missing."""
         self._warnings: list[tuple[bool, str]] = []
 
     def add(self, message: str, line: int | None = None, column: str | None = None, fix: str | None = None) -> None:
         """Add a problem."""
         self.total += 1
-        if self.total <= _MAX_STORED:
-            self.problems.append(self._problem(message, line, column, fix))
+        if len(self.problems) < _MAX_STORED:
+            line, row = (None, line) if self.counted == "row" else (line, None)
+            self.problems.append(Problem(message, self.file, line, column, fix, row))
 
     def add_rows(
         self,
@@ -49,19 +54,32 @@ class ProblemLog:
         The first of them has the ``fix``.
         """
         rows = np.flatnonzero(bad)
-        self.total += rows.size
         for i in rows[:MAX_PROBLEMS]:
-            self.problems.append(self._problem(describe(int(i)), int(lines[i]), column, fix if i == rows[0] else None))
+            self.add(describe(int(i)), int(lines[i]), column, fix if i == rows[0] else None)
+        self.total += max(rows.size - MAX_PROBLEMS, 0)
 
     def warn(self, text: str, line: int | None = None, *, of_file: bool = False) -> None:
         """Add a warning, or a :class:`~robacc.errors.Note`, of a line or row, or of the file as a whole."""
-        place = self.file if of_file else self._problem("", line).place
+        line, row = (None, line) if self.counted == "row" else (line, None)
+        place = self.file if of_file else Problem("", self.file, line, row=row).place
         self._warnings.append((of_file, type(text)(f"{place}: {text}")))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings of places in the file, then those of the file as a whole."""
-        return tuple(text for _, text in sorted(self._warnings, key=lambda warning: warning[0]))
+        """Warnings of places in the file, then the remarks, gaps and warnings of the file as a whole."""
+        first = ", ".join(map(str, sorted(self.gaps)[:6])) + " …" * (len(self.gaps) > 6)
+        rows = f"{len(self.gaps)} row{'s' * (len(self.gaps) > 1)}"
+        return (
+            *(text for of_file, text in self._warnings if not of_file),
+            *([Note(f"{self.file}: {self.remark}")] if self.remark else []),
+            *([f"{self.file}: {rows} with a missing value left out ({self.counted} {first})"] if self.gaps else []),
+            *(text for of_file, text in self._warnings if of_file),
+        )
+
+    @property
+    def remark(self) -> str:
+        """The remarks as one text; empty for a file of the documented form."""
+        return ", ".join(filter(None, self.remarks))
 
     def raise_if_any(self) -> None:
         """Raise an error where there is a problem.
@@ -72,10 +90,6 @@ class ProblemLog:
         if self.total:
             ordered = sorted(self.problems, key=lambda problem: problem.line or problem.row or 0)
             raise InputError(ordered, total=self.total)
-
-    def _problem(self, message: str, number: int | None, column: str | None = None, fix: str | None = None) -> Problem:
-        line, row = (None, number) if self.counted == "row" else (number, None)
-        return Problem(message, self.file, line, column, fix, row)
 
 
 def clip(text: str) -> str:
@@ -124,8 +138,14 @@ def decode(data: bytes, name: str) -> str:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        message = f"is not {encoding.removesuffix('-sig').upper()} text (byte 0x{data[error.start]:02x})"
-        raise InputError(Problem(message, name, line, fix="save it as UTF-8")) from None
+        raise InputError(
+            Problem(
+                f"is not {encoding.removesuffix('-sig').upper()} text (byte 0x{data[error.start]:02x})",
+                name,
+                line,
+                fix="save it as UTF-8",
+            )
+        ) from None
 
 
 def read_bytes(name: str, limit: int) -> bytes:
@@ -255,18 +275,17 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:
-    is_new = not target.exists()
-    mode = 0o666 if is_new else target.stat().st_mode & 0o777
-    if not is_new and not os.access(target, os.W_OK):
+    mode = target.stat().st_mode & 0o777 if target.exists() else None
+    if mode is not None and not os.access(target, os.W_OK):
         # Another file could replace it; a write-protected file stays as it is all the same.
         raise PermissionError(None, "the file is write-protected")
     temporary = target.with_name(f".{target.name}.{os.urandom(6).hex()}.part")
     try:
-        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode)) as raw:
+        with open(temporary, "xb", opener=lambda path, flags: os.open(path, flags, mode or 0o666)) as raw:
             raw.writelines(pieces)
             raw.flush()
             os.fsync(raw.fileno())
-        if not is_new:  # the mask for new files may have taken permissions away
+        if mode is not None:  # the mask for new files may have taken permissions away
             os.chmod(temporary, mode)
         os.replace(temporary, target)
     except BaseException:

@@ -39,41 +39,31 @@ def json_pieces(document: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _pieces(value: Any, indent: str) -> Iterator[str]:
-    if isinstance(value, dict | Mapping):
-        if not value:
-            yield "{}"
-            return
-        inner = indent + "  "
-        opening = "{\n"
-        for key, item in value.items():
-            if _is_nested(item):
-                yield f"{opening}{inner}{_scalar(str(key))}: "
-                yield from _pieces(item, inner)
-            else:
-                yield f"{opening}{inner}{_scalar(str(key))}: {_scalar(item)}"
-            opening = ",\n"
-        yield f"\n{indent}}}"
-    elif isinstance(value, np.ndarray):
+    """Yield the text of a value with items."""
+    is_record = isinstance(value, dict | Mapping)
+    if isinstance(value, np.ndarray):
         yield from _array(value, indent)
-    elif not _is_nested(value):
-        yield _scalar(value)
-    elif any(map(_is_nested, value)):
-        inner = indent + "  "
-        opening = "[\n"
-        for item in value:
-            yield f"{opening}{inner}"
-            yield from _pieces(item, inner)
-            opening = ",\n"
-        yield f"\n{indent}]"
+    elif not value:
+        yield "{}" if is_record else "[]"
+    elif is_record or any(map(_is_nested, value)):
+        items = value.items() if is_record else enumerate(value)
+        between = "{\n" if is_record else "[\n"
+        for key, item in items:
+            label = f"{between}{indent}  {f'{_scalar(str(key))}: ' if is_record else ''}"
+            if _is_nested(item):
+                yield label
+                yield from _pieces(item, f"{indent}  ")
+            else:
+                yield f"{label}{_scalar(item)}"
+            between = ",\n"
+        yield f"\n{indent}{'}' if is_record else ']'}"
     else:
         yield "[" + ", ".join(map(_scalar, value)) + "]"
 
 
 def _is_nested(value: Any) -> bool:
     """Return whether a value has items; the types of most values come first, since the test of others is slow."""
-    if isinstance(value, _SCALARS):
-        return False
-    return isinstance(value, dict | list | tuple | np.ndarray | Mapping | Sequence)
+    return not isinstance(value, _SCALARS) and isinstance(value, dict | list | tuple | np.ndarray | Mapping | Sequence)
 
 
 def _scalar(value: Any) -> str:

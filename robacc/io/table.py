@@ -1,19 +1,23 @@
 """Tables: the columns' names and the rows below them, from any source; the text table is the first of them.
 
-:func:`numpy.loadtxt` parses a block of lines. A block that it refuses, or that has a value that is not finite, is
-parsed field by field to locate each problem.
+A text is read once, in blocks of complete lines: a pipe works like a file, and memory is bounded. :func:`numpy.loadtxt`
+parses a block. A block that it refuses, or that has a value that is not finite, is parsed field by field to locate each
+problem.
 """
 
 from __future__ import annotations
 
 import contextlib
 import csv
+import hashlib
 import itertools
 import math
+import os
+import stat
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +36,6 @@ from robacc.io.dialect import (
     units_of_columns,
 )
 from robacc.io.files import ProblemLog, clip
-from robacc.io.lines import Block, LineReader
 
 MAX_COLUMNS = 2000
 """Largest number of columns of a table."""
@@ -56,13 +59,12 @@ class TableOptions:
     """Data frame that is read in place of a file."""
 
 
-@dataclass(frozen=True, slots=True)
-class TableBody:
+class TableBody(NamedTuple):
     """Rows below the header."""
 
     numbers: Array
     """``(C, N)`` columns of numbers; NaN where a problem was logged."""
-    texts: tuple[NDArray[np.str_], ...]
+    texts: Sequence[NDArray[np.str_]]
     """Columns of text, ``(N,)`` each."""
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
@@ -72,8 +74,7 @@ class TableBody:
         if not gaps:
             return self
         complete = ~np.isin(self.lines, list(gaps))
-        texts = tuple(column[complete] for column in self.texts)
-        return TableBody(self.numbers[:, complete], texts, self.lines[complete])
+        return TableBody(self.numbers[:, complete], [column[complete] for column in self.texts], self.lines[complete])
 
 
 class Table:
@@ -104,31 +105,18 @@ class Table:
         Raises:
             InputError: There are too many columns.
         """
-        self.file = file
+        self.file, self.line, self.skip_gaps = file, line, skip_gaps
         self.log = ProblemLog(file, counted)
-        self.names = tuple(name.strip() for name in names)
-        self.labels = self.names
-        """Names in messages: a reader of poses may take names for others."""
-        self.line = line
+        self.labels = self.names = tuple(name.strip() for name in names)
+        """Names in messages; a reader of poses may take ``names`` for others."""
         self.cell_units: Mapping[int, str] = {}
         """Units behind the numbers of the cells, by the index of the column."""
         self.sparse: Collection[int] = ()
         """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
         self.times: Set[int] = frozenset()
         """Columns of times, which may be texts or numbers."""
-        self.skip_gaps = skip_gaps
-        self.remarks: list[str] = []
-        """How the table differs from the documented form, and how it came to be, for a message."""
-        self.doubts: list[str] = []
-        """Warnings of the table as a whole, once the body was read."""
-        self.gaps: set[int] = set()
-        """Lines or rows that are left out because a value is missing."""
         if len(names) > MAX_COLUMNS:
             raise InputError(Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}"))
-
-    def description(self) -> str:
-        """Return how the table differs from the documented form; empty where it does not."""
-        return ", ".join(filter(None, self.remarks))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -147,39 +135,105 @@ class Table:
         return cell[:MAX_TEXT]
 
 
-def header_names(line: str, number: int, file: str) -> tuple[str, ...]:
-    """Return the names of the header row.
-
-    Raises:
-        InputError: The line is not a header row.
-    """
-    fix = "export the file with commas, and with a point in decimals"
-    try:
-        names = tuple(PLAIN.split(line))
-    except csv.Error as error:
-        names, message, fix = (), f"the header row cannot be read ({error})", "close every quote on its line"
-    else:
-        signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
-        message = next((f"the columns are separated by {signs[s]}, expected commas"
-                        for s in signs if line.strip().count(s) >= len(names)), "")  # fmt: skip
-        if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
-            message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
-    if message:
-        raise InputError(Problem(message, file, number, fix=fix))
-    return names
+MAX_LINE = 1 << 20
+"""Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
+_BLOCK = 1 << 18
+"""Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
+_TAIL = 5 * MAX_LINE
+"""Bytes behind a block at most up to a line feed: old files end their lines otherwise."""
+_BOM = b"\xef\xbb\xbf"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_UTF16_LIMIT = 1 << 28
+"""Largest UTF-16 file, bytes: it is decoded in one piece."""
+_MOST_LINES = 1000
+_NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
+"""Bytes that Windows-1252 leaves open."""
 
 
-def _with_room(numbers: Array, n_rows: int, share: float) -> Array:
-    """Return columns ``(C, N)`` of numbers with room for ``n_rows``, the rows in ``share`` (0 to 1) of a file.
+class Block(NamedTuple):
+    """Complete lines of the file, without their line ends."""
 
-    They grow to the size that this share suggests. Pages that are never written cost nothing, while joining parts at
-    the end of the file would touch all of the memory twice.
-    """
-    if n_rows <= numbers.shape[1]:
-        return numbers
-    larger = np.empty((len(numbers), max(int(n_rows / share * 1.02), n_rows)))
-    larger[:, : numbers.shape[1]] = numbers
-    return larger
+    lines: list[str]
+    first: int
+    """1-based number of the first line."""
+
+
+class LineReader:
+    """Reader of UTF-8 lines with any line end; it counts lines and computes the digest of the bytes."""
+
+    def __init__(self, stream: BinaryIO, file: str) -> None:
+        """Read ``stream``; ``file`` is its name in errors."""
+        self._stream, self._file = stream, file
+        self.encoding = "UTF-8"
+        """Windows-1252 where a line is not UTF-8."""
+        self.not_text: list[tuple[str, int]] = []
+        """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
+        self.digest = hashlib.sha256()
+        """Of the bytes read so far."""
+        self.share_read = 0.5
+        """Share of the file that has been read, above 0 and up to 1; 0.5 where the file size is unknown."""
+        self.ends_with_line = True
+        """Whether the bytes read so far end with the end of a line."""
+
+    def blocks(self) -> Iterator[Block]:
+        """Yield blocks of complete lines.
+
+        Raises:
+            InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
+        """
+        number, consumed, size = 1, 0, 0
+        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
+            status = os.fstat(self._stream.fileno())
+            size = status.st_size if stat.S_ISREG(status.st_mode) else 0
+        while data := self._stream.read(_BLOCK):
+            tail = b"" if data.endswith(b"\n") else self._stream.readline(_TAIL)
+            data += tail
+            if data.startswith(_UTF16) and number == 1:
+                self.encoding = "UTF-16"
+                data += self._stream.read(_UTF16_LIMIT)
+            self.digest.update(data)
+            consumed += len(data)
+            self.share_read = min(consumed / size, 1.0) if size else 0.5
+            self.ends_with_line = data.endswith((b"\n", b"\r"))
+            lines = self._lines(data, number)
+            # Only a line with much behind the block can be too long, or have no end at all.
+            too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
+            if len(tail) == _TAIL and not tail.endswith(b"\n"):
+                too_long.append(number + len(lines) - 1)
+            if too_long:
+                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
+                raise InputError(Problem(message, self._file, too_long[0], fix="expected one line per pose"))
+            yield Block(lines, number)
+            number += len(lines)
+
+    def _lines(self, data: bytes, number: int) -> list[str]:
+        """Return the lines of bytes, the first of which has this number."""
+        if self.encoding == "UTF-16":
+            if len(data) > _UTF16_LIMIT:
+                raise InputError(Problem("the UTF-16 file is too large", self._file, fix="save it as UTF-8"))
+            with contextlib.suppress(UnicodeDecodeError):
+                data = data.decode("utf-16").encode(errors="replace")
+        if b"\0" in data or (number == 1 and data.startswith(_UTF16)):
+            raise InputError(
+                Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self._file, fix="save it as UTF-8")
+            )
+        data = data.removeprefix(_BOM) if number == 1 else data
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+        try:
+            lines = data.decode().split("\n")
+        except UnicodeDecodeError:
+            lines = [self._decoded(line, i) for i, line in enumerate(data.split(b"\n"), number)]
+        return lines if lines[-1] else lines[:-1]  # nothing follows the last line's end
+
+    def _decoded(self, line: bytes, number: int) -> str:
+        try:
+            return line.decode()
+        except UnicodeDecodeError as error:
+            self.encoding = "Windows-1252"
+            if len(self.not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
+                message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
+                self.not_text.append((message, number))
+            return line.decode("cp1252", errors="replace")
 
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
@@ -204,77 +258,73 @@ class TextTable(Table):
         """
         self._reader = LineReader(stream, file)
         self._blocks = self._reader.blocks()
-        first = next(self._blocks, Block([], 1))
-        if dialect := find_dialect(first.lines, options.is_known):
-            self.dialect = dialect
-            row = dialect.first_row
-            width = len(dialect.names) or len(dialect.split(first.lines[row]))
-            names = dialect.names or tuple(f"column {i + 1}" for i in range(width))
-            number = first.first + (row if dialect.header_line is None else dialect.header_line)
-            self._pending = Block(first.lines[row:], first.first + row)
-        else:
-            names, number = self._documented_names(first, file)
+        first = next((block for block in self._blocks if any(map(PLAIN.is_row, block.lines))), None)
+        if first is None:
+            raise InputError(
+                Problem("the file is empty", file, fix="expected a header row of column names and one row per pose")
+            )
+        self.dialect = dialect = find_dialect(first.lines, options.is_known)
+        row = dialect.first_row
+        number = first.first + (row if dialect.header_line is None else dialect.header_line)
+        names: Sequence[str] = dialect.names
+        if dialect.is_documented:
+            names = _documented_names(first.lines[row - 1], number, file)
+        elif not names:
+            names = [f"column {i + 1}" for i in range(len(dialect.split(first.lines[row])))]
         super().__init__(file, names, number, counted, options.skip_gaps)
+        self._pending = Block(first.lines[row:], first.first + row)
         self._repeats = False
         """Whether the names stand above each block of rows, with other text above them."""
         with contextlib.suppress(csv.Error):  # the row is reported when it is read
-            rows = map(self.dialect.split, filter(self.dialect.is_row, self._pending.lines))
-            self.cell_units = units_of_columns(rows)
-            pairs = itertools.pairwise(filter(self.dialect.is_row, self._pending.lines))
-            blocks = (
-                above
-                for above, line in pairs
-                if self.names[0] in line and tuple(self.dialect.split(line)) == self.names
+            lines = [*filter(dialect.is_row, self._pending.lines)]
+            self.cell_units = units_of_columns(map(dialect.split, lines))
+            self._repeats = any(
+                not any(map(dialect.is_number, dialect.split(above)))
+                for above, line in itertools.pairwise(lines)
+                if self.names[0] in line and tuple(dialect.split(line)) == self.names
             )
-            self._repeats = any(not any(map(self.dialect.is_number, self.dialect.split(above))) for above in blocks)
-        self.remarks.append(self.dialect.description())
+        self.log.remarks.append(dialect.description())
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
-        self._below: list[str] = []
-        """Lines below the table."""
-
-    def _documented_names(self, first: Block, file: str) -> tuple[tuple[str, ...], int]:
-        """Return the names in the first line that is neither blank nor a comment, and its number."""
-        for block in itertools.chain((first,), self._blocks):
-            for i, line in enumerate(block.lines):
-                if PLAIN.is_row(line):
-                    number = block.first + i
-                    self._pending = Block(block.lines[i + 1 :], number + 1)
-                    return header_names(line, number, file), number
-        fix = "expected a header row of column names and one row per pose"
-        raise InputError(Problem("the file is empty", file, fix=fix))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
-        table, size = np.empty((len(numbers), 0)), 0
-        lines: list[NDArray[np.int64]] = [np.empty(0, dtype=np.int64)]
-        columns: list[tuple[NDArray[np.str_], ...]] = [tuple(np.empty(0, dtype=str) for _ in texts)]
+        table, size, below = np.empty((len(numbers), 0)), 0, ""
+        places, columns = [np.empty(0, np.int64)], [[np.empty(0, str)] for _ in texts]
         last: list[str] = []
-        for block in self._remaining():
-            parsed = self._parse(block, numbers, texts)
-            start, size = size, size + parsed.lines.size
-            table = _with_room(table, size, self._reader.share_read)
-            table[:, start:size] = parsed.numbers
-            lines.append(parsed.lines)
-            columns.append(parsed.texts)
+        for block, following in itertools.pairwise(itertools.chain([self._pending], self._blocks, [Block([], 0)])):
+            if not following.lines and self._reader.ends_with_line:  # else a row was cut off
+                block, below = self._without_footer(block)
+            part = self._parsed(block, numbers, texts)
+            start, size = size, size + part.lines.size
+            if size > table.shape[1]:
+                # The table grows to the size that the share read suggests. Pages that are never written cost nothing,
+                # while joining parts at the end of the file would touch all of the memory twice.
+                larger = np.empty((len(numbers), max(int(size / self._reader.share_read * 1.02), size)))
+                larger[:, :start] = table[:, :start]
+                table = larger
+            table[:, start:size] = part.numbers
+            places.append(part.lines)
+            for column, values in zip(columns, part.texts, strict=True):
+                column.append(values)
             last = [*last, *block.lines][-_LAST_ROWS:]
         self._report_widths(body_rows=size)
-        if self.dialect is PLAIN:
-            for problem in self._reader.not_text:
-                self.log.add(problem.message, problem.line, fix=problem.fix)
+        for message, line in self._reader.not_text if self.dialect.is_documented else ():
+            self.log.add(message, line, fix="save the file as UTF-8")
         if cut := self._cut(last):
-            self.doubts.append(cut)
-        self.remarks += [
+            self.log.warn(cut, of_file=True)
+        encoding = self._reader.encoding
+        self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
-            "" if self._reader.encoding == "UTF-8" else self._reader.encoding,
+            "" if encoding == "UTF-8" else encoding,
             f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
-            f"not read below the table: {', '.join(map(clip, self._below))}" if self._below else "",
+            f"not read below the table: {below}" if below else "",
         ]
-        self.sha256 = self.sha256 or self._reader.sha256
-        joined = tuple(map(np.concatenate, zip(*columns, strict=True)))
-        return TableBody(table[:, :size], joined, np.concatenate(lines)).without(self.gaps)
+        self.sha256 = self.sha256 or self._reader.digest.hexdigest()
+        body = TableBody(table[:, :size], [*map(np.concatenate, columns)], np.concatenate(places))
+        return body.without(self.log.gaps)
 
     def _cut(self, lines: list[str]) -> str:
         """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""
@@ -286,105 +336,99 @@ class TextTable(Table):
             return ""
         return f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, delete its line"
 
-    def _remaining(self) -> Iterator[Block]:
-        blocks = itertools.chain([self._pending], self._blocks, [Block([], 0)])
-        for block, following in itertools.pairwise(blocks):
-            yield block if following.lines else self._without_footer(block)
-
-    def _without_footer(self, block: Block) -> Block:
-        """Return the last block without the lines below the table."""
+    def _without_footer(self, block: Block) -> tuple[Block, str]:
+        """Return the last block without the lines below the table, and these."""
         end = len(block.lines)
         while end > 1 and self.dialect.is_footer(block.lines[end - 1], len(self.labels)):
             end -= 1
-        self._below = [text for line in block.lines[end:] if self.dialect.is_row(text := line.strip(" \t,;|"))]
-        return Block(block.lines[:end], block.first)
+        below = (line.strip(" \t,;|") for line in block.lines[end:])
+        return Block(block.lines[:end], block.first), ", ".join(map(clip, filter(self.dialect.is_row, below)))
 
-    def _parse(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        parsed = self._parse_fast(block.lines, numbers, texts)
-        if parsed is not None and parsed.numbers.shape[1] == len(block.lines):
-            return TableBody(parsed.numbers, parsed.texts, parsed.lines + block.first)
-        rows = [i for i, line in enumerate(block.lines) if self.dialect.is_row(line)]
-        lines = [block.lines[i] for i in rows]
-        parsed = self._parse_fast(lines, numbers, texts) if len(rows) < len(block.lines) else None
+    def _parsed(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
+        lines, rows = block.lines, np.arange(len(block.lines), dtype=np.int64)
+        parsed = self._parse_fast(lines, numbers, texts)
+        if parsed is None or parsed[0].shape[1] < len(lines):
+            rows = np.array([i for i, line in enumerate(lines) if self.dialect.is_row(line)], dtype=np.int64)
+            lines = [lines[i] for i in rows]
+            parsed = self._parse_fast(lines, numbers, texts) if len(lines) < len(block.lines) else None
         if parsed is None:
-            return self._parse_fields([(block.first + i, block.lines[i]) for i in rows], numbers, texts)
-        return TableBody(parsed.numbers, parsed.texts, np.asarray(rows, dtype=np.int64) + block.first)
+            return self._parse_fields(lines, rows + block.first, numbers, texts)
+        return TableBody(*parsed, rows + block.first)
 
-    def _parse_fast(self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody | None:
-        """Return the rows parsed by NumPy, lines from 0; None where it cannot or a value is not finite or empty."""
-        if not self.cell_units.keys().isdisjoint(numbers):
-            return None
-        n_columns = len(self.labels)
-        only_numbers = len(set(numbers)) == n_columns
-        # Without a type for every column a row with too many fields would pass unnoticed.
-        kinds = ["f8" if i in set(numbers) else "O" if i in set(texts) else "U1" for i in range(n_columns)]
-        dtype = np.dtype(float) if only_numbers else np.dtype([(f"f{i}", kind) for i, kind in enumerate(kinds)])
+    def _parse_fast(
+        self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]
+    ) -> tuple[Array, list[NDArray[np.str_]]] | None:
+        """Return the columns of rows parsed by NumPy; None where it cannot, or a value is empty or not finite."""
         dialect = self.dialect
-        if (texts and dialect.decimal_comma) or ((texts or dialect is not PLAIN) and '"' in "".join(lines)):
+        quotes = (texts or not dialect.is_documented) and any('"' in line for line in lines)
+        if quotes or (texts and dialect.decimal_comma) or not self.cell_units.keys().isdisjoint(numbers):
             return None
         if dialect.decimal_comma:
             if any("." in line for line in lines):  # a point may separate thousands: field by field it is refused
                 return None
             lines = [line.replace(",", ".") for line in lines]
+        # Without a type for every column a row with too many fields would pass unnoticed.
+        kinds = {**dict.fromkeys(texts, "O"), **dict.fromkeys(numbers, "f8")}
+        dtype = np.dtype([(f"f{i}", kinds.get(i, "U1")) for i in range(len(self.labels))])
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")  # NumPy warns of a block without rows
                 table: NDArray[Any] = np.loadtxt(
-                    lines,
-                    dtype,
-                    comments=None,
-                    delimiter=dialect.separator,
-                    ndmin=2 if only_numbers else 1,
-                    encoding="utf-8",
+                    lines, dtype, comments=None, delimiter=dialect.separator, ndmin=1, encoding="utf-8"
                 )
         except ValueError:
             return None
-        if only_numbers:
-            if table.shape[1] != n_columns:
-                return None
-            # In the file's order, which is the usual one, no copy is needed before the columns are stored.
-            values = table.T if list(numbers) == list(range(n_columns)) else table.T[list(numbers)]
-        else:
-            values = np.empty((len(numbers), table.size))
-            for row, i in zip(values, numbers, strict=True):
-                row[:] = table[f"f{i}"]
-        if not np.isfinite(values).all():
-            return None
+        values = np.empty((len(numbers), table.size))
+        for row, i in zip(values, numbers, strict=True):
+            row[:] = table[f"f{i}"]
         columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
-        if any(column and not 0 < min(map(len, column)) <= max(map(len, column)) <= MAX_TEXT for column in columns):
+        sizes = [len(text) for column in columns for text in column]
+        if not np.isfinite(values).all() or not 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT:
             return None
-        arrays = tuple(np.array(column, dtype=str) for column in columns)
-        return TableBody(values, arrays, np.arange(values.shape[1], dtype=np.int64))
+        return values, [np.array(column, dtype=str) for column in columns]
 
-    def _parse_fields(self, rows: list[tuple[int, str]], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
+    def _parse_fields(
+        self, lines: list[str], places: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
+    ) -> TableBody:
         """Parse rows field by field and log each problem; a row that does not fit the header is left out."""
         values: list[list[float]] = []
         columns: list[list[str]] = []
-        lines: list[int] = []
-        for number, line in rows:
-            fields = self._fields(number, line)
-            if fields is None or self._is_lost(number, fields, numbers, texts):
+        kept: list[int] = []
+        for place, line in zip(places.tolist(), lines, strict=True):
+            fields = self._fields(place, line)
+            if fields is None or self._is_lost(place, fields, numbers, texts):
                 continue
-            values.append([self._number(fields[i], number, i) for i in numbers])
+            values.append([self._number(fields[i], place, i) for i in numbers])
+            is_empty = [i in self.sparse and not fields[i] for i in texts]
             columns.append(
-                [
-                    "" if i in self.sparse and not fields[i] else self.text(fields[i], number, self.labels[i])
-                    for i in texts
-                ]
-            )
-            lines.append(number)
-        table = np.array(values, dtype=float).reshape(len(lines), len(numbers))
-        arrays = tuple(np.array([row[i] for row in columns], dtype=str) for i in range(len(texts)))
-        return TableBody(np.ascontiguousarray(table.T), arrays, np.array(lines, dtype=np.int64))
+                ["" if empty else self.text(fields[i], place, self.labels[i])
+                 for i, empty in zip(texts, is_empty, strict=True)]
+            )  # fmt: skip
+            kept.append(place)
+        table = np.array(values, dtype=float).reshape(len(kept), len(numbers))
+        arrays = [np.array([row[i] for row in columns], dtype=str) for i in range(len(texts))]
+        return TableBody(np.ascontiguousarray(table.T), arrays, np.array(kept, dtype=np.int64))
 
     def _number(self, cell: str, line: int, index: int) -> float:
         """Return the number in a cell of a column; NaN where there is none or a problem was logged."""
         column, comma = self.labels[index], self.dialect.decimal_comma
-        if index in self.cell_units and any(sign.isdecimal() for sign in cell):
-            cell = self._bare(cell, line, index)
+        if (expected := self.cell_units.get(index)) and any(sign.isdecimal() for sign in cell):
+            whole = clip(cell)
+            cell, unit = split_cell(cell)
+            if unit not in (None, expected):
+                self.log.add(
+                    f"found {whole}, but the first cell is in {expected}", line, column, "export the column in one unit"
+                )
+            elif unit is None and number_of(cell, comma) is not None:
+                self.log.add(
+                    f"found {whole} without the unit {expected}",
+                    line,
+                    column,
+                    f"export every cell with its unit, or none and {expected} in the column's name",
+                )
         is_gap = cell.lower() in GAPS
         if self.skip_gaps and is_gap:
-            self.gaps.add(line)
+            self.log.gaps.add(line)
             return math.nan
         value = number_of(cell, comma)
         self._has_grouped |= value is not None and is_grouped(cell, comma)
@@ -395,58 +439,69 @@ class TextTable(Table):
         self.log.add(found if cell else "the value is missing, expected a number", line, column, fix)
         return math.nan
 
-    def _bare(self, cell: str, line: int, index: int) -> str:
-        """Return a cell without its unit; log a unit that is not the column's."""
-        expected, (number, unit) = self.cell_units[index], split_cell(cell)
-        if unit is not None and unit != expected:
-            fix = "export the column in one unit"
-            self.log.add(f"found {clip(cell)}, but the first cell is in {expected}", line, self.labels[index], fix)
-        elif unit is None and number_of(number, self.dialect.decimal_comma) is not None:
-            fix = f"export every cell with its unit, or none and {expected} in the column's name"
-            self.log.add(f"found {clip(cell)} without the unit {expected}", line, self.labels[index], fix)
-        return number
-
-    def _is_lost(self, number: int, fields: Sequence[str], numbers: Sequence[int], texts: Sequence[int]) -> bool:
+    def _is_lost(self, line: int, fields: Sequence[str], numbers: Sequence[int], texts: Sequence[int]) -> bool:
         """Return whether a row is left out: every value is missing, or one is and the status says not measured."""
         status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
         missing = [fields[i].lower() in GAPS for i in numbers]
-        named = not self.sparse and not all(
-            self.dialect.is_number(fields[i]) for i in texts
-        )  # a number counts the rows
+        # A number in place of a name counts the rows.
+        named = not self.sparse and not all(self.dialect.is_number(fields[i]) for i in texts)
         is_lost = (bool(status & _FAILED) and any(missing)) or (not named and len(missing) > 1 and all(missing))
-        self.gaps |= {number} if is_lost and not self.sparse else set()
+        self.log.gaps |= {line} if is_lost and not self.sparse else set()
         return is_lost
 
-    def _fields(self, number: int, line: str) -> list[str] | None:
+    def _fields(self, line: int, text: str) -> list[str] | None:
+        """Return the fields of a row; None for a row that does not fit the header, which is logged."""
         try:
-            fields = self.dialect.split(line)
+            fields = self.dialect.split(text)
         except csv.Error as error:
-            self.log.add(f"the row cannot be read ({error})", number, fix="close every quote on its line")
+            self.log.add(f"the row cannot be read ({error})", line, fix="close every quote on its line")
             return None
-        n_fields, expected = len(fields), len(self.labels)
+        expected = len(self.labels)
         if self._repeats and not any(map(self.dialect.is_number, fields)):
             return None
-        if n_fields == expected and any(fields):
+        if len(fields) == expected and any(fields):
             return fields
-        if self.skip_gaps and n_fields < expected:
-            self.gaps.add(number)
+        if self.skip_gaps and len(fields) < expected:
+            self.log.gaps.add(line)
         elif not any(fields):
-            self.log.add("every field of the row is empty", number, fix="delete the line")
+            self.log.add("every field of the row is empty", line, fix="delete the line")
         else:
-            self._widths.append((number, n_fields))
+            self._widths.append((line, len(fields)))
         return None
 
     def _report_widths(self, body_rows: int) -> None:
         """Log rows with another number of fields than the header; once if no row fits and all have the same number."""
         expected = len(self.labels)
-        widths = {width for _, width in self._widths}
-        is_same = not body_rows and len(widths) == 1 and len(self._widths) > 1
-        for number, width in self._widths[:1] if is_same else self._widths:
-            more = f" here and in the {len(self._widths) - 1} rows below" if is_same else ""
-            fix = "write decimals with a point, not a comma" if width > 1.5 * expected else None
-            if fix is None and width < expected and body_rows > 1:
-                fix = "if another table or a footer begins here, delete it"
-            if is_same and fix is None:
-                fix = "give each column one name, with the same separator as in the rows"
+        is_same = not body_rows and len({width for _, width in self._widths}) == 1 and len(self._widths) > 1
+        more = f" here and in the {len(self._widths) - 1} rows below" if is_same else ""
+        for line, width in self._widths[:1] if is_same else self._widths:
+            fixes = (
+                (width > 1.5 * expected, "write decimals with a point, not a comma"),
+                (width < expected and body_rows > 1, "if another table or a footer begins here, delete it"),
+                (is_same, "give each column one name, with the same separator as in the rows"),
+            )
+            fix = next((text for applies, text in fixes if applies), None)
             fields = "field" if width == 1 else "fields"
-            self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", number, fix=fix)
+            self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", line, fix=fix)
+
+
+def _documented_names(line: str, number: int, file: str) -> list[str]:
+    """Return the names of the header row of a file of the documented form.
+
+    Raises:
+        InputError: The line is not a header row.
+    """
+    names, message, fix = [], "", "export the file with commas, and with a point in decimals"
+    try:
+        names = PLAIN.split(line)
+    except csv.Error as error:
+        message, fix = f"the header row cannot be read ({error})", "close every quote on its line"
+    signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
+    for sign, word in signs.items():
+        if not message and line.strip().count(sign) >= len(names):
+            message = f"the columns are separated by {word}, expected commas"
+    if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
+        message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
+    if message:
+        raise InputError(Problem(message, file, number, fix=fix))
+    return names

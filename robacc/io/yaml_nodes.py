@@ -1,4 +1,4 @@
-"""Read YAML with line numbers: a safe tree of nodes, and typed access that collects every problem."""
+"""Read YAML with line numbers, as a safe tree of nodes with typed access that collects every problem; and change it."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import contextlib
 import difflib
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import yaml
 
 from robacc.errors import InputError, Problem
+from robacc.io.files import ProblemLog, clip
+from robacc.quantities import significant
 
 MAX_DEPTH = 32
 MAX_NODES = 50_000
@@ -85,17 +87,12 @@ def compose(text: str, file: str) -> yaml.Node:
     return node
 
 
-@dataclass(frozen=True, slots=True)
-class Source:
+class Source(ProblemLog):
     """YAML file and the problems found in it so far."""
-
-    file: str
-    problems: list[Problem] = field(default_factory=list)
 
     def report(self, node: yaml.Node | None, path: str, message: str, fix: str | None = None) -> None:
         """Add a problem of a node, or of the file where ``node`` is None."""
-        line = node.start_mark.line + 1 if node is not None else None
-        self.problems.append(Problem(message, self.file, line, path or None, fix))
+        self.add(message, None if node is None else node.start_mark.line + 1, path or None, fix)
 
     def finish(self) -> None:
         """Raise an error where there is a problem.
@@ -103,8 +100,7 @@ class Source:
         Raises:
             InputError: Every problem, in the order of the file.
         """
-        if self.problems:
-            raise InputError(sorted(self.problems, key=lambda problem: problem.line or 0))
+        self.raise_if_any()
 
     def section(self, node: yaml.Node, path: str, known: Sequence[str]) -> YamlSection | None:
         """Return a mapping with the keys ``known``, reporting any other key; None where the node is not a mapping."""
@@ -250,8 +246,7 @@ def describe(node: yaml.Node) -> str:
         return f"a list of {len(node.value)}"
     if is_null(node):
         return "nothing"
-    text = str(node.value)
-    return repr(text if len(text) <= 40 else text[:39] + "…")
+    return clip(str(node.value))
 
 
 def nearest(name: str, known: Sequence[str]) -> str | None:
@@ -259,3 +254,194 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
     matches = difflib.get_close_matches(name.lower(), [candidate.lower() for candidate in known], 1, 0.6)
     suggestions = (candidate for candidate in known if matches and candidate.lower() == matches[0])
     return next((f"did you mean {candidate!r}?" for candidate in suggestions), None)
+
+
+# Change values in the text of a document; comments, order, layout and unchanged values stay as they were written.
+#
+# The nodes know where they stand in the text, so a new value replaces the characters of the old value and nothing else.
+# A library that reads and writes whole documents (ruamel.yaml) would set indentation and line breaks anew.
+
+_WIDTH = 120
+"""Characters of a line of new text."""
+
+
+def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Collection[str] = ()) -> str:
+    """Return the text of a YAML file with the values of ``document``.
+
+    A number keeps its text where it is the same to twelve digits. A key that only the file has stays. A key that the
+    file does not have is added behind the key that precedes it in ``document``, unless its value is zero or empty,
+    which is the default of the files of this package.
+
+    Args:
+        text: The file.
+        document: Its new content.
+        file: Its name, for messages.
+        rewritten: Keys of the document whose values are written anew if more than numbers and additions changes, so
+            that no key of the old value stays.
+
+    Raises:
+        InputError: The text is not YAML.
+    """
+    text = text.removeprefix("\ufeff")
+    text = text if text.endswith("\n") else f"{text}\n"
+    edits = _Edits(text, rewritten)
+    edits.mapping(compose(text, file), document)
+    return edits.applied()
+
+
+@dataclass
+class _Edits:
+    """Replacements of spans of a text: first index, index behind the last, new text."""
+
+    text: str
+    rewritten: Collection[str] = ()
+    spans: list[tuple[int, int, str]] = field(default_factory=list)
+
+    def applied(self) -> str:
+        """Return the text with all replacements."""
+        pieces, position = [], 0
+        for start, end, new in sorted(self.spans, key=lambda span: span[:2]):
+            pieces += [self.text[position:start], new]
+            position = end
+        return "".join((*pieces, self.text[position:]))
+
+    def value(self, node: yaml.Node, value: Any) -> None:
+        """Change a value to another."""
+        if isinstance(node, yaml.MappingNode) and isinstance(value, Mapping):
+            self.mapping(node, value)
+        elif _has_items_for(node, value):
+            for item, new in zip(node.value, value, strict=False):
+                self.value(item, new)
+            column = node.start_mark.column + 2
+            items = [(_flow(item), f"- {_block(item, column)}") for item in value[len(node.value) :]]
+            if items:
+                self.add(node, node.value[-1] if node.value else None, items)
+        elif not _is_same(node, value):
+            self.replace(node, value)
+
+    def mapping(self, node: yaml.Node, document: Mapping[str, Any]) -> None:
+        """Change the values of a mapping, and add keys."""
+        entries = {key.value: (key, value) for key, value in node.value}
+        place: yaml.Node | None = None
+        for key, value in document.items():
+            if key in entries:
+                place = entries[key][1]
+                is_new = key in self.rewritten and not _is_alike(place, value, longer=True)
+                (self.replace if is_new else self.value)(place, value)
+            elif not _is_zero(value):
+                entry = _entry(key, value, node.start_mark.column)
+                self.add(node, place, [(_flow({key: value})[1:-1], entry)])
+
+    def replace(self, node: yaml.Node, value: Any) -> None:
+        """Write a value in place of a node."""
+        start, end = node.start_mark.index, self.end(node)
+        if isinstance(node, yaml.ScalarNode) and is_null(node) and start == end:
+            self.spans.append((start, end, f" {_flow(value)}"))
+        elif _is_block(node):
+            # A list may stand at the column of its key, where nothing else may stand.
+            lead = 2 if isinstance(node, yaml.SequenceNode) else 0
+            self.spans.append((start, end, " " * lead + _block(value, node.start_mark.column + lead)))
+        else:
+            self.spans.append((start, end, _flow(value)))
+
+    def add(self, node: yaml.Node, place: yaml.Node | None, items: Sequence[tuple[str, str]]) -> None:
+        """Add entries, each as text for one line and as lines of its own, behind the value ``place`` or before all."""
+        between = f"\n{' ' * node.start_mark.column}"
+        if _is_block(node):
+            lines = between.join(text for _, text in items)
+            start = node.start_mark.index if place is None else self.end_of_line(place)
+            text = f"{lines}{between}" if place is None else f"{between}{lines}"
+        else:
+            start = node.start_mark.index + 1 if place is None else self.end(place)
+            text = ", ".join(text for text, _ in items)
+            follows = place is not None or any(span[0] == start for span in self.spans if not node.value)
+            text = f", {text}" if follows else f"{text}, " if node.value else text
+        self.spans.append((start, start, text))
+
+    def end(self, node: yaml.Node) -> int:
+        """Return the index behind the last character of a node; the mark of a block is behind comments that follow."""
+        if _is_block(node):
+            last = node.value[-1]
+            return self.end(last[1] if isinstance(last, tuple) else last)
+        end = node.end_mark.index
+        while end > node.start_mark.index and self.text[end - 1] in " \t\r\n":
+            end -= 1
+        return int(end)
+
+    def end_of_line(self, node: yaml.Node) -> int:
+        """Return the index of the end of a node's last line, behind a comment in that line."""
+        end = self.text.index("\n", self.end(node))
+        return end - 1 if self.text[end - 1] == "\r" else end
+
+
+def _is_block(node: yaml.Node) -> bool:
+    """Return whether a node is a mapping or list by indentation, not by braces."""
+    return isinstance(node, yaml.CollectionNode) and not node.flow_style and bool(node.value)
+
+
+def _has_items_for(node: yaml.Node, value: Any) -> bool:
+    """Return whether each item of a list has an item of the same kind (mapping, list, scalar) in ``value``."""
+    if not isinstance(node, yaml.SequenceNode) or not isinstance(value, list) or len(value) < len(node.value):
+        return False
+    nodes_and_values = ((yaml.MappingNode, Mapping), (yaml.SequenceNode, list))
+    return all(
+        isinstance(item, of_node) is isinstance(new, of_value)
+        for item, new in zip(node.value, value, strict=False)
+        for of_node, of_value in nodes_and_values
+    )
+
+
+def _is_alike(node: yaml.Node, value: Any, longer: bool = False) -> bool:
+    """Return whether a value differs from a node by numbers and added keys alone, or by more items where ``longer``."""
+    if isinstance(node, yaml.MappingNode):
+        return isinstance(value, Mapping) and all(
+            key.value in value and _is_alike(item, value[key.value]) for key, item in node.value
+        )
+    if isinstance(node, yaml.SequenceNode):
+        has_items = isinstance(value, list) and len(value) >= len(node.value) and all(map(_is_alike, node.value, value))
+        return has_items and (longer or len(value) == len(node.value))
+    return isinstance(value, float) or _is_same(node, value)
+
+
+def _is_same(node: yaml.Node, value: Any) -> bool:
+    """Return whether a scalar's text reads as the value, a number to twelve digits."""
+    if not isinstance(node, yaml.ScalarNode):
+        return False
+    is_plain, text = not node.style, str(node.value)
+    if value is None or isinstance(value, bool):
+        return is_plain and text.lower() == {None: "null", True: "true", False: "false"}[value]
+    if isinstance(value, int | float):
+        try:
+            return is_plain and significant(float(text)) == significant(float(value))
+        except ValueError:
+            return False
+    return bool(text == value and (not is_plain or node.tag == "tag:yaml.org,2002:str"))
+
+
+def _is_zero(value: Any) -> bool:
+    """Return whether a value is zero throughout."""
+    if isinstance(value, Mapping | list):
+        return all(map(_is_zero, value.values() if isinstance(value, Mapping) else value))
+    return isinstance(value, int | float) and not isinstance(value, bool) and value == 0
+
+
+def _flow(value: Any) -> str:
+    """Return a value as text in one line."""
+    return _dumped(value, flow=True, width=math.inf)
+
+
+def _block(value: Any, column: int) -> str:
+    """Return a value as lines, the second and later ones indented."""
+    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=_WIDTH - column))
+
+
+def _dumped(value: Any, flow: bool | None, width: float) -> str:
+    text: str = yaml.safe_dump(value, sort_keys=False, default_flow_style=flow, allow_unicode=True, width=width)
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _entry(key: str, value: Any, column: int) -> str:
+    """Return a key with its value, in the same line if it fits."""
+    text, name = _block(value, column + 2), _flow({key: 0})[1:-4]
+    is_block = isinstance(value, Mapping | list) and text[0] not in "[{"
+    return f"{name}:\n{' ' * (column + 2)}{text}" if is_block else f"{name}: {text}"

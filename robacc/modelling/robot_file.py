@@ -13,7 +13,7 @@ from typing import Any
 from robacc.effects.specification import known_effects, with_effect_units
 from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import read_text
-from robacc.io.yaml_edit import edited
+from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
 from robacc.robots.yaml_robot import effect_lines, parse_robot
 from robacc.robots.yaml_units import Units

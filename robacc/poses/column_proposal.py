@@ -50,14 +50,15 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     found = find_columns(table, known, replace(AS_NAMED, coverage=1.0))
     columns = found.columns
     has_commands = any(JOINT_COLUMN.fullmatch(key) or key.startswith("cmd_") for key in columns)
-    statements: dict[str, tuple[str, str]] = {}
-    if conventions := [options for options in found.angles.values() if options != _CERTAIN]:
-        value = conventions[0][0] if len(conventions[0]) == 1 else OPEN
-        statements["angles"] = value, f"convention of the angles: {', '.join(conventions[0])}"
-    if found.without_unit:
-        statements["units"] = OPEN, "of the names below without a unit, for example mm,deg"
-    if any(column.key.startswith("sigma") and not is_documented(column.name) for column in columns.values()):
-        statements["coverage"] = OPEN, "of the uncertainties: 1 if standard, 2 if expanded"
+    conventions_left = next((options for options in found.angles.values() if options != _CERTAIN), ())
+    convention = conventions_left[0] if len(conventions_left) == 1 else OPEN
+    is_uncertain = any(key.startswith("sigma") and not is_documented(column.name) for key, column in columns.items())
+    statements = {
+        "angles": (conventions_left, convention, f"convention of the angles: {', '.join(conventions_left)}"),
+        "units": (found.without_unit, OPEN, "of the names below without a unit, for example mm,deg"),
+        "coverage": (is_uncertain, OPEN, "of the uncertainties: 1 if standard, 2 if expanded"),
+    }
+    stated = {key: (value, comment) for key, (applies, value, comment) in statements.items() if applies}
     questions = [
         f"{f'{problem.column}: ' if problem.column else ''}{problem.message}; name them, or leave them empty"
         for problem in table.log.problems
@@ -79,11 +80,11 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
         f"#   --columns {map_name}",
         "",
         "robacc_columns: 1",
-        *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in statements.items()),
+        *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in stated.items()),
         *(f"# open: {question}" for question in questions),
-        *(["columns:", *entries] if table is plain else [f"# {table.description()}"]),
+        *(["columns:", *entries] if table is plain else [f"# {table.log.remark}"]),
     ]
-    unanswered = tuple(key for key, (value, _) in statements.items() if value == OPEN)
+    unanswered = tuple(key for key, (value, _) in stated.items() if value == OPEN)
     n_named = sum(map(bool, table.names))
     return ColumnProposal("\n".join(lines) + "\n", unanswered, tuple(questions), len(columns), n_named, has_commands)
 

@@ -328,20 +328,13 @@ def source_of(label: Collection[str]) -> int:
     return next((rank for rank, words in ranks if words & {*label}), 1)
 
 
+SAY_LITTLE = _FILLERS | _ATTAINED
+"""Words that tell no point from another."""
+
+
 def is_point_name(name: str) -> bool:
     """Return whether a name is that of a column of point or pose names."""
     return _WHOLE_NAMES.get(heading_of(name).text) == "pose"
-
-
-def axis_and_label(heading: Heading) -> tuple[str | None, str | None]:
-    """Return axis and label of a measured coordinate, ``x`` and ``1`` of ``X1``; None, None for another name.
-
-    The label of ``X`` and of ``Measured X`` is empty.
-    """
-    label, axis = labelled(heading) or ((), "turn")
-    if axis == "turn" or source_of(heading.words) < 0:
-        return None, None
-    return axis, "".join(word for word in label if word not in _FILLERS | _ATTAINED)
 
 
 def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Meaning | None:
@@ -419,16 +412,18 @@ CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
 FIXED_KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(TEXTS, "text"),
-    **dict.fromkeys(CIRCUMSTANCES, "number"),
-    **dict.fromkeys((*AXES, *COMMANDED_AXES, *SIGMAS), "length"),
-    **dict.fromkeys((f"{prefix}{name}" for prefix in ("", "cmd_") for name in (*ROTATION_VECTOR, *RPY)), "angle"),
-    **dict.fromkeys((*QUATERNION, *COMMANDED_QUATERNION), "ratio"),
+    **dict.fromkeys(AXES, "length"),
+    **dict.fromkeys(QUATERNION, "ratio"),
+    **dict.fromkeys((*ROTATION_VECTOR, *RPY), "angle"),
+    **dict.fromkeys(COMMANDED_AXES, "length"),
+    **dict.fromkeys(COMMANDED_QUATERNION, "ratio"),
+    **dict.fromkeys((f"cmd_{name}" for name in (*ROTATION_VECTOR, *RPY)), "angle"),
+    **dict.fromkeys(SIGMAS, "length"),
     "sigma_r": "angle",
+    **dict.fromkeys(CIRCUMSTANCES, "number"),
 }
 """Kind of every column name without a joint's number."""
 JOINT_COLUMN = re.compile(r"(dir_|speed_|read_)?q([1-9]\d{0,2})", re.ASCII)
-BRANCH_KEY = re.compile(r"branch_q(\d+)", re.ASCII)
-"""Key of a joint outside the chain."""
 
 
 @dataclass(frozen=True, slots=True)

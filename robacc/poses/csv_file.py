@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -21,20 +22,18 @@ from robacc.poses.columns import (
     CIRCUMSTANCES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
+    FIXED_KINDS,
     QUATERNION,
-    ROTATION_VECTOR,
-    RPY,
     SIGMAS,
     TEXTS,
     TIME_KEYS,
 )
 from robacc.poses.layout import Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
-from robacc.poses.orientation import conventions, rotations
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownPoses, KnownRobot, reading_of, table_options
 from robacc.poses.reshaped_tables import reshaped, with_named_quaternion
 from robacc.poses.row_checks import READ_BACK_TOLERANCE, check_rows, check_sizes, duplicate_rows, with_repetitions
-from robacc.poses.units import check_units, lengths_too_large, with_units
+from robacc.poses.units import check_units, conventions, lengths_too_large, rotations, with_units
 
 # Write poses as CSV text in SI units, which :func:`robacc.poses.csv_file.read_poses` reads back.
 
@@ -60,45 +59,44 @@ def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterato
         if start == 0:
             # Metres that would be read as millimetres have a unit in the name.
             positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
-            far = [names for names, p in positions if p is not None and p.size and lengths_too_large(p)]
-            with_unit = frozenset().union(*far)
-            writer.writerow([f"{name}_m" if name in with_unit else name for name, _ in columns])
-        writer.writerows(zip(*(column for _, column in columns), strict=True))
+            far = [
+                name for names, p in positions if p is not None and p.size and lengths_too_large(p) for name in names
+            ]
+            writer.writerow([f"{name}_m" if name in far else name for name in columns])
+        writer.writerows(zip(*columns.values(), strict=True))
         yield out.getvalue()
 
 
-def _columns(measurements: Measurements, attained: bool) -> list[tuple[str, Sequence[object]]]:
-    m = measurements
+def _columns(m: Measurements, attained: bool) -> dict[str, Sequence[object]]:
     of_joints = next((values for values in (m.q, m.direction, m.speed) if values is not None), np.empty((0, 0)))
     joints = [f"q{i + 1}" for i in range(len(of_joints))]
-    attained_columns = ((AXES, m.position), (QUATERNION, _quaternion(m.rotation))) if attained else ()
-    numbers: tuple[tuple[Sequence[str], Array | None], ...] = (
+    rotation, cmd_rotation = (
+        None if rotation is None else quaternion_from_rotation(rotation)
+        for rotation in (m.rotation, m.commanded_rotation)
+    )
+    sets: tuple[tuple[Sequence[str], Array | None], ...] = (
         (joints, m.q),
-        *attained_columns,
+        (AXES, m.position if attained else None),
+        (QUATERNION, rotation if attained else None),
         (COMMANDED_AXES, m.commanded_position),
-        (COMMANDED_QUATERNION, _quaternion(m.commanded_rotation)),
+        (COMMANDED_QUATERNION, cmd_rotation),
         (SIGMAS, m.sigma_position),
         (("sigma_r",), m.sigma_rotation),
         *zip(((name,) for name in CIRCUMSTANCES), (m.time, m.temperature, m.payload), strict=True),
-        ([f"dir_{name}" for name in joints], m.direction),
+        ([f"dir_{name}" for name in joints], None if m.direction is None else m.direction.astype(np.int64)),
         ([f"speed_{name}" for name in joints], m.speed),
         ([f"read_{name}" for name in joints], m.read_back),
         (m.branch_names, m.branches),
     )
-    columns: list[tuple[str, Sequence[object]]] = []
-    for names, values in numbers:
-        if values is not None:
-            written = values.astype(np.int64) if values is m.direction else values
-            columns += zip(names, written.reshape(len(names), m.n).tolist(), strict=True)
+    numbers = {
+        name: row
+        for names, values in sets
+        if values is not None
+        for name, row in zip(names, values.reshape(len(names), m.n).tolist(), strict=True)
+    }
     # Text goes last: an id that begins with # would make a comment of its row.
-    for name in TEXTS:
-        if (texts := getattr(m, name)) is not None:
-            columns.append((name, [for_spreadsheet(str(text)) for text in texts]))
-    return columns
-
-
-def _quaternion(rotation: Array | None) -> Array | None:
-    return None if rotation is None else quaternion_from_rotation(rotation)
+    texts = {name: column for name in TEXTS if (column := getattr(m, name)) is not None}
+    return {**numbers, **{name: [for_spreadsheet(str(text)) for text in column] for name, column in texts.items()}}
 
 
 def read_poses(
@@ -133,26 +131,30 @@ def read_poses(
         InputError: Every problem of the file, with line and column.
     """
     reading = reading_of(path)
-    options = table_options(path)
-    with open_table(os.fspath(path), options) as source:
+    with open_table(os.fspath(path), table_options(path)) as source:
         table: Table = source
-        log = table.log
+        log, targets = table.log, robot.targets
         if reading.columns is None:
             table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
             counts_joints = commands and len(robot.joint_names or ()) == len(QUATERNION)
             table.names = table.names if counts_joints else with_named_quaternion(table)
         layout = read_layout(table, robot, attained, reading, commands)
-        values = _with_named_poses(_read_values(table, layout), robot.targets)
-        if len(robot.targets) > 1 and "target" not in layout.columns and layout.has(layout.joints()):
-            count = f"{len(robot.targets)} targets ({listing(robot.targets)})"
-            message = f"column target is missing: the robot file has {count}"
-            log.add(message, table.line, fix="add it with the measured target of each row")
+        values = _with_named_poses(_read_values(table, layout), targets)
+        if len(targets) > 1 and "target" not in layout.columns and layout.has(layout.joints()):
+            log.add(
+                f"column target is missing: the robot file has {len(targets)} targets ({listing(targets)})",
+                table.line,
+                fix="add it with the measured target of each row",
+            )
         check_sizes(values)
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
             values = with_units(values, robot, known_poses)
-            wrong_joints, _ = check_units(values.complete() if log.total else values, robot.limits)
+            wrong_joints, _ = check_units(
+                values.rows(np.flatnonzero(np.isfinite(values.numbers).all(axis=0))) if log.total else values,
+                robot.limits,
+            )
         check_rows(values, robot, wrong_joints, ignore_limits)
         check_visits(values, ordered)
         angles = conventions(values, reading, robot.pose_at, known_poses)
@@ -160,37 +162,35 @@ def read_poses(
         data = _measurements(values, ordered, angles)
         data = with_repetitions(data, log) if attained else data
         copies = duplicate_rows(values)
-        return dataclasses.replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
+        return replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
 
 
 def _read_values(table: Table, layout: Layout) -> Values:
-    """Return the values of the columns in use; remarks on how the table was read go to its log."""
+    """Return the values of the columns in use."""
     columns, log = layout.columns, table.log
-    keys = [key for key in _numeric_order(layout) if key in columns]
+    # The members of a set are adjacent.
+    numeric = [*layout.joints(), *(key for key, kind in FIXED_KINDS.items() if kind != "text")]
+    numeric += [key for prefix in ("dir_", "speed_", "read_") for key in layout.joints(prefix)]
+    numeric += [f"branch_q{i + 1}" for i in range(len(layout.names.robot.branches))]
+    keys = [key for key in numeric if key in columns]
     times = [key for key in TIME_KEYS if key in columns]
     texts = [*(key for key in TEXTS if key in columns), *times]
     table.times = frozenset(columns[key].index for key in times)
     body = table.body([columns[key].index for key in keys], [columns[key].index for key in texts])
-    for row, key in zip(body.numbers, keys, strict=True):
+    numbers = body.numbers
+    for row, key in zip(numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
     by_key = {
         key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
         for key, column in zip(texts, body.texts, strict=True)
     }
-    count, listed = len(table.gaps), ", ".join(map(str, sorted(table.gaps)[:6])) + " …" * (len(table.gaps) > 6)
-    left_out = f"{count} row{'s' * (count > 1)} with a missing value left out ({log.counted} {listed})"
-    for remark in (Note(table.description()), left_out * bool(count), *table.doubts):
-        if remark:
-            log.warn(remark, of_file=True)
-    numbers = body.numbers
     if times:
-        names = {key: columns[key].name for key in times}
-        stamps = {key: by_key.pop(key) for key in times}
-        numbers = np.vstack([numbers, read_times(stamps, body.lines, names, columns[times[0]].divisor, log)])
+        stamps = {columns[key]: by_key.pop(key) for key in times}
+        numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(table.gaps))
+    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(log.gaps))
 
 
 def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
@@ -201,85 +201,52 @@ def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
     different = set(names.tolist())
     if len(different) < max(names.size, 2) or different & set(target_names):
         return values
-    note = Note(f"{column.name} is used as the names of the poses, because it differs in every row")
-    values.log.warn(note, of_file=True)
+    text = f"{column.name} is used as the names of the poses, because it differs in every row"
+    values.log.warn(Note(text), of_file=True)
     texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
-    return dataclasses.replace(values, texts=texts)
-
-
-def _numeric_order(layout: Layout) -> Iterator[str]:
-    """Yield the keys of all columns of numbers, with the members of a set adjacent."""
-    yield from layout.joints()
-    for prefix in ("", "cmd_"):
-        yield from (f"{prefix}{name}" for name in (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY))
-    yield from (*SIGMAS, "sigma_r", *CIRCUMSTANCES)
-    for prefix in ("dir_", "speed_", "read_"):
-        yield from layout.joints(prefix)
-    yield from (f"branch_q{i + 1}" for i in range(len(layout.names.robot.branches)))
+    return replace(values, texts=texts)
 
 
 def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> Measurements:
-    layout = values.layout
-    position = values.column_set(AXES)
-    if position is None:  # planned poses; for measured ones the log reported the missing columns
-        position = np.zeros((3, values.lines.size))
+    layout, log, n = values.layout, values.log, values.lines.size
+    position, q, read_back = map(values.column_set, (AXES, layout.joints(), layout.joints("read_")))
     direction, speed = motion_of(values, ordered)
-    read_back = _read_back(values)
-    branches = _branches(values)
+    largest = 0.0 if read_back is None or q is None else float(np.max(np.abs(read_back - q), initial=0.0))
+    if largest > READ_BACK_TOLERANCE:
+        # They are those of an arm that moved.
+        text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded joints, so they are not used"
+        log.warn(text, of_file=True)
+        read_back = None
+    columns = {branch: values.column(f"branch_q{i + 1}") for i, branch in enumerate(layout.names.robot.branches)}
+    if lacking := [branch for branch, column in columns.items() if column is None and branch.loads_joints]:
+        names = listing([branch.name for branch in lacking])
+        where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
+        has, counts, fix = ("has", "counts", f"add the column {names}")
+        if len(lacking) > 1:
+            has, counts, fix = ("have", "count", "add a column for each")
+        text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}"
+        log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
+    branches = [np.full(n, branch.position) if column is None else column for branch, column in columns.items()]
+    texts: dict[str, Any] = {key: values.texts.get(key) for key in TEXTS}
     return Measurements(
-        position=position,
+        position=np.zeros((3, n)) if position is None else position,  # planned poses have none
         rotation=rotations(values, layout.orientation(), angles.get("", "")),
-        q=values.column_set(layout.joints()),
+        q=q,
         commanded_position=values.column_set(COMMANDED_AXES),
         commanded_rotation=rotations(values, layout.orientation("cmd_"), angles.get("cmd_", "")),
         sigma_position=values.column_set(SIGMAS),
         sigma_rotation=values.column("sigma_r"),
-        pose=values.texts.get("pose"),
-        cycle=values.texts.get("cycle"),
-        target=values.texts.get("target"),
-        visit=values.texts.get("visit"),
+        **texts,
         time=values.column("time_s"),
         temperature=values.column("temperature_c"),
         payload=values.column("payload_kg"),
-        payload_group=values.texts.get("payload_group"),
         direction=direction,
         speed=speed,
         read_back=read_back,
-        branches=branches,
-        branch_names=() if branches is None else tuple(branch.name for branch in layout.names.robot.branches),
+        branches=np.array(branches) if branches else None,
+        branch_names=tuple(branch.name for branch in columns),
         rows=values.lines,
         gaps=values.gaps,
-        counted=values.log.counted,
+        counted=log.counted,
         ordered=ordered,
     )
-
-
-def _read_back(values: Values) -> Array | None:
-    """Return the joints read back, or None with a warning where they are those of an arm that moved."""
-    read_back, q = (values.column_set(values.layout.joints(prefix)) for prefix in ("read_", ""))
-    largest = 0.0 if read_back is None or q is None else float(np.max(np.abs(read_back - q), initial=0.0))
-    if largest <= READ_BACK_TOLERANCE:
-        return read_back
-    text = f"the attained joints are up to {largest:.3g} (rad or m) off the commanded joints, so they are not used"
-    values.log.warn(text, of_file=True)
-    return None
-
-
-def _branches(values: Values) -> Array | None:
-    """Return the joints outside the chain ``(B, N)``, with a warning of those without a column that load the chain."""
-    branches = values.layout.names.robot.branches
-    columns = [values.column(f"branch_q{i + 1}") for i in range(len(branches))]
-    pairs = list(zip(branches, columns, strict=True))
-    lacking = [branch for branch, column in pairs if column is None and branch.loads_joints]
-    if lacking:
-        names = listing([branch.name for branch in lacking])
-        where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
-        has, counts, fix = (
-            ("has", "counts", f"add the column {names}")
-            if len(lacking) == 1
-            else ("have", "count", "add a column for each")
-        )
-        text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}"
-        values.log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
-    rows = [np.full(values.lines.size, branch.position) if column is None else column for branch, column in pairs]
-    return np.array(rows) if rows else None

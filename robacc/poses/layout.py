@@ -15,13 +15,11 @@ from numpy.typing import NDArray
 
 from robacc.errors import Note
 from robacc.geometry import Array
-from robacc.io.dialect import PLAIN
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.measurements import MOVES_UNUSED
 from robacc.poses.columns import (
     AXES,
-    BRANCH_KEY,
     COMMANDED_AXES,
     FIXED_KINDS,
     JOINT_COLUMN,
@@ -69,17 +67,19 @@ class Names:
     """Names that a column may have in one file, for one robot."""
 
     robot: KnownRobot
+    header: Sequence[str | None]
+    """Names of the columns, or those that a column map gives them; None for a column that is not read."""
     keys: Mapping[str, str]
     """Key of each joint's name, also behind ``dir_``, ``speed_`` and ``read_``; those of joints outside the chain are
     ``branch_q1 …``."""
 
     @classmethod
-    def of(cls, header_names: Sequence[str | None], robot: KnownRobot) -> Names:
+    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> Names:
         """Return the names for a robot in a file with this header."""
         names = tuple(robot.joint_names or ())
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
         # first where the file has all of it; then the joints' names, where the file has all of those.
-        bare = {text for name in header_names if name for text in (name, split_unit(name)[0])}
+        bare = {text for name in header if name for text in (name, split_unit(name)[0])}
         by_name = set(names) <= bare and not {f"q{i + 1}" for i in range(len(names))} <= bare
         labels = {branch.name: (f"branch_q{i + 1}", False) for i, branch in enumerate(robot.branches)}
         for (i, name), prefix in itertools.product(enumerate(names), ("", "dir_", "speed_", "read_")):
@@ -89,7 +89,7 @@ class Names:
             for label, (key, goes_first) in labels.items()
             if label not in FIXED_KINDS and (goes_first or not JOINT_COLUMN.fullmatch(label))  # it means nothing else
         }
-        return cls(robot, keys)
+        return cls(robot, header, keys)
 
     def key(self, name: str) -> str | None:
         """Return the key of a name without unit; None for an unknown name."""
@@ -100,15 +100,14 @@ class Names:
 
     def kind(self, key: str) -> Kind:
         """Return the kind of a key's column; a joint of unknown type may be an angle or a length."""
-        match = JOINT_COLUMN.fullmatch(key)
-        if branch := BRANCH_KEY.fullmatch(key):
-            joint_type: str | None = self.robot.branches[int(branch[1]) - 1].type
-        elif match is None:
+        if key in FIXED_KINDS:
             return FIXED_KINDS[key]
-        elif match[1] in ("dir_", "speed_"):
+        stem, _, number = key.rpartition("q")
+        if stem in ("dir_", "speed_"):
             return "ratio"
-        else:
-            joint_type = next(iter((self.robot.joint_types or ())[int(match[2]) - 1 :]), None)
+        is_branch = stem == "branch_"
+        types = [branch.type for branch in self.robot.branches] if is_branch else [*(self.robot.joint_types or ())]
+        joint_type = next(iter(types[int(number) - 1 :]), None)
         return "joint" if joint_type is None else "length" if joint_type == "prismatic" else "angle"
 
     def nearest(self, name: str) -> str:
@@ -184,14 +183,13 @@ def read_layout(
         commands: Whether joints or commanded poses are required.
     """
     log, line = table.log, table.line
-    for stated in reading.columns or ():
-        if stated not in table.names:
-            nearest = difflib.get_close_matches(stated, table.names, n=1, cutoff=0.6)
-            hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
-            log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
-    names = Names.of(_as_mapped(table, reading), robot)
+    for stated in [name for name in reading.columns or () if name not in table.names]:
+        nearest = difflib.get_close_matches(stated, table.names, n=1, cutoff=0.6)
+        hint = f"; did you mean {clip(nearest[0])}?" if nearest else ""
+        log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
+    names = Names.of([(reading.columns or {}).get(name, name) for name in table.names], robot)
     layout = documented_columns(table, names, reading)
-    if reading.columns is None and (table.dialect is not PLAIN or _lacks_a_pose(layout, attained, commands)):
+    if reading.columns is None and (not table.dialect.is_documented or _lacks_a_pose(layout, attained, commands)):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
@@ -199,38 +197,39 @@ def read_layout(
         if time is not None and reading.columns is None and "time_s" not in layout.columns:
             columns = {**layout.columns, "time": Column(time, table.names.index(time), "time", "text", None)}
             layout = replace(layout, columns=columns, unused=[name for name in layout.unused if name != time])
-        unknown = Counter(name for name in layout.unused if name)
+        unknown = Counter(filter(None, layout.unused))
         for name in [name for name, count in unknown.items() if count > 1]:
             log.add("the column is a duplicate", line, clip(name), "keep one of them")
-        for name in [*unknown][:_MAX_WARNINGS]:
-            near = documented_name(name) or names.nearest(name)
-            log.warn(f"unknown column {clip(name)} is ignored; the nearest known name is {near!r}", line)
+        texts = [
+            f"unknown column {clip(name)} is ignored; the nearest known name is "
+            f"{documented_name(name) or names.nearest(name)!r}"
+            for name in [*unknown][:_MAX_WARNINGS]
+        ]
         if len(unknown) > _MAX_WARNINGS:
-            log.warn(f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns", line)
+            texts.append(f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns")
         if unnamed := sum(not name for name in layout.unused):
-            log.warn(f"columns without a name are ignored: {unnamed}", line)
+            texts.append(f"columns without a name are ignored: {unnamed}")
+        for text in texts:
+            log.warn(text, line)
     _check_sets(layout, table, robot, attained, commands)
     return layout
-
-
-def _as_mapped(table: Table, reading: Reading) -> list[str | None]:
-    """Return the names of a table, or those that a column map gives them; None for a column that is not read."""
-    return [(reading.columns or {}).get(name, name) for name in table.names]
 
 
 def documented_columns(table: Table, names: Names, reading: Reading = AS_NAMED) -> Layout:
     """Return the columns whose names, or whose entries in a column map, are documented."""
     columns: dict[str, Column] = {}
     unknown: list[str] = []
-    for index, name in enumerate(_as_mapped(table, reading)):
-        if name is None:
-            continue
-        if (column := _documented_column(name, index, names, table, reading)) is None:
+    for index, name in enumerate(names.header):
+        column = None if name is None else _documented_column(name, index, names, table, reading)
+        if name is not None and column is None:
             unknown.append(name)
-        elif (first := columns.setdefault(column.key, column)) is not column:
+        elif column is not None and (first := columns.setdefault(column.key, column)) is not column:
             of = "" if first.name == column.name else f" of {first.name}"
             table.log.add(f"the column is a duplicate{of}", table.line, name, "keep one of them")
     return Layout(columns, names, unknown)
+
+
+_EXPECTED = {"angle": ("an angle", " (rad, mrad, deg)"), "length": ("a length", " (m, mm, um)")}
 
 
 def _documented_column(name: str, index: int, names: Names, table: Table, reading: Reading) -> Column | None:
@@ -241,20 +240,19 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
         return None if reading.columns is None else time_column(name, index, label)
     kind = names.kind(key)
     fitting = _QUANTITIES.get(kind, ())
+    of_cells = None if kind == "text" else table.cell_units.get(index)
     if unit is not None and UNITS[unit][0] not in fitting:
-        expected = {"angle": "an angle (rad, mrad, deg)", "length": "a length (m, mm, um)"}.get(kind, "no unit")
+        expected = "".join(_EXPECTED.get(kind, ("no unit",)))
         table.log.add(f"found unit {unit} in the name, expected {expected}", table.line, name)
         unit = None
-    of_cells = None if kind == "text" else table.cell_units.get(index)
     stated = unit or _UNIT_OF_KEY.get(key)
-    if of_cells and stated:
-        if stated != of_cells:
-            table.log.add(f"the cells are in {of_cells}, but the name is of {stated}", table.line, label)
-    elif of_cells and UNITS[of_cells][0] not in fitting:
-        expected = {"angle": "an angle", "length": "a length"}.get(kind, "a plain number")
+    if of_cells and stated and stated != of_cells:
+        table.log.add(f"the cells are in {of_cells}, but the name is of {stated}", table.line, label)
+    elif of_cells and not stated and UNITS[of_cells][0] not in fitting:
+        expected = _EXPECTED.get(kind, ("a plain number",))[0]
         table.log.add(f"the cells are in {of_cells}, expected {expected}", table.line, label)
-    else:
-        unit = of_cells or unit
+    elif of_cells and not stated:
+        unit = of_cells
     is_uncertainty = reading.columns is not None and key in (*SIGMAS, "sigma_r")
     coverage = (reading.coverage or 1.0) if is_uncertainty else 1.0
     return Column(label, index, key, kind, unit or reading.unit_of.get(QUANTITY.get(kind, "")), coverage)
@@ -272,7 +270,7 @@ def _lacks_a_pose(layout: Layout, attained: bool, commands: bool) -> bool:
 
 def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool, commands: bool) -> None:
     """Log sets of columns that are incomplete or given twice, and what the file lacks."""
-    log, line, columns, joint_names = table.log, table.line, layout.columns, robot.joint_names
+    log, line, columns, joint_names, count = table.log, table.line, layout.columns, robot.joint_names, layout.n_joints
     ignored = [name for name in layout.unused if name]
     rules = "".join(
         f"; {clip(name)} is outside the robot's chain, so write the column {rule}"
@@ -281,17 +279,15 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
     )
     unknown = f" (unknown in this file: {listing(ignored)}){rules}" if ignored else ""
 
-    def report_missing(keys: Sequence[str], fix: str, message: str = "") -> None:
-        text = f"column {keys[0]} is missing" if len(keys) == 1 else f"columns {listing(keys)} are missing"
-        log.add(message + text, line, fix=fix + unknown)
-
-    def check_set(keys: Sequence[str], set_name: str, required: bool = False) -> None:
+    def check_set(keys: Sequence[str], set_name: str, required: bool = False, fix: str = "", counts: str = "") -> None:
         missing = [key for key in keys if key not in columns]
         if missing and (required or len(missing) < len(keys)):
-            report_missing(missing, _advice(layout.unused, keys, required) or f"expected {', '.join(keys)}: {set_name}")
+            are_missing = f"columns {listing(missing)} are" if len(missing) > 1 else f"column {missing[0]} is"
+            fix = fix or f"expected {', '.join(keys)}: {set_name}"
+            log.add(f"{counts}{are_missing} missing", line, fix=fix + unknown)
 
     commanded = any(key.startswith("cmd_") for key in columns)
-    check_set(AXES, "the attained position", attained)
+    check_set(AXES, "the attained position", attained, _advice(layout.unused) if attained else "")
     check_set(COMMANDED_AXES, "the commanded position", commanded)
     check_set(SIGMAS, "the measuring uncertainty of a position")
     for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
@@ -302,43 +298,46 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         if len(present) > 1:
             sets_text = " and ".join(", ".join(keys) for keys in present)
             log.add(f"{set_name} is given more than once: {sets_text}", line, fix="keep one of them")
-    count = layout.n_joints
     check_set(layout.joints("read_"), "the joint variables as read back")
     joint_numbers = sorted(int(key[1:]) for key in columns if JOINT_COLUMN.fullmatch(key) and key[0] == "q")
-    missing = [key for key in layout.joints() if key not in columns]
-    if joint_numbers and missing:
-        names = f", or the joints' names {listing(joint_names)}" if joint_names else ""
-        fix = f"expected q1 … q{count} without a gap{names}"
+    if joint_numbers:
+        fix = f"expected q1 … q{count} without a gap"
+        fix += f", or the joints' names {listing(joint_names)}" if joint_names else ""
         if joint_numbers == [1, 2, 3, 4]:
             fix += "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
-        counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: "
-        report_missing(missing, fix, counts if joint_names else "")
+        counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: " if joint_names else ""
+        check_set(layout.joints(), "", True, fix, counts)
     # Without the attained position, which is required, that is the problem of the file.
-    is_pose_file = (not attained or layout.has(AXES)) and (joint_names or "pose" not in columns)
-    if not joint_numbers and commands and not commanded and is_pose_file:
+    elif commands and not commanded and (not attained or layout.has(AXES)) and (joint_names or "pose" not in columns):
         keys_text = f"q1 … q{count}" if joint_names else "q1 … qN"
         fix = (
             "give the commands with `commanded`: the robot program, or a table of joints or poses; "
             f"or add columns {keys_text} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
         )
-        message = "the file has measured poses only: neither joint variables nor commanded poses"
-        log.add(message, line, fix=fix + unknown)
+        log.add(
+            "the file has measured poses only: neither joint variables nor commanded poses", line, fix=fix + unknown
+        )
     for key, column in columns.items():
         if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
             last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
             log.add(f"the column belongs to joint {match[2]}, but {last}", line, column.name)
 
 
-def _advice(unused: Sequence[str], keys: Sequence[str], required: bool) -> str | None:
-    """Return what to do about a file without a required set of columns that has another form; else None."""
+def _advice(unused: Sequence[str]) -> str:
+    """Return what to do about a file without a position that has another form; empty for other files."""
     words = {word for name in unused for word in (name.lower(), *heading_of(name).words)}
-    if required and keys == AXES and (text := advice_on_points(unused)) is not None:
-        return text
-    if required and words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"}:
-        return "the file has angles and distances of an instrument; export X, Y and Z"
-    if required and words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"}:
-        return "the file has one row for each axis; export one row for each point, with its X, Y and Z"
-    return None
+    forms = (
+        (True, advice_on_points(unused)),
+        (
+            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
+            "the file has angles and distances of an instrument; export X, Y and Z",
+        ),
+        (
+            words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"},
+            "the file has one row for each axis; export one row for each point, with its X, Y and Z",
+        ),
+    )
+    return next((text for applies, text in forms if applies and text), "")
 
 
 def listing(names: Sequence[str]) -> str:
@@ -385,8 +384,11 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
         best = bodies if len(bodies) == 1 else best
     if len(best) > 1 and () in best:
         texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
-        message = f"found several positions: {' or '.join(map(repr, texts))}"
-        table.log.add(message, table.line, fix="say with `columns` which was measured")
+        table.log.add(
+            f"found several positions: {' or '.join(map(repr, texts))}",
+            table.line,
+            fix="say with `columns` which was measured",
+        )
         best = [()]
     is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
     if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
@@ -436,80 +438,74 @@ class _Candidate(NamedTuple):
 
 def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> list[_Candidate]:
     """Return what the names stand for, by keys; a unit behind the numbers that a name contradicts goes to the log."""
-    names, result = known.names, []
+    result = []
     siblings = frozenset(heading.text for heading in headings)
     for i, heading in enumerate(headings):
         unit = table.cell_units.get(i, heading.unit)
         if heading.unit not in (None, unit):
-            message = f"the cells are in {unit}, but the name is of {heading.unit}"
-            table.log.add(message, table.line, heading.name)
-        joint = _named_joint(heading, names)
+            table.log.add(f"the cells are in {unit}, but the name is of {heading.unit}", table.line, heading.name)
+        joint = _named_joint(heading, known.names)
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
-        if meaning is None:
-            continue
-        rival = i in rivals and not _JOINT.fullmatch(meaning.key)
-        meaning = replace(meaning, commanded=True) if rival else meaning
-        key = meaning.full_key
-        # One uncertainty may be of all axes.
-        for name in SIGMAS if key == "sigma" else (key,):
-            result.append(_Candidate(i, replace(heading, unit=unit), replace(meaning, key=name), rival))
+        if meaning is not None:
+            rival = i in rivals and not _JOINT.fullmatch(meaning.key)
+            meaning = replace(meaning, commanded=True) if rival else meaning
+            # One uncertainty may be of all axes.
+            for key in SIGMAS if meaning.full_key == "sigma" else (meaning.full_key,):
+                result.append(_Candidate(i, replace(heading, unit=unit), replace(meaning, key=key), rival))
     keys = {*known.columns, *(item.meaning.key for item in result if not item.rival)}
     has_commands = any(_JOINT.fullmatch(key) or key.startswith("cmd_") for key in keys)
     used = {column.index for column in known.columns.values()}
     return [item for item in result if item.place not in used and not (item.rival and has_commands)]
 
 
+_NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"})
+"""Words beside the name of a joint that make it another quantity."""
+
+
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
-    text = heading.name.lower()
-    joints = len(names.robot.joint_names or ())
-    if (match := _STATE.fullmatch(text)) and int(match[1]) <= joints:  # LeRobot's list
+    text, joints = heading.name.lower(), [name.lower() for name in names.robot.joint_names or ()]
+    if (match := _STATE.fullmatch(text)) and int(match[1]) <= len(joints):  # LeRobot's list
         return f"q{match[1]}"
-    for i, name in enumerate(names.robot.joint_names or ()):
-        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name.lower())}(?![a-z0-9])", text):
-            others = set(re.findall(r"[a-z]+", text.replace(name.lower(), " ")))
-            if not others & {"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"}:
-                return f"q{i + 1}"
-    return None
-
-
-def _by_key(candidates: list[_Candidate], known: Mapping[str, Column]) -> dict[str, list[_Candidate]]:
-    """Return the columns that may be those of a key, with joints counted from 1."""
-    keys = [item.meaning.key for item in candidates]
-    counted = {item.heading.text: i for i, item in enumerate(candidates) if re.fullmatch(r"q \d", item.heading.text)}
-    others = {*(key for i, key in enumerate(keys) if i not in counted.values()), *known}
-    is_quaternion = sorted(counted) == ["q 1", "q 2", "q 3", "q 4"] and not {"qw", "qx"} & (others - {*known})
-    if is_quaternion and any(map(_JOINT.fullmatch, others)):
-        # Q1 … Q4 beside joints of other names are a quaternion, in an order that is open.
-        for name, key in zip(sorted(counted), QUATERNION, strict=True):
-            candidates[counted[name]] = candidates[counted[name]]._replace(meaning=Meaning(key, family="quaternion"))
-    candidates = [item for item in candidates if item.meaning.key not in known]
-    from_zero = any(item.meaning.key == "q0" for item in candidates)
-    result: dict[str, list[_Candidate]] = {}
-    for item in candidates:
-        key = item.meaning.key
-        key = f"q{int(key[1:]) + 1}" if from_zero and _JOINT.fullmatch(key) else key
-        result.setdefault(key, []).append(item)
-    return result
+    keys = (
+        f"q{i}"
+        for i, name in enumerate(joints, 1)
+        if len(name) > 2 and re.search(rf"(?<![a-z0-9_]){re.escape(name)}(?![a-z0-9])", text)
+        if _NOT_READ.isdisjoint(re.findall(r"[a-z]+", text.replace(name, " ")))
+    )
+    return next(keys, None)
 
 
 def _chosen(known: Layout, table: Table, headings: Sequence[Heading], rivals: Set[int]) -> dict[str, _Candidate]:
     """Return the column for each key that the names stand for; two that are equally good are a question."""
     candidates = _candidates(known, table, headings, rivals)
+    counted = {item.heading.text: i for i, item in enumerate(candidates) if re.fullmatch(r"q \d", item.heading.text)}
+    others = {item.meaning.key for i, item in enumerate(candidates) if i not in counted.values()}
+    is_quaternion = sorted(counted) == ["q 1", "q 2", "q 3", "q 4"] and not {"qw", "qx"} & (others - {*known.columns})
+    if is_quaternion and any(map(_JOINT.fullmatch, others | {*known.columns})):
+        # Q1 … Q4 beside joints of other names are a quaternion, in an order that is open.
+        for name, key in zip(sorted(counted), QUATERNION, strict=True):
+            candidates[counted[name]] = candidates[counted[name]]._replace(meaning=Meaning(key, family="quaternion"))
+    candidates = [item for item in candidates if item.meaning.key not in known.columns]
+    # Joints are counted from 1.
+    shift = int(any(item.meaning.key == "q0" for item in candidates))
+    by_key: dict[str, list[_Candidate]] = {}
+    for item in candidates:
+        key = item.meaning.key
+        by_key.setdefault(f"q{int(key[1:]) + shift}" if _JOINT.fullmatch(key) else key, []).append(item)
     result: dict[str, _Candidate] = {}
     read_back: dict[str, _Candidate] = {}
-    for key, items in _by_key(candidates, known.columns).items():
+    for key, items in by_key.items():
         if _JOINT.fullmatch(key):
             # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
             attained = [item for item in items if item.meaning.commanded is False]
-            others = [item for item in items if item.meaning.commanded is not False]
-            if len(attained) == len(others) == 1 and attained[0].heading.unit == others[0].heading.unit:
+            items = [item for item in items if item.meaning.commanded is not False]
+            if len(attained) == len(items) == 1 and attained[0].heading.unit == items[0].heading.unit:
                 read_back[f"read_{key}"] = attained[0]
-            items = [item for item in others if item.meaning.commanded] or others or items
+            items = [item for item in items if item.meaning.commanded] or items or attained
         if len(items) > 1 and FIXED_KINDS.get(key) != "text":
             listed = " or ".join(repr(item.heading.name) for item in items)
-            message = f"found several columns for {key}: {listed}"
-            table.log.add(message, table.line, fix="choose with `columns`")
+            table.log.add(f"found several columns for {key}: {listed}", table.line, fix="choose with `columns`")
         result[key] = items[0]
     return result | (read_back if len(read_back) == sum(map(bool, map(_JOINT.fullmatch, result))) else {})
 
@@ -525,37 +521,36 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     headings, rivals = measured_position(table, known.names)
     known = replace(known, columns={key: item for key, item in known.columns.items() if item.index not in rivals})
     chosen = _chosen(known, table, headings, rivals)
-    open_keys = [key for key, item in chosen.items() if item.meaning.expanded and reading.coverage is None]
-    expanded = dict.fromkeys(chosen.pop(key).heading.name for key in open_keys)
+    is_open = {key: item.meaning.expanded and reading.coverage is None for key, item in chosen.items()}
+    expanded = dict.fromkeys(item.heading.name for key, item in chosen.items() if is_open[key])
+    chosen = {key: item for key, item in chosen.items() if not is_open[key]}
     of_preamble, remark = _unit_of_preamble(table)
-    columns = dict(known.columns)
-    angles: dict[str, tuple[str, ...]] = {}
-    nameless: list[Column] = []
-    remarks: list[str] = []
-    wrong_unit = False
-    for key, candidate in chosen.items():
-        columns[key] = column = _column(key, candidate, known.names, reading, of_preamble, table)
-        if column.unit is None and column.kind in QUANTITY:
-            wrong_unit |= candidate.heading.unit is not None
-            nameless += [column] if candidate.heading.unit is None else []
-        is_joint = JOINT_COLUMN.fullmatch(key) is not None
-        if candidate.meaning.family and not is_joint:
-            angles["cmd_" if key.startswith("cmd_") else ""] = _CANDIDATES[candidate.meaning.family]
-        if candidate.meaning.commanded is False and is_joint:
-            remarks = ["joint variables are attained values, used as commands"]
+    columns = {
+        **known.columns,
+        **{key: _column(key, item, known.names, reading, of_preamble, table) for key, item in chosen.items()},
+    }
+    nameless = [columns[key] for key in chosen if columns[key].unit is None and columns[key].kind in QUANTITY]
+    without_unit = [column for column in nameless if chosen[column.key].heading.unit is None]
+    angles = {
+        "cmd_" if key.startswith("cmd_") else "": _CANDIDATES[item.meaning.family]
+        for key, item in chosen.items()
+        if item.meaning.family and not JOINT_COLUMN.fullmatch(key)
+    }
+    is_attained = any(item.meaning.commanded is False and JOINT_COLUMN.fullmatch(key) for key, item in chosen.items())
+    remarks = ["joint variables are attained values, used as commands"] if is_attained else []
     units = {columns[axis].unit for axis in AXES if axis in columns}
-    sigmas = [column for column in nameless if column.key in SIGMAS]
-    if not sigmas or len(units) != 1 or (unit := next(iter(units))) is None:
-        sigmas = []
-    else:
+    unit = next(iter(units)) if len(units) == 1 else None
+    sigmas = [column for column in without_unit if column.key in SIGMAS and unit is not None]
+    if sigmas:
         # Uncertainties without a unit have that of the position.
         columns |= {column.key: replace(column, unit=unit) for column in sigmas}
         text = compact([column.name for column in sigmas])
         remarks.append(f"{text} taken as {unit}, the unit of {columns['x'].name}; `units` states another")
     taken = {column.index for column in columns.values()}
-    unused = [name for i, name in enumerate(table.names) if i not in taken and name]
-    moving = [name for i, name in enumerate(table.names) if i not in taken and _EXTERNAL.fullmatch(name)
-              if len({row[i : i + 1] for row in table.dialect.sample}) > 1]  # fmt: skip
+    free = [(i, name) for i, name in enumerate(table.names) if i not in taken]
+    unused = [name for _, name in free if name]
+    is_moving = {i: len({row[i : i + 1] for row in table.dialect.sample}) > 1 for i, _ in free}
+    moving = [name for i, name in free if _EXTERNAL.fullmatch(name) and is_moving[i]]
     ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
     stated = statement(columns, known.columns)
     for text in (
@@ -568,9 +563,15 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     ):
         if text:
             table.log.warn(Note(text), table.line)
-    without_unit = tuple(column for column in nameless if column not in sigmas)
-    of_position = tuple(column.key for column in sigmas)
-    return Layout(columns, known.names, unused, angles, without_unit, wrong_unit, of_position)
+    return Layout(
+        columns,
+        known.names,
+        unused,
+        angles,
+        without_unit=tuple(column for column in without_unit if column not in sigmas),
+        wrong_unit=len(without_unit) < len(nameless),
+        unit_of_position=tuple(column.key for column in sigmas),
+    )
 
 
 def _with_suggestion(name: str, names: Names) -> str:
@@ -686,10 +687,6 @@ class Values:
             return None
         start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
-
-    def complete(self) -> Values:
-        """Return the rows in which every number could be read."""
-        return self.rows(np.flatnonzero(np.isfinite(self.numbers).all(axis=0)))
 
     def rows(self, index: NDArray[Any]) -> Values:
         """Return some of the rows."""

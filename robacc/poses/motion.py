@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -15,7 +16,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.columns import COMMANDED_AXES
+from robacc.poses.columns import COMMANDED_AXES, Column
 from robacc.poses.layout import Values, listing
 
 # Dates and times of day as seconds.
@@ -34,56 +35,57 @@ _EPOCHS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0))
 """Numbers above the first are times since 1970 in the unit of which the second make a second."""
 
 
-def read_times(
-    texts: Mapping[str, NDArray[np.str_]], lines: NDArray[np.int64], names: Mapping[str, str], divisor: float,
-    log: ProblemLog,
-) -> Array:  # fmt: skip
+def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int64], log: ProblemLog) -> Array:
     """Return the time ``(N,)`` of each row in s, NaN where a problem was logged; a note says where it begins.
 
     Times count from the midnight before the first row where the file has dates or clocks; numbers that count by
     themselves have no beginning.
 
     Args:
-        texts: Columns ``(N,)`` by key: ``time``, ``date``, ``seconds``, ``nanoseconds``.
+        stamps: Texts ``(N,)`` of the columns with the keys ``time``, ``date``, ``seconds``, ``nanoseconds``.
         lines: ``(N,)`` lines of the rows.
-        names: Name of each column in the file.
-        divisor: Number of the unit of ``time`` that makes one second.
         log: Takes entries that are no times.
     """
+    columns = {column.key: column for column in stamps}
+    texts = {column.key: text for column, text in stamps.items()}
 
     def each(key: str, column: NDArray[np.str_], value_of: Callable[[str], float | None], expected: str) -> Array:
-        values = np.full(column.size, np.nan)
-        for i, text in enumerate(column.tolist()):
-            if text and (value := value_of(text)) is None:
-                log.add(f"found {clip(text)}, expected {expected}", int(lines[i]), names[key])
-            elif text:
-                values[i] = value
-        return values
+        found = [value_of(text) if text else math.nan for text in column.tolist()]
+        for i in [i for i, value in enumerate(found) if value is None]:
+            log.add(f"found {clip(str(column[i]))}, expected {expected}", int(lines[i]), columns[key].name)
+        return np.array([math.nan if value is None else value for value in found])
 
-    def numbers(key: str) -> Array:
-        return each(key, texts[key], _number, "a time in numbers as in the first rows")
-
+    of_numbers = "a time in numbers as in the first rows"
     if "seconds" in texts:
-        return _since_midnight(
-            numbers("seconds") + (numbers("nanoseconds") / 1e9 if "nanoseconds" in texts else 0), log
-        )
+        seconds = each("seconds", texts["seconds"], _number, of_numbers)
+        if "nanoseconds" in texts:
+            seconds += each("nanoseconds", texts["nanoseconds"], _number, of_numbers) / 1e9
+        return _since_midnight(seconds, log)
     key = next((key for key in ("time", "date") if key in texts), None)
     if key is None:
-        log.add("nanoseconds without a column of seconds", None, names["nanoseconds"], "leave it out with `columns`")
+        log.add(
+            "nanoseconds without a column of seconds", None, columns["nanoseconds"].name, "leave it out with `columns`"
+        )
         return np.full(lines.size, np.nan)
     column = texts[key]
     if "date" not in texts and all(_NUMBER.fullmatch(text) for text in column[:20]):
-        values = numbers(key)
+        values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
-        scale = next((scale for limit, scale in _EPOCHS if typical > limit), None) if divisor == 1.0 else None
-        return _since_midnight(values / scale, log) if scale else values / divisor
+        scale = (
+            next((scale for limit, scale in _EPOCHS if typical > limit), None) if columns[key].divisor == 1.0 else None
+        )
+        return _since_midnight(values / scale, log) if scale else values / columns[key].divisor
     if key == "time" and "date" in texts:
         column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
     dates = [match for text in column.tolist() if (match := _YEAR_LAST.match(text))]
     day_first = not dates or any(match[2] == "." or int(match[1]) > 12 for match in dates)
     if not day_first and all(int(match[3]) <= 12 for match in dates):
-        log.add(f"found {clip(str(column[0]))}, in which either number may be the day", int(lines[0]), names[key],
-                "write dates as 2026-11-22, or leave the column out with `columns`")  # fmt: skip
+        log.add(
+            f"found {clip(str(column[0]))}, in which either number may be the day",
+            int(lines[0]),
+            columns[key].name,
+            "write dates as 2026-11-22, or leave the column out with `columns`",
+        )
         return np.full(lines.size, np.nan)
     values = each(key, column, partial(_seconds, day_first=day_first), "a date and time, or a time of day")
     if any(map(_DATE.match, column.tolist())):
@@ -111,13 +113,13 @@ def _number(text: str) -> float | None:
 
 def _seconds(text: str, day_first: bool) -> float | None:
     """Return seconds since 1970, or since midnight where the text has no date; None for another text."""
-    match = _STAMP.fullmatch(text)
-    if match is None:
+    if (match := _STAMP.fullmatch(text)) is None:
         return None
-    year, month, day, first, second, last, *clock, half, zone_h, zone_min = match.groups()
-    days = 0.0
-    if not (year or last or clock[0]):
+    year, month, day, first, second, last, *clock, fraction, half, zone_h, zone_min = match.groups()
+    hour, minute, second_ = (int(part or 0) for part in clock)
+    if not (year or last or clock[0]) or hour > 24 or minute > 59 or second_ > 60:
         return None
+    days = 0
     if year or last:
         numbers = (year, month, day) if year else (last, *((second, first) if day_first else (first, second)))
         y, m, d = map(int, numbers)
@@ -125,14 +127,10 @@ def _seconds(text: str, day_first: bool) -> float | None:
             days = (dt.date(y + 2000 if y < 100 else y, m, d) - dt.date(1970, 1, 1)).days
         except ValueError:
             return None
-    hour, minute, second_ = (int(part or 0) for part in clock[:3])
-    if hour > 24 or minute > 59 or second_ > 60:
-        return None
     if half:
         hour = hour % 12 + (12 if half in "pP" else 0)
     offset = (int(zone_h) * 60 + int(zone_h[0] + zone_min)) * 60.0 if zone_h else 0.0
-    seconds = hour * 3600 + minute * 60 + second_ + float(f"0.{clock[3] or 0}")
-    return days * _DAY + seconds - offset
+    return days * _DAY + hour * 3600 + minute * 60 + second_ + float(f"0.{fraction or 0}") - offset
 
 
 _SAME_VISIT = 1e-3
@@ -230,35 +228,30 @@ def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None
     """Return direction and speed ``(J, N)``: as given, derived from the order of visits, or 0 with a warning."""
     layout, log = values.layout, values.log
     q, time = values.column_set(layout.joints()), values.column("time_s")
-    derived: Sequence[Array] | None = None
+    derived: Sequence[Array | None] = (None, None)
     if ordered and q is None:
         text = "the file has no joint columns, so the order of rows does not give the joints' directions"
         log.warn(text, of_file=True)
     elif ordered and q is not None:
         visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
-        if visit is None and cycle is None and target is None:
-            derived = motion_between_rows(q)
-        else:
-            grouping = commanded_groups(pose, q)
-            groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
-            derived = motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
+        grouping = None if cycle is None and target is None else commanded_groups(pose, q)
+        groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
+        derived = motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
     if time is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
         cause = "the clock was set back, or the rows are not in the order measured"
         log.warn(f"time_s decreases at {log.counted} {line}: {cause}", of_file=True)
     result: list[Array | None] = []
-    for number, prefix in enumerate(("dir_", "speed_")):
-        keys = layout.joints(prefix)
+    for keys, motion in zip((layout.joints("dir_"), layout.joints("speed_")), derived, strict=True):
         missing = [key for key in keys if key not in values.row_index]
-        if not missing or (derived is None and len(missing) == len(keys)):
-            result.append(values.column_set(keys))
-            continue
-        table = np.zeros((len(keys), values.lines.size)) if derived is None else derived[number]
-        for row, key in zip(table, keys, strict=True):
-            row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
+        table = values.column_set(keys)
+        if missing and (motion is not None or len(missing) < len(keys)):
+            table = np.zeros((len(keys), values.lines.size)) if motion is None else motion
+            for row, key in zip(table, keys, strict=True):
+                row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
+            if motion is None:
+                log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
         result.append(table)
-        if derived is None:
-            log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
     for names in zip(layout.joints("dir_"), layout.joints("speed_"), strict=True):
         pair = values.numbers[[values.row_index[key] for key in names if key in values.row_index]]
         if len(pair) == 2 and (opposite := pair[0] * pair[1] < 0).any():

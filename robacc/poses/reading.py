@@ -163,8 +163,7 @@ def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str |
             known = [*FIXED_KINDS, *TIME_KEYS, *(f"q{i}" for i in range(1, 8))]
             known += [f"{key}_{unit}" for key in known for unit in NAME_UNITS]
             nearest = difflib.get_close_matches(meaning.lower(), known, n=1, cutoff=0.0)[0]
-            message = f"expected a documented name, found {meaning!r}"
-            source.report(value, key, message, f"did you mean {nearest}?")
+            source.report(value, key, f"expected a documented name, found {meaning!r}", f"did you mean {nearest}?")
     return result
 
 
@@ -218,16 +217,6 @@ class KnownRobot:
     def targets(self) -> tuple[str, ...]:
         """Names of the targets of the robot file; empty where it has one tool, or no robot is known."""
         return () if self.target_names is None or self.target_names == "any" else tuple(self.target_names)
-
-    @property
-    def valid_targets(self) -> tuple[str, ...] | None:
-        """Names that the column ``target`` may have; None: any."""
-        return None if self.target_names is None or self.target_names == "any" else self.targets
-
-    @property
-    def targets_in_columns(self) -> tuple[str, ...] | None:
-        """Targets that columns ``x1 … z2`` may be of; None: any."""
-        return None if self.target_names == "any" else self.targets
 
 
 UNKNOWN_ROBOT = KnownRobot()
@@ -354,24 +343,18 @@ class PoseFile(str):
             UsageError: A statement is wrong, or ``path`` is neither a path nor a data frame.
             InputError: The column map cannot be read.
         """
-        is_table = isinstance(path, Mapping) or any(hasattr(path, name) for name in _OF_TABLES)
-        if not is_table and not isinstance(path, str | os.PathLike):
+        is_path = isinstance(path, str | os.PathLike)
+        if not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES):
             raise UsageError(
                 f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
                 "frame of records, or Measurements(position=…, q=…) of arrays"
             )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
-        result.frame = (
-            path.frame if isinstance(path, PoseFile) else None if isinstance(path, str | os.PathLike) else path
-        )
+        result.frame = getattr(path, "frame", None) if is_path else path
+        stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
-        stated: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-        if isinstance(columns, str | os.PathLike):
-            stated = read_column_map(columns) | stated
-        elif columns is not None:
-            stated["columns"] = columns
-        if commanded is not None:
-            stated["commanded"] = os.fspath(commanded)
+        given["commanded"] = None if commanded is None else os.fspath(commanded)
+        stated |= {name: value for name, value in given.items() if value is not None}
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -14,10 +13,19 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array, quaternion_from_rotation
-from robacc.io.dialect import PLAIN, number_of
+from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import AXES, QUATERNION, UNITS, axis_and_label, heading_of, is_point_name, source_of
+from robacc.poses.columns import (
+    AXES,
+    QUATERNION,
+    SAY_LITTLE,
+    UNITS,
+    heading_of,
+    is_point_name,
+    labelled,
+    source_of,
+)
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
@@ -61,26 +69,29 @@ def with_known_names(
     dialect, width = table.dialect, len(table.names)
     if dialect.separator is None and [name.lower() for name in dialect.names] == _TUM_HEADER:
         return _TUM
-    if dialect is PLAIN or dialect.names:
+    if dialect.is_documented or dialect.names:
         return table.names
     cells = [[number_of(text, dialect.decimal_comma) for text in row] for row in dialect.sample if len(row) == width]
     rows = np.array(cells, dtype=float).reshape(-1, width)
     texts = np.isnan(rows).all(axis=0)
     rows = rows[np.isfinite(rows[:, ~texts]).all(axis=1)]
-    names: tuple[str, ...] | None = None
     if rows.size and dialect.separator is None and width == len(_TUM) and _are_unit(rows[:, 4:]):
-        names = _TUM
-    elif rows.size and width >= 16 and (rows[:, -4:] == (0, 0, 0, 1)).all():
-        joints = tuple(f"J{i + 1}" for i in range(width - 16))
-        names = (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
-    elif required or texts.any():
-        names = _of_numbers(table, rows, texts, robot, attained, commands)
+        return _TUM
+    if rows.size and width >= 16 and (rows[:, -4:] == (0, 0, 0, 1)).all():
+        joints = (f"J{i + 1}" for i in range(width - 16))
+        return (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
+    is_tried = required or texts.any()
+    names = _of_numbers(table, rows, texts, robot, attained, commands) if is_tried else None
     if names is None and required:
-        fix = (
-            "begin the file with the columns' names, or name them with `columns`: a file with entries such as "
-            "'column 1: x_mm', which the command init writes"
+        raise InputError(
+            Problem(
+                "found numbers, expected a header row",
+                table.file,
+                table.line,
+                fix="begin the file with the columns' names, or name them with `columns`: a file with entries such as "
+                "'column 1: x_mm', which the command init writes",
+            )
         )
-        raise InputError(Problem("found numbers, expected a header row", table.file, table.line, fix=fix))
     return names or table.names
 
 
@@ -117,7 +128,7 @@ def _of_numbers(
     named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
     columns = f"columns {min(found) + 1} to {max(found) + 1}"
-    table.remarks.append(f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}")
+    table.log.remarks.append(f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}")
     return tuple(named)
 
 
@@ -175,13 +186,11 @@ def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], in
     for index, name in enumerate(names):
         if match := _ENTRY.fullmatch(name.strip()):
             found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
-    for stem, entries in found.items():
-        for first in (0, 1):
-            at = {(row - first, column - first): index for (row, column), index in entries.items()}
-            if len(at) in (9, 12, 16) and {
-                (row, column) for row in range(3) for column in range(3 + (len(at) > 9))
-            } <= {*at}:
-                return stem if len(stem) > 2 else "", at
+    for (stem, entries), first in itertools.product(found.items(), (0, 1)):
+        at = {(row - first, column - first): index for (row, column), index in entries.items()}
+        needed = itertools.product(range(3), range(3 + (len(at) > 9)))
+        if len(at) in (9, 12, 16) and at.keys() >= {*needed}:
+            return stem if len(stem) > 2 else "", at
     return None
 
 
@@ -189,13 +198,12 @@ def with_poses_of_matrices(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
     while (found := _matrix_entries(table.names)) is not None:
         stem, at = found
-        rotation = [at[row, column] for row in range(3) for column in range(3)]
         translation = [at[row, 3] for row in range(3)] if len(at) > 9 else []
-        new = [f"{stem} {name}".strip() for name in ("X Y Z " * bool(translation) + "qw qx qy qz").split()]
-        entries, name = [*translation, *rotation], table.names[rotation[0]]
+        entries = [*translation, *(at[place] for place in itertools.product(range(3), range(3)))]
+        new = [f"{stem} {name}".strip() for name in (*("X", "Y", "Z") * bool(translation), *QUATERNION)]
         what = "X, Y, Z and the orientation" if translation else "the orientation"
         remark = f"{table.names[min(entries)]} … {table.names[max(entries)]} as a matrix: {what}"
-        make = partial(_poses_of_matrices, table.log, name)
+        make = partial(_poses_of_matrices, table.log, table.names[at[0, 0]])
         table = ReshapedTable(table, at.values(), dict.fromkeys(new), (entries, []), make, remark)
     return table
 
@@ -243,7 +251,9 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
             for name in table.names
         )
     table = with_poses_of_matrices(table)
-    return _axes_in_rows(table) or _targets_in_rows(table, robot.targets_in_columns) or table
+    # Any target may have columns of its own.
+    targets = None if robot.target_names == "any" else robot.targets
+    return _axes_in_rows(table) or _targets_in_rows(table, targets) or table
 
 
 def with_named_quaternion(table: Table) -> tuple[str, ...]:
@@ -259,11 +269,12 @@ def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
     """Return the columns ``X1, Y1, Z1, X2 …`` by label and axis; empty unless two labels have an axis."""
     points: dict[str, dict[str, int]] = {}
     sources = set()
-    for index, name in enumerate(names):
-        axis, label = axis_and_label(heading_of(name))
-        if axis is not None and label is not None:
+    for index, heading in enumerate(map(heading_of, names)):
+        words, axis = labelled(heading) or ((), "turn")
+        if axis != "turn" and (source := source_of(heading.words)) >= 0:
+            label = "".join(word for word in words if word not in SAY_LITTLE)
             points.setdefault(label, {}).setdefault(axis, index)
-            sources.add(source_of(heading_of(name).words))
+            sources.add(source)
     return {} if "" in points or len(points) < 2 or len(sources) > 1 else points
 
 
@@ -311,9 +322,8 @@ class ReshapedTable(Table):
         """
         self._kept = [i for i in range(len(table.names)) if i not in used]
         super().__init__(table.file, [*(table.names[i] for i in self._kept), *new], table.line)
-        self.log, self.dialect, self.gaps = table.log, table.dialect, table.gaps
-        self.remarks, self.doubts = table.remarks, table.doubts
-        self.remarks.append(remark)
+        self.log, self.dialect = table.log, table.dialect
+        self.log.remarks.append(remark)
         units = enumerate([*self._kept, *new.values()])
         self.cell_units = {i: unit for i, old in units if old is not None and (unit := table.cell_units.get(old))}
         self._table, self._made_of, self._make = table, made_of, make
@@ -325,20 +335,19 @@ class ReshapedTable(Table):
         kept = [[self._kept[i] for i in columns if i < n] for columns in (numbers, texts)]
         old = self._table.body([*kept[0], *self._made_of[0]], [*kept[1], *self._made_of[1]])
         self.sha256 = self._table.sha256
-        rows, new = self._make(replace(old, numbers=old.numbers[len(kept[0]) :], texts=old.texts[len(kept[1]) :]))
+        rows, new = self._make(TableBody(old.numbers[len(kept[0]) :], old.texts[len(kept[1]) :], old.lines))
+        first, lines = rows[0], old.lines[rows[0]]
         for column, values in zip(kept[0], old.numbers, strict=False):
-            size = np.maximum(1.0, np.abs(values[rows[0]]))
-            differs = np.any(np.abs(values[rows] - values[rows[0]]) > 1e-9 * size, axis=0)
-            name = self._table.names[column]
-            self.log.add_rows(
-                differs, old.lines[rows[0]], name, lambda i: "the rows of one point have different values"
+            differs = np.any(
+                np.abs(values[rows] - values[first]) > 1e-9 * np.maximum(1.0, np.abs(values[first])), axis=0
             )
-        by_column = dict(zip(kept[0], old.numbers, strict=False)), dict(zip(kept[1], old.texts, strict=False))
-        table = np.empty((len(numbers), rows.shape[1]))
-        for row, i in zip(table, numbers, strict=True):
-            row[:] = by_column[0][self._kept[i]][rows[0]] if i < n else new[i - n]
-        columns = tuple(by_column[1][self._kept[i]][rows[0]] if i < n else new[i - n] for i in texts)
-        return TableBody(table, columns, old.lines[rows[0]])
+            self.log.add_rows(
+                differs, lines, self._table.names[column], lambda _: "the rows of one point have different values"
+            )
+        stay = [*zip(kept[0], old.numbers, strict=False), *zip(kept[1], old.texts, strict=False)]
+        by_index = {self._kept.index(column): values[first] for column, values in stay} | dict(enumerate(new, n))
+        table = np.array([by_index[i] for i in numbers], dtype=float).reshape(len(numbers), first.size)
+        return TableBody(table, [by_index[i] for i in texts], lines)
 
 
 def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
@@ -361,7 +370,8 @@ def _axes_in_rows(table: Table) -> Table | None:
         return None
     values = [*measured, *nominal]
     names = [table.names[i] for i in (*axis, *values)]
-    point = next((i for i, name in enumerate(table.names) if i not in (*axis, *values) and is_point_name(name)), None)
+    others = (i for i in range(len(words)) if i not in (*axis, *values))
+    texts = [*axis, *itertools.islice((i for i in others if is_point_name(table.names[i])), 1)]
     new = _coordinates(table, "", measured * 3) | (_coordinates(table, "Nominal", nominal * 3) if nominal else {})
     remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
     remark += f" and {names[2]} the commanded value" if nominal else " value"
@@ -370,7 +380,6 @@ def _axes_in_rows(table: Table) -> Table | None:
         rows = _rows_of_points(old, table, names[0])
         return rows, [value[row] for value in old.numbers for row in rows]
 
-    texts = axis if point is None else [*axis, point]
     table.sparse = frozenset(texts)
     return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
 
@@ -380,35 +389,34 @@ def _rows_of_points(old: TableBody, table: Table, name: str) -> NDArray[np.int64
 
     A remark names rows of other axes; ``name`` is the column of axes.
     """
-    unused: dict[str, None] = {}
     axes = [text.strip().lower() for text in old.texts[0].tolist()]
     labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
     # A name may stand in the first row of its point only.
     labels = [*itertools.accumulate(labels, lambda above, label: label or above)]
     points: list[tuple[str, dict[str, int]]] = []
     for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
-        if axis not in AXES:
-            unused[clip(axis.upper())] = None
-        elif points and points[-1][0] == label and axis not in points[-1][1]:
+        if axis in AXES and not (points and points[-1][0] == label and axis not in points[-1][1]):
+            points.append((label, {}))
+        if axis in AXES:
             points[-1][1][axis] = row
-        else:
-            points.append((label, {axis: row}))
-    complete = []
     for label, by_axis in points:
         missing = [axis.upper() for axis in AXES if axis not in by_axis]
         line = int(old.lines[min(by_axis.values())])
-        if not missing:
-            complete.append([by_axis[axis] for axis in AXES])
-        elif table.gaps:
-            table.gaps.add(line)
-        else:
+        if missing and table.log.gaps:
+            table.log.gaps.add(line)
+        elif missing:
             point = f"point {clip(label)}" if label else "the point"
-            fix = "the rows of one point stand below each other, one for each of X, Y and Z"
-            table.log.add(f"{point} has no row for {' and '.join(missing)}", line, fix=fix)
+            table.log.add(
+                f"{point} has no row for {' and '.join(missing)}",
+                line,
+                fix="the rows of one point stand below each other, one for each of X, Y and Z",
+            )
+    unused = ", ".join(dict.fromkeys(clip(axis.upper()) for axis in axes if axis not in AXES))
     if not points:
-        table.log.add(f"found {', '.join(unused) or 'no rows'}, expected rows for X, Y and Z", None, name)
+        table.log.add(f"found {unused or 'no rows'}, expected rows for X, Y and Z", None, name)
     elif unused:
-        table.remarks.append(f"rows of {', '.join(unused)} not used")
+        table.log.remarks.append(f"rows of {unused} not used")
+    complete = [[by_axis[axis] for axis in AXES] for _, by_axis in points if len(by_axis) == len(AXES)]
     return np.array(complete, dtype=np.int64).reshape(-1, 3).T
 
 
@@ -416,7 +424,7 @@ def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table 
     """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
     by_label = points_in_rows(table.names)
     targets = [label if target_names is None else _target_of(label, target_names) for label in by_label]
-    if not by_label or not all(set(AXES) <= columns.keys() for columns in by_label.values()):
+    if not by_label or not all(columns.keys() >= {*AXES} for columns in by_label.values()):
         return None
     points = [[columns[axis] for axis in AXES] for columns in by_label.values()]
     units = [
@@ -428,8 +436,7 @@ def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table 
     if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
         return None
     new = {**_coordinates(table, "", points[0]), "target": None}
-    if not words & {"visit", "arrival"}:
-        new["visit"] = None
+    new |= {} if words & {"visit", "arrival"} else {"visit": None}
     parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
 
     def make(old: TableBody) -> Rows:
@@ -438,20 +445,15 @@ def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table 
         names = np.tile(np.array(targets, dtype=str), old.lines.size)
         return (rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
 
-    used = list(itertools.chain(*points))
+    used = [*itertools.chain(*points)]
     return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")
 
 
 def _target_of(label: str, names: Sequence[str]) -> str | None:
     """Return the robot's target that a label stands for: its name, or the target with the same number."""
-    for name in names:
-        if name.lower() == label:
-            return name
-    numbers = [re.search(r"\d+$", text) for text in (label, *names)]
-    first = numbers[0]
-    matches = [
-        name
-        for name, number in zip(names, numbers[1:], strict=True)
-        if first is not None and number is not None and int(first[0]) == int(number[0])
-    ]
-    return matches[0] if len(matches) == 1 and (label.isdecimal() or matches[0].isdecimal()) else None
+    exact = [name for name in names if name.lower() == label]
+    number = re.search(r"\d+$", label)
+    ends = ((name, re.search(r"\d+$", name)) for name in names)
+    alike = [name for name, end in ends if number and end and int(number[0]) == int(end[0])]
+    is_certain = len(alike) == 1 and (label.isdecimal() or alike[0].isdecimal())
+    return exact[0] if exact else alike[0] if is_certain else None

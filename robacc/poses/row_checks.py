@@ -36,8 +36,7 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     """
     if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
         return data
-    groups = data.groups()
-    if np.unique(groups).size < data.n:
+    if np.unique(data.groups()).size < data.n:
         return data
     place = close_groups(data.q, _NEAR, 2.0 * _NEAR)
     count = np.bincount(place)
@@ -58,35 +57,27 @@ def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]
 
     A group that extends over more than ``widest`` in a row of ``values``, such as a sweep of a joint, is none.
     """
+    order = np.argsort(values[0], kind="stable")
+    ends = np.searchsorted(values[0, order], values[0, order] + near, side="right")
     place = np.arange(values.shape[1])
-    first, second = _close_pairs(values, near)
-    while True:
+    pairs = []
+    for i, end in enumerate(ends):
+        others = order[i + 1 : end]
+        close = others[np.abs(values[:, others] - values[:, order[i], None]).max(axis=0, initial=0.0) <= near]
+        pairs.append(np.stack([np.full(close.size, order[i]), close]))
+    first, second = np.concatenate(pairs, axis=1)
+    before = None
+    while before is None or not np.array_equal(place, before):
         # The lowest number spreads along the pairs.
-        lowest = np.minimum(place[first], place[second])
-        before = place.copy()
+        before, lowest = place.copy(), np.minimum(place[first], place[second])
         np.minimum.at(place, first, lowest)
         np.minimum.at(place, second, lowest)
-        if np.array_equal(place, before):
-            break
     low, high = (np.full(values.shape, start) for start in (np.inf, -np.inf))
     for row, lower, upper in zip(values, low, high, strict=True):
         np.minimum.at(lower, place, row)
         np.maximum.at(upper, place, row)
     wide = (high - low).max(axis=0) > widest
     return np.where(wide[place], np.arange(place.size), place)
-
-
-def _close_pairs(values: Array, near: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of columns that differ by at most ``near`` in each row, the lower in the first row first."""
-    order = np.argsort(values[0], kind="stable")
-    ends = np.searchsorted(values[0, order], values[0, order] + near, side="right")
-    firsts, seconds = [], []
-    for i, end in enumerate(ends):
-        others = order[i + 1 : end]
-        close = others[np.abs(values[:, others] - values[:, order[i], None]).max(axis=0, initial=0.0) <= near]
-        firsts.append(np.full(close.size, order[i]))
-        seconds.append(close)
-    return np.concatenate(firsts).astype(np.int64), np.concatenate(seconds).astype(np.int64)
 
 
 # Rows of a pose file that repeat an earlier row to the last digit.
@@ -112,50 +103,47 @@ def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
 
     A warning names them; None without such rows.
     """
-    if values.lines.size < 2:
-        return None
+    n, counted = values.lines.size, values.log.counted
     measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
-    first, second = _equal_pairs(values.numbers) if same_measured[0].size else same_measured
-    equal = np.ones(first.size, dtype=bool)
-    same_visit = equal.copy()
+    first, second = _equal_pairs(values.numbers) if same_measured.size else same_measured
+    equal, same_visit = np.ones((2, first.size), dtype=bool)
     for name, text in values.texts.items():
         (same_visit if name in _OF_VISIT else equal)[text[first] != text[second]] = False
     duplicate = equal & same_visit
     if duplicate.any():
-        pairs, where = (first[duplicate], second[duplicate]), "an earlier row in every column"
+        first, second = first[duplicate], second[duplicate]
+        where = "an earlier row in every column"
     # Rounded values of many visits repeat by chance; a few to the last digit are copies.
-    elif 0 < np.count_nonzero(equal) <= _FEW * values.lines.size:
-        pairs, where = (first[equal], second[equal]), "an earlier row of another visit to the last digit"
-    elif same_measured[0].size and "x" in values.row_index and _are_copies(measured[:3], same_measured[0].size):
-        pairs, where = same_measured, "the measured values of an earlier row to the last digit"
+    elif 0 < np.count_nonzero(equal) <= _FEW * n:
+        first, second = first[equal], second[equal]
+        where = "an earlier row of another visit to the last digit"
+    elif same_measured.size and "x" in values.row_index and _are_copies(measured[:3], same_measured.shape[1]):
+        first, second = same_measured
+        where = "the measured values of an earlier row to the last digit"
     else:
         return None
-    first, second = pairs
     i = int(np.argmin(values.lines[second]))  # the copy that comes first is the example
     rows = f"{first.size} row{'s repeat' if first.size > 1 else ' repeats'} {where}"
-    counted = values.log.counted
     example = f"{counted} {values.lines[second[i]]} repeats {counted} {int(values.lines[first[i]])}"
-    copies = np.zeros(values.lines.size, dtype=bool)
-    copies[second] = True
     values.log.warn(f"{rows} ({example}); every row counts as a measurement, so delete copies", of_file=True)
+    copies = np.zeros(n, dtype=bool)
+    copies[second] = True
     return copies
 
 
-def _equal_pairs(numbers: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the numbers of pairs of rows with equal columns of ``numbers`` ``(C, N)``, the earlier row first."""
+def _equal_pairs(numbers: Array) -> NDArray[np.int64]:
+    """Return the numbers ``(2, P)`` of rows with equal ``numbers`` ``(C, N)`` in pairs, the earlier first."""
     # Equal rows have equal sums, term by term; only rows with equal sums are compared in full.
     sums = np.zeros(numbers.shape[1])
     for number, row in enumerate(numbers, 2):
         sums += math.sqrt(number) * row
     ordered = np.sort(sums)
     if not np.any(ordered[1:] == ordered[:-1]):
-        return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+        return np.empty((2, 0), dtype=np.int64)
     order = np.argsort(sums, kind="stable")
-    equal_sums = np.flatnonzero(sums[order][1:] == sums[order][:-1])
-    first, second = order[equal_sums], order[equal_sums + 1]
-    equal = (numbers[:, first] == numbers[:, second]).all(axis=0)
-    return first[equal], second[equal]
+    pairs = np.stack([order[:-1], order[1:]])[:, ordered[1:] == ordered[:-1]]
+    return pairs[:, (numbers[:, pairs[0]] == numbers[:, pairs[1]]).all(axis=0)]
 
 
 def _are_copies(position: Array, equal: int) -> bool:
@@ -230,10 +218,30 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
     for key in layout.joints():
         _check_read_back(values, key)
     if (payload := values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
-        text = f"payload_kg is {payload[heavy][0]:g} kg, more than an arm carries"
-        log.warn(text, int(values.lines[np.argmax(heavy)]))
-    if (target := values.texts.get("target")) is not None and robot.valid_targets is not None:
-        _check_targets(values, target, robot.valid_targets)
+        log.warn(
+            f"payload_kg is {payload[heavy][0]:g} kg, more than an arm carries", int(values.lines[np.argmax(heavy)])
+        )
+    target, known = values.texts.get("target"), None if robot.target_names in (None, "any") else robot.targets
+    if target is not None and known:
+        log.add_rows(
+            ~np.isin(target, known) & (target != ""),
+            values.lines,
+            "target",
+            lambda i: (
+                f"found {clip(str(target[i]))}, expected a target of the robot file ({listing(known)}); the nearest is "
+                f"{difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]}"
+            ),
+        )
+    # The robot's tool is not used where the file has commanded poses; it would be wrong for all targets but one.
+    elif target is not None and known is not None and layout.has(layout.joints()):
+        names = list(dict.fromkeys(target[target != ""].tolist()))
+        message = f"found several targets ({listing([*map(clip, names)])}), but the robot has one tool and no targets"
+        fix = (
+            "fit tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), "
+            "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
+        )
+        if len(names) > 1:
+            log.add(message, int(values.lines[np.argmax(target == names[1])]), "target", fix)
 
 
 def _check_length(values: Values, keys: Sequence[str]) -> None:
@@ -272,12 +280,12 @@ def _check_limits(values: Values, key: str, limits: tuple[float, float], ignore:
     limits_text = f"the joint's limits {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
     tolerance = np.inf if ignore else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
     excess = excess_beyond_limits(value, limits)
-    small = (excess > 0) & (excess <= tolerance)
-    if (count := np.count_nonzero(small)) > 0:
+    if count := np.count_nonzero(small := (excess > 0) & (excess <= tolerance)):
         rows = "1 row, which is used" if count == 1 else f"{count} rows, which are used"
         most = f"{excess[small].max() * factor:.3g}{unit}"
-        text = f"{column.name} exceeds {limits_text} by at most {most} in {rows}"
-        values.log.warn(text, int(values.lines[np.argmax(small)]))
+        values.log.warn(
+            f"{column.name} exceeds {limits_text} by at most {most} in {rows}", int(values.lines[np.argmax(small)])
+        )
     fix = "`ignore_limits` uses these rows all the same"
     if column.unit == "rad" and degrees_likely(value, limits):
         fix = "if the joints are in degrees, name the columns as in q1_deg, or give `units` with deg; else " + fix
@@ -294,32 +302,6 @@ def _report(values: Values, key: str, failed: NDArray[np.bool_], expected: str, 
         lambda i: f"found {value[i] * column.divisor:.10g}{_unit(column)}, {expected}",
         fix,
     )
-
-
-def _check_targets(values: Values, target: NDArray[np.str_], known: Sequence[str]) -> None:
-    """Log targets that the robot file does not have, and several targets of a robot with one tool."""
-    if known:
-        expected = f"expected a target of the robot file ({listing(known)})"
-        values.log.add_rows(
-            ~np.isin(target, known) & (target != ""),
-            values.lines,
-            "target",
-            lambda i: (
-                f"found {clip(str(target[i]))}, {expected}; the nearest is "
-                f"{difflib.get_close_matches(str(target[i]), known, n=1, cutoff=0.0)[0]}"
-            ),
-        )
-        return
-    # The robot's tool is not used where the file has commanded poses; it would be wrong for all targets but one.
-    names = list(dict.fromkeys(target[target != ""].tolist()))
-    if len(names) > 1 and values.layout.has(values.layout.joints()):
-        names_text = listing([clip(name) for name in names])
-        message = f"found several targets ({names_text}), but the robot has one tool and no targets"
-        fix = (
-            "fit tool_frame, which finds their places (`align` of estimate, `fit` of calibrate; a trace does), "
-            "list each target under targets: in the robot file instead of tool, or keep the rows of one target"
-        )
-        values.log.add(message, int(values.lines[np.argmax(target == names[1])]), "target", fix)
 
 
 def _unit(column: Column) -> str:

@@ -1,4 +1,4 @@
-"""Checks of the units of columns whose names have none: degrees, millimetres, inches."""
+"""Units and conventions of angles that the names of columns leave open: checks, and what the values show."""
 
 from __future__ import annotations
 
@@ -13,9 +13,29 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog
-from robacc.poses.columns import AXES, COMMANDED_AXES, JOINT_COLUMN, SIGMAS, UNITS, Column
+from robacc.poses.columns import (
+    AXES,
+    COMMANDED_AXES,
+    JOINT_COLUMN,
+    QUATERNION,
+    ROTATION_VECTOR,
+    RPY,
+    SIGMAS,
+    Column,
+    is_documented,
+)
 from robacc.poses.layout import QUANTITY, Values, compact, listing
-from robacc.poses.reading import AGREES, JointLimits, KnownPoses, KnownRobot, try_conventions
+from robacc.poses.reading import (
+    AGREES,
+    CONVENTIONS,
+    JointLimits,
+    KnownPoses,
+    KnownRobot,
+    PoseAt,
+    Reading,
+    is_ruled_out,
+    try_conventions,
+)
 from robacc.poses.reshaped_tables import unit_of_positions
 from robacc.statistics.intervals import interpolated
 
@@ -133,8 +153,14 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
     else:
         times = f"{1 / ratio:.0f} times less than"
         fix = "if they are in m, name the columns x, y, z or give `units`; or correct the robot file's units"
-    message = f"the positions spread over {measured_range:.4g} m, {times} the robot moved ({nominal_range:.4g} m)"
-    raise InputError(Problem(message, file, column="x, y, z", fix=fix))
+    raise InputError(
+        Problem(
+            f"the positions spread over {measured_range:.4g} m, {times} the robot moved ({nominal_range:.4g} m)",
+            file,
+            column="x, y, z",
+            fix=fix,
+        )
+    )
 
 
 # Units of columns without a unit in their names: checks, and the choice where one reading is left.
@@ -171,48 +197,44 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
         with ``part`` if only some rows are.
     """
     layout, log, line = values.layout, values.log, values.header
-    joints = frozenset(layout.joints())
+    joints = layout.joints()
     wrong: set[str] = set()
-    if values.lines.size == 0 or layout.wrong_unit:
-        return joints, frozenset()
-    if layout.without_unit and log.total:
-        return joints, frozenset()  # another problem, without which the values may show the units
-    if columns := layout.without_unit:
+    is_asked = bool(layout.without_unit) and not log.total  # without another problem the values may show the units
+    if values.lines.size and not layout.wrong_unit and is_asked:
         # What the values suggest: a question to the user.
         kinds = {"length": "lengths", "angle": "angles", "joint": "joint variables"}
         sizes = [
             f"{kinds[kind]} up to {np.max(np.abs(values.numbers[rows])):.4g}"
             for kind in kinds
-            if (rows := [values.row_index[column.key] for column in columns if column.kind == kind])
+            if (rows := [values.row_index[column.key] for column in layout.without_unit if column.kind == kind])
         ]
         message = f"these columns state no unit ({', '.join(sizes)})"
         fix = "give `units`, for example mm,deg or m,rad, or write the units into the names, as in q1_deg"
-        log.add(message, line, compact([column.name for column in columns]), fix)
-        return joints, frozenset()
+        log.add(message, line, compact([column.name for column in layout.without_unit]), fix)
+    if values.lines.size == 0 or layout.wrong_unit or layout.without_unit:
+        return frozenset(joints), frozenset()
 
-    def bare(keys: Sequence[str] | None) -> Array | None:
+    def bare(keys: Sequence[str]) -> Array | None:
         """Return a set of columns without units in their names; None for any other set."""
-        if not keys or not layout.has(keys) or any(layout.columns[key].unit is not None for key in keys):
-            return None
-        return values.column_set(keys)
+        is_bare = layout.has(keys) and all(layout.columns[key].unit is None for key in keys)
+        return values.column_set(keys) if is_bare else None
 
-    def refuse(
-        keys: Sequence[str], message: str, unit: str, likely_unit: str, large: NDArray[np.bool_] | None = None
-    ) -> None:
+    def refuse(keys: Sequence[str], found: str, kind: str, large: NDArray[np.bool_] | None = None) -> None:
         """Log columns in another unit; ``large`` ``(N,)`` are the rows that show it."""
-        wrong.add(UNITS[likely_unit][0])
+        unit, likely_unit = _READINGS[kind][:2]
+        wrong.add(kind)
         names = [layout.columns[key].name for key in keys]
         new_names = listing([f"{name}_{likely_unit}" for name in names])
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
-        if large is not None and large.any():
-            first, last = np.flatnonzero(large)[[0, -1]]
-            is_many = large.size - (last + 1 - first) >= max(_FEWEST_OTHERS, _LEAST_OTHERS * large.size)
-            if is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
-                # These rows are one part of the file.
-                wrong.add("part")
-                message = f"{message}, from line {values.lines[first]} to {values.lines[last]} only"
-                fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
-        log.add(message, line, listing(names), fix)
+        first, last = (0, values.lines.size - 1) if large is None or not large.any() else np.flatnonzero(large)[[0, -1]]
+        others = values.lines.size - (last + 1 - first)
+        is_many = others >= max(_FEWEST_OTHERS, _LEAST_OTHERS * values.lines.size)
+        if large is not None and is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
+            # These rows are one part of the file.
+            wrong.add("part")
+            found = f"{found}, from line {values.lines[first]} to {values.lines[last]} only"
+            fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
+        log.add(found, line, listing(names), fix)
 
     sigma = values.column_set(SIGMAS) if layout.unit_of_position else None
     if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
@@ -222,31 +244,26 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
         message = f"these columns state no unit, and {typical} is not a usual measuring uncertainty"
         fix = "give their unit with `units`, for example um, or write it into the names, as in Ux (um)"
         log.add(message, line, compact([layout.columns[key].name for key in layout.unit_of_position]), fix)
-    degrees: dict[str, Array] = {}
-    millimetres: list[str] = []
-    for key, limit in itertools.zip_longest(layout.joints(), (limits or ())[: layout.n_joints]):
-        if (q := bare((key,))) is None:
-            continue
-        if layout.columns[key].kind != "length":
-            degrees |= {key: q[0]} if degrees_likely(q[0], limit) else {}
-        elif np.max(np.abs(q)) > _RANGE and (limit is None or excess_beyond_limits(q[0], limit).any()):
-            millimetres.append(key)
-    if degrees:
-        sizes_of = np.abs(np.array(list(degrees.values())))
-        message = f"found joint angles up to {np.max(sizes_of):.4g}, which cannot be rad"
-        refuse([*degrees], message, "rad", "deg", np.any(sizes_of > TURN, axis=0))
-    if millimetres:
-        refuse(millimetres, "found joint travels of more than 50, which cannot be m", "m", "mm")
-    # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
-    alike = {
+    bare_joints = {key: q[0] for key in joints if (q := bare((key,))) is not None}
+    limit_of = dict(zip(joints, limits or (), strict=False))
+    turning = {key: q for key, q in bare_joints.items() if layout.columns[key].kind != "length"}
+    degrees = {key: q for key, q in turning.items() if degrees_likely(q, limit_of.get(key))}
+    millimetres = [
         key
-        for key in joints & layout.columns.keys()
-        if degrees and layout.columns[key].kind != "length" and layout.columns[key].unit is None
-    }
+        for key, q in bare_joints.items()
+        if key not in turning and np.max(np.abs(q)) > _RANGE
+        if (limit := limit_of.get(key)) is None or excess_beyond_limits(q, limit).any()
+    ]
+    if degrees:
+        sizes_of = np.abs(np.array([*degrees.values()]))
+        found = f"found joint angles up to {np.max(sizes_of):.4g}, which cannot be rad"
+        refuse([*degrees], found, "angle", np.any(sizes_of > TURN, axis=0))
+    if millimetres:
+        refuse(millimetres, "found joint travels of more than 50, which cannot be m", "length")
     positions = {keys: p for keys in (AXES, COMMANDED_AXES) if (p := bare(keys)) is not None and lengths_too_large(p)}
     for keys, position in positions.items():
         far = np.max(np.abs(position), axis=0)
-        refuse(keys, f"found positions up to {np.max(far):.4g}, which cannot be m", "m", "mm", far > _MOST_METRES)
+        refuse(keys, f"found positions up to {np.max(far):.4g}, which cannot be m", "length", far > _MOST_METRES)
     attained, commanded = values.column_set(AXES), values.column_set(COMMANDED_AXES)
     both = not positions and attained is not None and commanded is not None and attained.shape[1] > 1
     if both and (ratio := thousandfold(attained, commanded)) is not None:  # type: ignore[arg-type]
@@ -254,21 +271,23 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
         message = f"attained positions spread {ratio:.3g} times as far as commanded positions"
         fix = "put the unit in the columns' names, for example x_mm and cmd_x_m"
         log.add(f"{message}, so one of them is in mm", line, names, fix)
-    for prefix in ("", "cmd_"):
-        keys = layout.orientation(prefix) or ()
+    for keys in (layout.orientation() or (), layout.orientation("cmd_") or ()):
         angles = bare(keys) if len(keys) == 3 else None
         if angles is not None and (largest := np.max(np.abs(angles))) > _LARGEST_ANGLE:
-            refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "rad", "deg")
-    for keys, kind, unit, likely_unit in ((SIGMAS, "length", "m", "mm"), (("sigma_r",), "angle", "rad", "deg")):
-        if (sigma := bare(keys)) is not None:
-            impossible, doubtful = doubtful_sigma(sigma, kind)
-            message = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
-            if impossible:
-                refuse(keys, f"{message}, which no instrument has", unit, likely_unit)
-            elif doubtful:
-                names = listing([f"{key}_{likely_unit}" for key in keys])
-                log.warn(f"{message}; if it is in {likely_unit}, name it {names}", line)
-    return frozenset(millimetres) | alike, frozenset(wrong)
+            refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
+    for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
+        if (sigma := bare(keys)) is None:
+            continue
+        impossible, doubtful = doubtful_sigma(sigma, kind)
+        unit, likely_unit = _READINGS[kind][:2]
+        typical = f"found a typical measuring uncertainty of {float(np.median(sigma)):.3g} {unit}"
+        if impossible:
+            refuse(keys, f"{typical}, which no instrument has", kind)
+        elif doubtful:
+            names = listing([f"{key}_{likely_unit}" for key in keys])
+            log.warn(f"{typical}; if it is in {likely_unit}, name it {names}", line)
+    # One joint in degrees means all of them: limit checks of those that turned little would repeat the problem.
+    return frozenset([*millimetres, *(turning if degrees else ())]), frozenset(wrong)
 
 
 def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None) -> Values:
@@ -354,3 +373,116 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
         tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
         fits += float(min((tried or {"": math.inf}).values()) < AGREES)
     return abs(math.log(ranges[0] / ranges[1])) - _FITS * fits
+
+
+# Orientations: their representation, and the convention of angles that names leave open.
+
+_BLOCK = 4096
+"""Rotations converted at a time: the working arrays of a block fit the cache."""
+_WRITERS = {
+    "rotvec": "Universal Robots",
+    "fixed-xyz": "trackers, FANUC, Yaskawa",
+    "moving-xyz": "Stäubli",
+    "kuka-abc": "KUKA",
+    "zyz": "Kawasaki",
+    "wxyz": "scalar part first",
+    "xyzw": "scalar part last, ROS",
+}
+"""Makers whose exports use a convention."""
+_OPTIONS = {
+    ROTATION_VECTOR[0]: ("rotvec", "fixed-xyz", "moving-xyz"),
+    RPY[0]: ("fixed-xyz", "moving-xyz"),
+    QUATERNION[0]: ("wxyz", "xyzw"),
+}
+"""Conventions that files use, by the first of the columns; the first convention is the documented one."""
+
+
+def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> Array | None:
+    """Return rotations ``(3, 3, N)`` from the file's representation; None where the file has none."""
+    if keys is None or (columns := values.column_set(keys)) is None:
+        return None
+    result = np.empty((3, 3, columns.shape[1]))
+    for start in range(0, columns.shape[1], _BLOCK):
+        result[..., start : start + _BLOCK] = CONVENTIONS[convention](columns[:, start : start + _BLOCK])
+    return result
+
+
+def _convention(keys: Sequence[str], stated: str | None) -> str:
+    """Return the convention of these columns as stated, or as documented; other names than rx take few."""
+    options = _OPTIONS[keys[0].removeprefix("cmd_")]
+    return stated if stated in options or (stated and options[0] == "rotvec") else options[0]
+
+
+def conventions(
+    values: Values, reading: Reading, pose_at: PoseAt | None, known_poses: KnownPoses | None
+) -> Mapping[str, str]:
+    """Return the convention of attained and commanded angles, by prefix: as stated, as named, or as the data show.
+
+    Questions go to the log, and notes of what the data showed. Documented names keep their convention; the data may
+    show that it is wrong. Roll, pitch and yaw of an export are about fixed axes unless the data show otherwise.
+    """
+    layout, log, n = values.layout, values.log, values.lines.size
+    orientations = {prefix: keys for prefix in ("", "cmd_") if (keys := layout.orientation(prefix)) is not None}
+    stated: dict[str, str | None] = {}
+    for prefix, keys in orientations.items():
+        named = layout.angles.get(prefix, ())
+        # The order of a quaternion is no statement on angles, nor on names that say the order.
+        is_open = keys[0] == prefix + QUATERNION[0] and (named or reading.columns is not None)
+        angles = reading.angles if is_open or reading.angles not in _OPTIONS[QUATERNION[0]] else None
+        stated[prefix] = named[0] if len(named) == 1 else angles
+    chosen = {prefix: _convention(keys, stated[prefix]) for prefix, keys in orientations.items()}
+    rows = np.linspace(0, n - 1, min(n, _SAMPLE)).astype(int)
+
+    def known_orientations(prefix: str) -> Array | None:
+        """Return orientations of the rows that do not depend on the angles in question; None where there are none."""
+        q, other = values.column_set(layout.joints()), "" if prefix else "cmd_"
+        if pose_at is not None and q is not None:
+            return pose_at(q[:, rows]).rotation
+        if known_poses is not None:
+            known = known_poses(values.keys)[1]
+            return None if known is None else known[..., rows]
+        columns = values.column_set(orientations.get(other, ()))
+        is_named = (
+            columns is not None and orientations[other][0] != other + ROTATION_VECTOR[0] and other not in layout.angles
+        )
+        if columns is None or not (is_named or stated[other]):
+            return None
+        return CONVENTIONS[_convention(orientations[other], stated[other])](columns[:, rows])
+
+    for prefix, keys in orientations.items():
+        is_documented_set = prefix not in layout.angles
+        columns = values.column_set(keys)
+        is_quaternion = is_documented_set and keys[0] == prefix + QUATERNION[0]
+        # Without sound numbers a trial shows nothing.
+        if stated[prefix] or is_quaternion or columns is None or n == 0 or log.total:
+            continue
+        options = layout.angles.get(prefix) or _OPTIONS[keys[0].removeprefix("cmd_")]
+        known = known_orientations(prefix)
+        trial = None if known is None else try_conventions(columns[:, rows], known, options)
+        if is_documented_set and (trial is None or not is_ruled_out(chosen[prefix], trial)):
+            continue
+        names = [layout.columns[key].name for key in keys]
+        is_settled = trial is not None and sum(not is_ruled_out(name, trial) for name in trial) == 1
+        doubts = (
+            (not is_documented_set and not is_settled, "may be angles of several conventions"),
+            (not is_documented_set, ""),
+            (keys[0] == prefix + ROTATION_VECTOR[0], "are documented as a rotation vector, which they do not fit"),
+            (any(map(is_documented, names)), "are documented as about fixed axes, which they do not fit"),
+        )
+        doubt = next((text for applies, text in doubts if applies), "")
+        missed = (
+            {}
+            if trial is None
+            else {name: f"{np.degrees(trial[name]):.2g} degrees" for name in sorted(trial, key=trial.__getitem__)}
+        )
+        if doubt:
+            by = ", ".join(f"{name} by {missed[name]}" for name in trial or ())
+            listed = ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in options)
+            message = f"these {doubt}" + (f" (they miss the known orientations: {by})" if by else "")
+            log.add(message, values.header, ", ".join(names), f"give `angles`: {listed}")
+        elif missed:
+            best, worse, *_ = missed
+            fits = f"it fits the known orientations to {missed[best]}, others miss by {missed[worse]}"
+            log.warn(Note(f"{', '.join(names)} taken as {best}: {fits}"), of_file=True)
+            chosen[prefix] = best
+    return chosen

@@ -132,8 +132,7 @@ def test_a_payload_that_no_arm_carries_is_warned_of(read: Reader) -> None:
 def test_rows_of_marks_and_apostrophes_are_no_header(title: str, marks: tuple[str, str]) -> None:
     rng = np.random.default_rng(0)
     rows = [",".join([f"{rng.normal():.4f}", *rng.choice(marks, 3)]) for _ in range(200)]
-    dialect = find_dialect([title, *rows], is_documented)
-    assert dialect is None or dialect.header_line in (None, 0)
+    assert find_dialect([title, *rows], is_documented).header_line in (None, 0)
 
 
 def test_a_temperature_that_no_effect_depends_on_refuses_no_target(tmp_path: Path) -> None:

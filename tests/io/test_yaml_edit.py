@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from robacc.io.yaml_edit import edited
+from robacc.io.yaml_nodes import edited
 
 FILE = """# an arm   of the shop
 robacc: 1

@@ -18,7 +18,7 @@ from pose_files import PLAIN, Reader, one_row, problem_texts
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError
-from robacc.io import lines, table
+from robacc.io import table
 from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 
@@ -182,7 +182,7 @@ def test_layout_of_the_text_changes_nothing(read: Reader, name: str) -> None:
 def test_line_numbers_behind_comments_and_blank_lines_in_a_long_file(
     read: Reader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lines, "_BLOCK", 300)  # so that faults lie in some blocks and not in others
+    monkeypatch.setattr(table, "_BLOCK", 300)  # so that faults lie in some blocks and not in others
     text = ["# first", "q1,x,y,z,pose"]
     expected = []
     for i in range(400):

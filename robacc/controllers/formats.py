@@ -27,8 +27,7 @@ from robacc.controllers.dh_table import (
     robot_of,
 )
 from robacc.effects.base import Effect
-from robacc.effects.joint_offset import JointOffset
-from robacc.effects.link_geometry import LinkGeometry
+from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import absorb_constants, apply_fit

@@ -4,7 +4,7 @@ An effect is a scalar of the chain that varies by a known function of the circum
 regressor. A :class:`Term` is one coefficient; its :class:`Part` s state which scalars it moves and by which regressor.
 Its column of the Jacobian is then (column of that scalar) x (regressor), so no effect computes kinematics of its own.
 
-To add an effect: one file in this folder with one subclass of :class:`Effect` decorated with :func:`register`.
+To add an effect: one subclass of :class:`Effect` decorated with :func:`register`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from robacc.effects.drivers import Driver, Validity, columns_of, driver_values, is_of_weight, ranges
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load, own_weight
+from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.plug_ins import plug_in, plug_in_names
 from robacc.robots.arm import Arm
@@ -449,11 +449,16 @@ class Effect(abc.ABC):
         return cls(joints)
 
     @classmethod
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield the forms on one joint, or on none, that are candidates in a trace: by default the usual one."""
+        yield cls.usual(arm, data, joints)
+
+    @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield every form that is a candidate in a trace: by default the usual one, of one joint at a time."""
-        if not cls.traits.is_searched:
-            each = ((joint,) for joint in cls.possible_joints(arm)) if cls.traits.per_joint else ((),)
-            yield from (cls.usual(arm, data, joints) for joints in each)
+        """Yield every form that is a candidate in a trace: by default those of one joint at a time."""
+        each = ((joint,) for joint in cls.possible_joints(arm)) if cls.traits.per_joint else ((),)
+        for joints in () if cls.traits.is_searched else each:
+            yield from cls.forms_on(arm, data, joints)
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:

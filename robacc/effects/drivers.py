@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.gravity.loads import payload
-from robacc.gravity.torques import gravity_torques, weight_torques
+from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

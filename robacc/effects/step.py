@@ -26,10 +26,9 @@ from robacc.effects.base import (
     setting,
     varies,
 )
-from robacc.effects.base_frame import frame_terms
+from robacc.effects.frames import frame_terms
 from robacc.geometry import Array
-from robacc.gravity.loads import payload
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

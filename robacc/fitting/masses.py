@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
 from robacc.effects.base import Effect, Term
-from robacc.effects.elastic import Deflection, Elastic
-from robacc.effects.joint_compliance import JointCompliance, regressor_stds
+from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
 from robacc.fitting.fit_result import Fit, Options, with_added_covariance
 from robacc.fitting.normal_equations import solved
@@ -21,7 +20,7 @@ from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import without_idle_rotations
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
-from robacc.gravity.loads import own_weight, unit_loads
+from robacc.gravity import own_weight, unit_loads
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
@@ -46,7 +45,7 @@ class WeightColumns:
     joints: tuple[str, ...]
     """J joints that deflect."""
     labels: tuple[str, ...]
-    """K unit masses and first moments, as :func:`robacc.gravity.loads.unit_loads` names them."""
+    """K unit masses and first moments, as :func:`robacc.gravity.unit_loads` names them."""
     gram: Array
     """``(J (1 + K), J (1 + K))``: of each joint the file's weights first."""
     rhs: Array

@@ -18,8 +18,7 @@ from robacc.chain import Scalar, Sweep
 from robacc.effects.base import Part
 from robacc.errors import EquilibriumError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load, combined
-from robacc.gravity.torques import Weighted, Weights, force_derivatives, forces
+from robacc.gravity import Load, Weighted, Weights, combined, force_derivatives, forces
 from robacc.robots.arm import Arm
 
 _STEPS = 60

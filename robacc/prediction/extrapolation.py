@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
-from robacc.effects.beyond_range import faded
 from robacc.effects.drivers import MARGIN, Periods, Validity, driver_values, is_outside, nearest_image, range_excess
-from robacc.effects.specification import Known
+from robacc.effects.specification import Known, faded
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.orders import are_separable
-from robacc.effects.search_forms import of_order, orders_of, pose_correction, profile, searched_order
+from robacc.effects.correction import pose_correction
+from robacc.effects.periodic import are_separable, of_order, orders_of, profile, searched_order
 from robacc.effects.step import is_step, place_of, same_form
 from robacc.error_model.covariance import (
     ACCEPTED,

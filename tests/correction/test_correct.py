@@ -20,8 +20,7 @@ import robacc
 from robacc.correction.correction import length_bound
 from robacc.correction.solving import Evaluate, JointSolution, solve
 from robacc.effects.base import REGISTRY
-from robacc.effects.constants import absorbed
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import absorbed, entry_of
 from robacc.geometry import Array, log_between
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict

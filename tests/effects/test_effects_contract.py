@@ -11,8 +11,8 @@ from arms import arm, circumstances, suited
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, settings_of
-from robacc.effects.catalogue import catalogue
 from robacc.effects.elastic import Elastic
+from robacc.effects.request import catalogue
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements

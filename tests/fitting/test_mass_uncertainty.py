@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import mass_warning, with_mass_uncertainty

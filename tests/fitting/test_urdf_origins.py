@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robacc import trace
 from robacc.calibration.calibrating import calibrate
-from robacc.effects.link_geometry import LinkGeometry
+from robacc.effects.frames import LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
 from robacc.errors import InputError
@@ -220,6 +220,6 @@ def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw(robots_folder
 
 
 def _base_frame(robot: Robot, data: Measurements):  # type: ignore[no-untyped-def]
-    from robacc.effects.base_frame import BaseFrame
+    from robacc.effects.frames import BaseFrame
 
     return BaseFrame.default(Arm.of(robot), data)

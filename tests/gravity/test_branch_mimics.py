@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.errors import InputError
-from robacc.gravity.torques import weight_torques
+from robacc.gravity import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

@@ -14,7 +14,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
-from robacc.gravity.torques import weight_torques
+from robacc.gravity import weight_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot

@@ -10,8 +10,19 @@ from arms import arm, circumstances
 
 from robacc.chain import Sweep
 from robacc.geometry import Poses
-from robacc.gravity.loads import Load, combined, own_weight, payload, unit_loads
-from robacc.gravity.torques import Weighted, Weights, bears_weight, force_derivatives, forces, gravity_torques
+from robacc.gravity import (
+    Load,
+    Weighted,
+    Weights,
+    bears_weight,
+    combined,
+    force_derivatives,
+    forces,
+    gravity_torques,
+    own_weight,
+    payload,
+    unit_loads,
+)
 from robacc.robots.arm import Arm
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")

@@ -1,4 +1,4 @@
-"""Gravity on a chain: generalised forces and their exact derivatives.
+"""Weights of an arm and its payload, and what gravity does with them: generalised forces and exact derivatives.
 
 For loads of total mass M and first moment of mass S = sum m_i c_i behind a motion of spatial twist (v, w), the power of
 gravity per unit rate of the motion is
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -26,9 +26,96 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array, Poses, cross
-from robacc.gravity.loads import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Weight in the frame after motion ``after - 1``: mass (kg) and first moment of mass, mass x com (kg m)."""
+
+    after: int
+    mass: float | Array
+    """Scalar, or ``(N,)`` where it differs between poses."""
+    first_moment: tuple[float | Array, float | Array, float | Array]
+
+
+def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]:
+    """Return a sum of loads, each with a factor, as one load for each frame."""
+    totals: dict[int, list[float | Array]] = {}
+    for share, loads in shares:
+        for load in loads:
+            total = totals.setdefault(load.after, [0.0] * 4)
+            for i, value in enumerate((load.mass, *load.first_moment)):
+                total[i] = total[i] + share * value
+    return tuple(Load(after, mass, (x, y, z)) for after, (mass, x, y, z) in totals.items())
+
+
+def own_weight(arm: Arm, data: Measurements | None = None) -> tuple[Load, ...]:
+    """Return the loads of the arm's own links, and of the branches that they carry.
+
+    Branches stand as in ``data``; where it does not have their joints, at the positions of the robot file. Joints of
+    branches that follow joints of the chain stand as those, at zero without ``data``. Branches of an arm without masses
+    do not count.
+    """
+    loads = [
+        Load(body.after, body.mass, (body.mass * x, body.mass * y, body.mass * z))
+        for body in arm.chain.bodies
+        for x, y, z in (body.com,)
+    ]
+    return (*loads, *_branch_loads(arm, data)) if loads and arm.branches else tuple(loads)
+
+
+def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
+    """Yield the load of each branch in the frame of the link that carries it."""
+    # The variables (B + J, N) of the branches and of the chain; one column if none of them counts.
+    at_rest = np.array([branch.position for branch in arm.robot.branch_variables])[:, None]
+    positions = at_rest if data is None or data.branches is None else data.branches
+    follow = any(drive.joint >= len(at_rest) for _, chain in arm.branches for drive in chain.drives)
+    q = data.q if data is not None and follow else None
+    q = np.zeros((len(arm.names), positions.shape[1])) if q is None else q
+    n = q.shape[1]
+    positions = np.vstack((np.broadcast_to(positions, (len(positions), n)), q))
+    for after, chain in arm.branches:
+        counts = [body.after for body in chain.bodies]
+        frames = chain.sweep(chain.scalars(positions), n, (), counts).frames
+        first_moment = np.zeros((3, n))
+        for body, frame in zip(chain.bodies, frames, strict=True):
+            com = np.array(body.com)
+            first_moment += body.mass * (np.einsum("ijn,j->in", frame.rotation, com) + frame.translation)
+        mass = sum(body.mass for body in chain.bodies)
+        x, y, z = first_moment if n > 1 else first_moment[:, 0].tolist()
+        yield Load(after, mass, (x, y, z))
+
+
+def payload(arm: Arm, mass: Array) -> tuple[Load, ...]:
+    """Return the load of a payload of ``mass`` ``(N,)`` kg at its centre of mass."""
+    x, y, z = arm.payload_com
+    return (Load(arm.flange, mass, (mass * x, mass * y, mass * z)),)
+
+
+UNIT_LOADS = {
+    "hx": (0.0, (1.0, 0.0, 0.0)),
+    "hy": (0.0, (0.0, 1.0, 0.0)),
+    "hz": (0.0, (0.0, 0.0, 1.0)),
+    "m": (1.0, (0.0, 0.0, 0.0)),
+}
+"""Mass and first moment of each base regressor of a link, by label."""
+
+
+def unit_loads(arm: Arm, first: int) -> dict[str, tuple[Load, ...]]:
+    """Return the base regressors of unknown weights: unit mass and unit first moments of each link from ``first`` on.
+
+    Keys are ``m3``, ``hx3``, ``hy3``, ``hz3`` for the link that joint 3 of the robot's list (counted from 1) moves.
+    The fit determines which of them the poses identify.
+    """
+    ends = {motion.owner: k + 1 for k, motion in enumerate(arm.chain.motions)}
+    return {
+        f"{label}{owner + 1}": (Load(ends[owner], mass, moment),)
+        for owner in range(first, len(arm.robot.joints))
+        for label, (mass, moment) in UNIT_LOADS.items()
+    }
+
 
 LEVEL = math.radians(1.0)
 """Angle within which a direction counts as vertical or horizontal, rad: bases and frames are levelled to some tenths of
@@ -131,31 +218,23 @@ def force_derivatives(
 
     ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
     """
-    slot = list(wanted).index(motion)
+    slot, down = list(wanted).index(motion), gravity[:, None]
     v, w = linear[:, slot], angular[:, slot]
     mass, first_moment = weights.moved_by(motion)
-    across = _cross(mass * v + cross(w, first_moment + np.zeros_like(w)), gravity)
+    across = cross(mass * v + cross(w, first_moment + np.zeros_like(w)), down)
     result: Array = np.einsum("ikn,in->kn", angular, across)
-    # Behind the motion the loads change only where a body is in between, so motions with equal loads are grouped.
-    behind = [i for i, k in enumerate(wanted) if k >= motion]
-    lever = -_cross(w, gravity)
-    for after in sorted({_next_body(weights, wanted[i]) for i in behind}):
-        at = [i for i in behind if _next_body(weights, wanted[i]) == after]
+    # Behind the motion the loads change only where a body is in between: motions with the same next body are grouped.
+    groups: dict[int, list[int]] = {}
+    for i, k in enumerate(wanted):
+        if k >= motion:
+            groups.setdefault(min((after for after in weights.after if after > k), default=-1), []).append(i)
+    lever = -cross(w, down)
+    for at in groups.values():
         mass, first_moment = weights.moved_by(wanted[at[0]])
         turning = cross(first_moment + np.zeros_like(lever), lever)
         result[at] = mass * np.einsum("ikn,in->kn", linear[:, at], lever)
         result[at] += np.einsum("ikn,in->kn", angular[:, at], turning)
     return result
-
-
-def _cross(vectors: NDArray[Any], constant: Array) -> NDArray[Any]:
-    """Return the cross product of vectors ``(3, N)`` and a constant vector ``(3,)``."""
-    return cross(vectors, constant[:, None])
-
-
-def _next_body(weights: Weights, motion: int) -> int:
-    """Return the first body that ``motion`` moves; motions with the same first body move the same loads."""
-    return min((after for after in weights.after if after > motion), default=-1)
 
 
 def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
@@ -165,15 +244,13 @@ def bears_weight(arm: Arm, q: Array) -> tuple[bool, ...]:
     :data:`LEVEL` at all poses.
     """
     gravity = np.array(arm.robot.gravity)
-    size = float(np.linalg.norm(gravity))
+    least = math.sin(LEVEL) * float(np.linalg.norm(gravity))
     twists = arm.chain.jacobian(q, arm.chain.joint_axis)
-    shares = []
-    for number, motion in enumerate(arm.chain.joint_axis):
-        is_rotation = arm.chain.motions[motion].kind == "rotation"
-        axis = twists[3:, number] if is_rotation else twists[:3, number]
-        lever = cross(axis, np.broadcast_to(gravity[:, None], axis.shape)) if is_rotation else gravity @ axis
-        shares.append(np.abs(lever).max(initial=0.0) > math.sin(LEVEL) * size)
-    return tuple(map(bool, shares))
+    levers = (
+        cross(twist[3:], gravity[:, None]) if arm.is_revolute(joint) else gravity @ twist[:3]
+        for joint, twist in zip(arm.names, twists.transpose(1, 0, 2), strict=True)
+    )
+    return tuple(bool(np.abs(lever).max(initial=0.0) > least) for lever in levers)
 
 
 def gravity_torques(arm: Arm, q: Array, loads: Sequence[Load] | None = None) -> Array:
@@ -192,12 +269,11 @@ def weight_torques(arm: Arm, data: Measurements) -> Array:
     """
     assert data.q is not None
     inputs = (arm, data.q, data.branches)
-    *kept, torques = _last
-    if not all(map(operator.is_, inputs, kept)):
+    if not all(map(operator.is_, inputs, _last)):
         torques = gravity_torques(arm, data.q, own_weight(arm, data))
         torques.flags.writeable = False
         _last[:] = (*inputs, torques)
-    result: Array = torques
+    result: Array = _last[-1]
     return result
 
 
@@ -205,15 +281,10 @@ _last: list[Any] = [None] * 4
 """Arm, joints and branches of the last call of :func:`weight_torques`, and its result."""
 
 
-def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load] | None = None) -> Array:
-    """Return the generalised force ``(K, N)`` of loads along each of ``motions`` at the nominal poses.
-
-    The default loads are the arm's own links.
-    """
-    loads = own_weight(arm) if loads is None else loads
+def moments(arm: Arm, q: Array, motions: Sequence[int], loads: Sequence[Load]) -> Array:
+    """Return the generalised force ``(K, N)`` of loads along each of ``motions`` at the nominal poses."""
     counts = sorted({load.after for load in loads})
     sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], tuple(motions), counts)
-    linear, angular = sweep.twists()
     weighted = [Weighted(motion, tuple(loads)) for motion in motions]
     frames = dict(zip(counts, sweep.frames, strict=True))
-    return forces(np.array(arm.robot.gravity), weighted, frames, linear, angular)
+    return forces(np.array(arm.robot.gravity), weighted, frames, *sweep.twists())

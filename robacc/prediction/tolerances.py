@@ -14,7 +14,7 @@ from robacc.errors import InputError, Problem
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe, nearest
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yaml_units import read_units
+from robacc.robots.yaml_robot import read_units
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
 

@@ -11,8 +11,7 @@ from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_fro
 from robacc.io.yaml_nodes import Source, compose
 from robacc.programs.program import Program, ProgramFrame, ProgramTarget
 from robacc.robots.description import Frame
-from robacc.robots.yaml_robot import named_frames, read_fields
-from robacc.robots.yaml_units import read_units
+from robacc.robots.yaml_robot import named_frames, read_fields, read_units
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
 

@@ -16,7 +16,10 @@ from robacc.geometry import Array, Poses
 from robacc.robots.description import (
     LENGTH_PARAMETERS,
     MAX_JOINTS,
+    MAX_LENGTH,
     ORIGIN_PARAMETERS,
+    TRAVEL_IN_MM,
+    TURN,
     BranchJoint,
     Frame,
     Joint,
@@ -24,10 +27,11 @@ from robacc.robots.description import (
     Mimic,
     Robot,
     Vector,
+    finite_limits,
+    limits_likely_degrees,
     unit_axis,
 )
 from robacc.robots.urdf_tree import UrdfJoint, UrdfTree, numbers, read_tree
-from robacc.robots.yaml_units import MAX_LENGTH, TRAVEL_IN_MM, TURN, finite_limits, limits_likely_degrees
 
 # Choose one serial chain in the tree of links.
 

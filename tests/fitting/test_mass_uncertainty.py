@@ -19,8 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 JOINTS = ("j2", "j3")
 COMPLIANCE = {"j2": 3e-6, "j3": 8e-6}

@@ -24,8 +24,7 @@ from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ARMS = (
     "ur_description/urdf/ur10_robot.urdf",

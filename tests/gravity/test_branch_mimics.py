@@ -14,8 +14,7 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.urdf import parse_urdf
 from robacc.robots.urdf_writer import robot_to_urdf
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 GRAVITY = 9.81
 YAML = """robacc: 1

@@ -24,8 +24,7 @@ from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", "joint_hardening", "joint_warmup"} | {
     "rail_errors",

@@ -37,18 +37,17 @@ TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
 """m: a travel between these values was written in mm; a longer travel means "no limit"."""
 _NO_LIMIT = {"revolute": _LIMITS_IN_DEGREES[1], "prismatic": TRAVEL_IN_MM[1]}
 """rad or m: a limit beyond this value means "no limit"."""
-_MIN_AXIS = 1e-9
-"""An axis shorter than this has no direction."""
-_UNIT_AXIS = 1e-12
-"""An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
 
 
 def unit_axis(xyz: Sequence[float]) -> Vector | None:
-    """Return an axis with unit length; None for one of no direction."""
+    """Return an axis with unit length; None for one that is so short that it has no direction.
+
+    An axis that is nearly of unit length keeps its numbers, so that a file written and read again is the same.
+    """
     length = math.hypot(*xyz)
-    if length < _MIN_AXIS:
+    if length < 1e-9:
         return None
-    x, y, z = xyz if abs(length - 1) < _UNIT_AXIS else (value / length for value in xyz)
+    x, y, z = xyz if abs(length - 1) < 1e-12 else (value / length for value in xyz)
     return x, y, z
 
 

@@ -273,8 +273,7 @@ def weight_torques(arm: Arm, data: Measurements) -> Array:
         torques = gravity_torques(arm, data.q, own_weight(arm, data))
         torques.flags.writeable = False
         _last[:] = (*inputs, torques)
-    result: Array = _last[-1]
-    return result
+    return np.asarray(_last[-1])
 
 
 _last: list[Any] = [None] * 4

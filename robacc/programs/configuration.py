@@ -127,8 +127,7 @@ class JointWindow:
     def allows(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` whether each column of joints ``(J, N)``, rad, lies in the window."""
         low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
-        result: NDArray[np.bool_] = np.all((q > low) & (q < high), axis=0)
-        return result
+        return np.asarray(np.all((q > low) & (q < high), axis=0))
 
     def turned(self, q: Array, limits: tuple[Array, Array], revolute: NDArray[np.bool_]) -> Array:
         """Return joints ``(J, N)`` with whole turns added where these bring a revolute joint into the window.

@@ -98,7 +98,7 @@ def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[t
     """
     base, tool = _frames_of_targets([program.targets[i] for i in numbers])
     poses = base.inverse() @ flange @ tool
-    columns: Array = np.concatenate((poses.translation, quaternion_from_rotation(poses.rotation)))
+    columns = np.concatenate((poses.translation, quaternion_from_rotation(poses.rotation)))
     return [tuple(column) for column in columns.T.tolist()]
 
 

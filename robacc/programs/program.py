@@ -148,14 +148,12 @@ def rotation_distance(first: Array, second: Array) -> Array:
     difference = np.minimum(
         np.sqrt(np.sum(np.square(first - second), axis=0)), np.sqrt(np.sum(np.square(first + second), axis=0))
     )
-    angle: Array = 4 * np.arcsin(np.minimum(difference / 2, 1.0))
-    return angle
+    return np.asarray(4 * np.arcsin(np.minimum(difference / 2, 1.0)))
 
 
 def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
     unit = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
-    nearest: Array = np.where(np.sum(unit * near, axis=0) < 0, -unit, unit)
-    return nearest
+    return np.asarray(np.where(np.sum(unit * near, axis=0) < 0, -unit, unit))
 
 
 def _nearest_vector(quaternion: Array, near: Array) -> Array:
@@ -167,8 +165,7 @@ def _nearest_vector(quaternion: Array, near: Array) -> Array:
     unit = np.where(angle > 0, unit, near / np.where(length > 0, length, 1.0))
     candidates = np.stack([vector + 2 * np.pi * turns * unit for turns in (0, -1, 1)])
     best = np.argmin(np.sum(np.square(candidates - near), axis=1), axis=0)
-    chosen: Array = np.take_along_axis(candidates, best[None, None], axis=0)[0]
-    return chosen
+    return np.asarray(np.take_along_axis(candidates, best[None, None], axis=0)[0])
 
 
 def nearest_angles(rotation: Array, near: Array) -> Array:

@@ -87,8 +87,7 @@ def spread_configurations(arm: Arm, count: int) -> Array:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     revolute = np.array([joint.type == "revolute" for joint in arm.robot.variables])
     half = np.where(revolute, np.minimum(half, np.pi), half)
-    result: Array = middle[:, None] + half[:, None] * (2.0 * low_discrepancy(low.size, count) - 1.0)
-    return result
+    return np.asarray(middle[:, None] + half[:, None] * (2.0 * low_discrepancy(low.size, count) - 1.0))
 
 
 def pose_jacobian(arm: Arm, q: Array) -> tuple[Poses, Array]:
@@ -201,5 +200,4 @@ def _step(jacobian: Array, residual: Array, q: Array, low: Array, high: Array, d
     matrix = matrix + np.einsum("mj,jk->mjk", damping[:, None] * scale, np.eye(q.shape[0]))
     # A fixed joint's row is zero but for its damping; a unit diagonal keeps the matrix regular at any damping.
     matrix[:, np.arange(q.shape[0]), np.arange(q.shape[0])] += fixed.T
-    solution: Array = np.linalg.solve(matrix, gradient.T[..., None])[..., 0].T
-    return solution
+    return np.asarray(np.linalg.solve(matrix, gradient.T[..., None])[..., 0].T)

@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from robacc.geometry import Array, Poses, exp_so3, rotate, rotation_about, rotation_from_rpy, rpy_from_rotation
+from robacc.geometry import Array, Poses, exp_so3, rotate, rotation_about, rpy_from_rotation
 from robacc.robots.description import STANDARD_GRAVITY, ZERO, Frame, Joint, Mimic, Robot
 
 MEASURING_FRAME = "measuring_frame"
@@ -68,7 +68,7 @@ class _Writer:
         """Add a joint and the link it moves, which becomes the last link."""
         link = SubElement(self.root, "link", name=child)
         joint = SubElement(self.root, "joint", name=name, type=kind)
-        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(_exact_rpy(origin.rotation)))
+        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(rpy_from_rotation(origin.rotation)))
         SubElement(joint, "parent", link=self.link)
         SubElement(joint, "child", link=child)
         self.link = child
@@ -175,17 +175,6 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
     if convention == "standard":
         return variable, along(0, values["a"]) @ twist @ tilt
     return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
-
-
-def _exact_rpy(rotation: Array) -> Array:
-    """Return roll, pitch, yaw that give the rotation to rounding at any pitch.
-
-    Near a pitch of 90 degrees only the sum of roll and yaw is well determined, so roll comes from the rotation that
-    remains after the rounded yaw and pitch are removed.
-    """
-    _, pitch, yaw = rpy_from_rotation(rotation)
-    remainder = rotation_from_rpy(np.array([0.0, pitch, yaw])).T @ rotation
-    return np.array([np.arctan2(remainder[2, 1], remainder[1, 1]), pitch, yaw])
 
 
 def _numbers(values: Array) -> str:

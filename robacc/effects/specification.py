@@ -26,7 +26,7 @@ from robacc.effects.drivers import (
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
-from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.arm import TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
 
 _COMMON_KEYS = ("effect", "joints", "values", "validity")
@@ -313,7 +313,6 @@ def _near_ends(arm: Arm, joint: str, data: Measurements, low: float, high: float
 
 
 _COORDINATES = ("x", "y", "z", *TURN_OF_ANGLE)
-_FRAME_MOTIONS = ("x", "y", "z", *TURN_OF_ANGLE.values())
 
 
 def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float]) -> Robot:
@@ -324,18 +323,10 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
     arm = Arm.of(robot)
     joints, targets = list(robot.joints), dict(robot.targets)
     moved: dict[tuple[int, str], dict[str, float]] = {}
-    terms = {term.name: term for effect in effects for term in effect.terms(arm, every_column(arm))}
-    for name, term in terms.items():
+    for term in (term for effect in effects for term in effect.terms(arm, every_column(arm))):
         motion = arm.chain.motions[term.parts[0].motion]
-        if motion.owner < 0 or motion.label in _FRAME_MOTIONS:
-            frame = motion.owner, name.removesuffix(f".{term.label}").partition(".")[2]
-            moved.setdefault(frame, {})[term.label] = values.get(name, 0.0)
-        else:
-            parameters = joints[motion.owner].parameters
-            changed = parameters.get(motion.label, 0.0) + values.get(name, 0.0)
-            joints[motion.owner] = dataclasses.replace(
-                joints[motion.owner], parameters={**parameters, motion.label: changed}
-            )
+        name = term.name.removesuffix(f".{term.label}").partition(".")[2]
+        moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
     for (owner, name), changes in moved.items():
         if owner == BASE:
             robot = dataclasses.replace(robot, base=_moved_frame(robot.base, changes))
@@ -344,18 +335,21 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
         elif owner == TOOL:
             robot = dataclasses.replace(robot, tool=_moved_frame(robot.tool, changes))
         else:
-            parameters = joints[owner].parameters
-            x, y, z, roll, pitch, yaw = (parameters[label] for label in _COORDINATES)
-            frame_of_joint = _moved_frame(Frame((x, y, z), (roll, pitch, yaw)), changes)
-            coordinates = dict(zip(_COORDINATES, (*frame_of_joint.xyz, *frame_of_joint.rpy), strict=True))
-            joints[owner] = dataclasses.replace(joints[owner], parameters={**parameters, **coordinates})
+            parameters = dict(joints[owner].parameters)
+            if not changes.keys().isdisjoint(("x", "y", "z", *TURNS)):
+                x, y, z, roll, pitch, yaw = (parameters[label] for label in _COORDINATES)
+                frame = _moved_frame(Frame((x, y, z), (roll, pitch, yaw)), changes)
+                parameters |= zip(_COORDINATES, (*frame.xyz, *frame.rpy), strict=True)
+            else:
+                parameters |= {label: parameters.get(label, 0.0) + change for label, change in changes.items()}
+            joints[owner] = dataclasses.replace(joints[owner], parameters=parameters)
     return dataclasses.replace(robot, joints=tuple(joints), targets=targets)
 
 
 def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
-    """Return the frame with coordinates changed: the product of the chain's motions; unturned, its angles stay."""
+    """Return the frame with its motions changed: the product of the chain's motions; unturned, its angles stay."""
     x, y, z = (value + changes.get(label, 0.0) for value, label in zip(frame.xyz, "xyz", strict=True))
-    turns = [changes.get(label, 0.0) for label in TURN_OF_ANGLE]
+    turns = [changes.get(label, 0.0) for label in TURNS]
     if not any(turns):
         return Frame((x, y, z), frame.rpy)
     rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation

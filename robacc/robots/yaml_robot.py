@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import yaml
@@ -246,10 +247,8 @@ def _mimic(joint: str = "", **factors: float) -> Mimic:
     return Mimic(joint, **factors)
 
 
-def _campaign(
-    poses: tuple[str, ...] = (), before: Mapping[str, Any] | None = None, effects: tuple[Any, ...] = ()
-) -> Campaign:
-    return Campaign(poses, **(before or {}), effects=effects)
+def _campaign(poses: tuple[str, ...] = (), before: Mapping[str, Any] = MappingProxyType({}), **more: Any) -> Campaign:
+    return Campaign(poses, **before, **more)
 
 
 def read_units(top: YamlSection) -> Units | None:
@@ -419,78 +418,74 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
     )
 
 
-def _check_count(source: Source, node: yaml.Node, key: str, count: int) -> bool:
-    """Return whether a list has no more than :data:`MAX_JOINTS` joints; report a longer one."""
-    if count > MAX_JOINTS:
-        source.report(node, key, f"found {count} joints, expected at most {MAX_JOINTS}")
-    return count <= MAX_JOINTS
+def _listed_joints(
+    top: YamlSection, key: str, keys: Sequence[str], units: Units, convention: Convention, required: Sequence[str] = ()
+) -> tuple[list[tuple[YamlSection, Joint]], bool]:
+    """Return the joints of a list that can be read, with their sections, and whether these are all."""
+    source, node = top.source, top.get(key)
+    items = () if node is None else source.items(node, key, "joints" if key == "joints" else "joints outside the chain")
+    if len(items) > MAX_JOINTS:
+        source.report(node, key, f"found {len(items)} joints, expected at most {MAX_JOINTS}")
+        return [], False
+    read = []
+    for i, item in enumerate(items):
+        section = source.section(item, f"{key}[{i}]", keys)
+        for name in required if section else ():
+            cast(YamlSection, section).require(name)
+        if section and (joint := _read_joint(section, i, convention, units)) is not None:
+            read.append((section, joint))
+    return read, len(read) == len(items)
 
 
 def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:
-    source = top.source
-    node = top.require("joints")
-    if node is None:
-        return ()
-    items = source.items(node, "joints", "joints")
-    if isinstance(node, yaml.SequenceNode) and not items:
+    source, node = top.source, top.require("joints")
+    read, is_whole = _listed_joints(top, "joints", _KEYS[convention], units, convention)
+    if isinstance(node, yaml.SequenceNode) and not node.value:
         source.report(node, "joints", "a robot needs at least one joint")
-    if not _check_count(source, node, "joints", len(items)):
-        return ()
-    joints: list[Joint] = []
     lines: dict[str, int] = {}
-    for i, item in enumerate(items):
-        section = source.section(item, f"joints[{i}]", _KEYS[convention])
-        joint = _read_joint(section, i, convention, units) if section else None
-        if joint is None:
-            continue
+    links: set[str | None] = {None}
+    for section, joint in read:
         if joint.name in lines:
             message = f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}"
-            source.report(item, f"joints[{i}].name", message)
-        lines.setdefault(joint.name, item.start_mark.line + 1)
-        if joint.link and any(joint.link == other.link for other in joints):
-            source.report(item, f"joints[{i}].link", f"an earlier joint already moves {joint.link!r}")
-        joints.append(joint)
-    if len(joints) < len(items):
+            source.report(section.node, section.at("name"), message)
+        if joint.link in links - {None}:
+            source.report(section.node, section.at("link"), f"an earlier joint already moves {joint.link!r}")
+        lines.setdefault(joint.name, section.node.start_mark.line + 1)
+        links.add(joint.link)
+    if not is_whole:
         return ()
-    if items and not any(joint.is_variable for joint in joints):
+    if read and not any(joint.is_variable for _, joint in read):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    return tuple(_followers(source, joints, items, units))
+    return tuple(_followers(read, units))
 
 
 def _followers(
-    source: Source,
-    joints: Sequence[Joint],
-    nodes: Sequence[yaml.Node],
-    units: Units,
-    masters: Sequence[Joint] = (),
-    key: str = "joints",
-) -> list[Joint]:
-    """Return the joints with their mimics and couplings in SI units; report those that follow no joint variable.
+    read: Sequence[tuple[YamlSection, Joint]], units: Units, masters: Sequence[Joint] = ()
+) -> Iterator[Joint]:
+    """Yield the joints with their mimics and couplings in SI units; report those that follow no joint variable.
 
-    Each joint of the list ``key`` of the file follows others of it, or of ``masters``.
+    Each joint follows others of the list, or of ``masters``.
     """
-    by_name = {joint.name: joint for joint in (*masters, *joints)}
+    by_name = {joint.name: joint for joint in (*masters, *(joint for _, joint in read))}
     sizes = {name: units.of_joint(joint.type) for name, joint in by_name.items() if joint.is_variable}
-    resolved = []
-    for i, joint in enumerate(joints):
-        mimic, unit = joint.mimic, units.of_joint(joint.type)
+    for section, joint in read:
+        mimic, unit, report = joint.mimic, units.of_joint(joint.type), section.source.report
         if mimic is not None and mimic.master in sizes:
             ratio = mimic.multiplier * (unit / sizes[mimic.master])
-            joint = replace(joint, mimic=Mimic(mimic.master, ratio, mimic.offset * unit))
+            mimic = Mimic(mimic.master, ratio, mimic.offset * unit)
         elif mimic is not None and mimic.master:
             reason = "is not a joint of this robot"
             if (master := by_name.get(mimic.master)) is not None:
                 reason = "is fixed" if master.type == "fixed" else "follows another joint itself"
             message = f"{joint.name!r} follows {mimic.master!r}, which {reason}"
-            source.report(nodes[i], f"{key}[{i}].mimic.joint", message)
+            report(section.node, section.at("mimic.joint"), message)
         for name in joint.coupling:
             if name not in sizes or name == joint.name:
                 known = ", ".join(other for other in sizes if other != joint.name)
                 message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-                source.report(nodes[i], f"{key}[{i}].coupling.{name}", message)
+                report(section.node, section.at(f"coupling.{name}"), message)
         ratios = {name: ratio * (unit / sizes[name]) for name, ratio in joint.coupling.items() if name in sizes}
-        resolved.append(replace(joint, coupling=ratios))
-    return resolved
+        yield replace(joint, mimic=mimic, coupling=ratios)
 
 
 def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
@@ -498,37 +493,25 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
 
     A joint may follow another one outside the chain, or a joint of the chain.
     """
-    node, source = top.get("branches"), top.source
-    if node is None:
-        return ()
-    names = {joint.name for joint in joints}
-    branches, nodes = [], []
-    for i, item in enumerate(source.items(node, "branches", "joints outside the chain")):
-        section = source.section(item, f"branches[{i}]", _BRANCH_KEYS)
-        if section is None:
-            continue
-        section.require("name")
-        joint = _read_joint(section, i, "urdf", units)
-        if joint is None:
-            section.require("parent")
-            continue
+    source, names = top.source, {joint.name for joint in joints}
+    read, _ = _listed_joints(top, "branches", _BRANCH_KEYS, units, "urdf", ("name", "parent"))
+    branches = []
+    for section, joint in read:
         kinds = {"parent": _text, "position": _length if joint.type == "prismatic" else _angle}
-        values = read_fields(section, kinds, units, ["parent"])
-        parent, position = values.get("parent"), values.get("position", 0.0)
+        values = read_fields(section, kinds, units)
+        parent = values.get("parent", BASE_LINK)
         if joint.mimic and (place := section.get("position")) is not None:
             message = "a joint that follows another has no position of its own"
             source.report(place, section.at("position"), message)
         if joint.name in names or joint.name == BASE_LINK:
             message = f"{joint.name!r} is already the name of a joint or of the base"
-            source.report(item, section.at("name"), message)
-        if parent not in (None, BASE_LINK) and parent not in names:
+            source.report(section.node, section.at("name"), message)
+        if parent != BASE_LINK and parent not in names:
             message = f"{parent!r} is neither {BASE_LINK} nor a joint in front of it"
-            source.report(item, section.at("parent"), message, f"there are {', '.join(sorted(names))}")
+            source.report(section.node, section.at("parent"), message, f"there are {', '.join(sorted(names))}")
         names.add(joint.name)
-        branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, position))
-        nodes.append(item)
-    _check_count(source, node, "branches", len(branches))
-    beside = _followers(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+        branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, values.get("position", 0.0)))
+    beside = _followers(read, units, joints)
     return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 

@@ -76,14 +76,8 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     """Add the position of group 1; return its index, or None where it is not taught."""
     text = draft.source.text
     groups = list(_GROUP.finditer(text, *match.span(3)))
-    place = next(
-        (
-            (group.end(), behind.start() if behind else match.end(3))
-            for group, behind in zip(groups, [*groups[1:], None], strict=False)
-            if group[1] == "1"
-        ),
-        None,
-    )
+    ends = [*(group.start() for group in groups[1:]), match.end(3)]
+    place = next(((group.end(), end) for group, end in zip(groups, ends, strict=False) if group[1] == "1"), None)
     if place is None:
         draft.note(match.span(), f"P[{match[1]}] has no group 1")
         return None

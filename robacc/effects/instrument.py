@@ -137,10 +137,8 @@ def neighbours(place: Array, centre: Array, step: float) -> Array:
 
     None is farther than :data:`FARTHEST` from the centre, unless ``place`` is.
     """
-    offset = place - centre
-    distance = float(np.sqrt(offset @ offset))
-    azimuth = math.atan2(offset[1], offset[0])
-    elevation = math.asin(max(-1.0, min(1.0, offset[2] / max(distance, 1e-9))))
+    x, y, z = (place - centre).tolist()
+    distance, azimuth, elevation = math.hypot(x, y, z), math.atan2(y, x), math.atan2(z, math.hypot(x, y))
     steps = np.array((-step, 0.0, step))
     turned, raised, scaled = (part.ravel() for part in np.meshgrid(steps, steps, steps, indexing="ij"))
     raised = np.clip(elevation + raised, -1.5, 1.5)
@@ -341,8 +339,7 @@ class InstrumentScale(Effect):
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a constant scale, and drifts if the time varies."""
         yield cls()
-        if varies(data.time):
-            assert data.time is not None
+        if data.time is not None and varies(data.time):
             low, high = float(data.time.min()), float(data.time.max())
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
@@ -417,11 +414,6 @@ FOLLOWED_SHARE = 0.5
 """Share from which the joints read back describe the arm better than those commanded."""
 
 
-def _differs(arm: Arm, data: Measurements) -> bool:
-    """Return whether a joint was read back elsewhere than commanded."""
-    return data.read_back is not None and data.q is not None and not np.array_equal(data.read_back, data.q)
-
-
 @register
 @dataclass(frozen=True)
 class ReadBack(Effect):
@@ -434,7 +426,14 @@ class ReadBack(Effect):
     name = "read_back"
     traits = Traits(
         per_joint=False,
-        needs=(Need("no read_q columns that differ from the commanded joints", _differs),),
+        needs=(
+            Need(
+                "no read_q columns that differ from the commanded joints",
+                lambda arm, data: (
+                    data.read_back is not None and data.q is not None and bool(np.any(data.read_back != data.q))
+                ),
+            ),
+        ),
         drivers=(),
         extrapolates="the difference is that of each pose",
         is_of_measurement=True,

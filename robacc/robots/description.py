@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import numpy as np
+
+from robacc.geometry import Poses, rpy_from_rotation
 from robacc.io.yaml_nodes import YamlSection
-
-if TYPE_CHECKING:
-    from robacc.geometry import Poses
 
 Convention = Literal["standard", "modified", "urdf"]
 JointType = Literal["revolute", "prismatic", "fixed"]
@@ -61,8 +61,6 @@ class Frame:
     @classmethod
     def of(cls, pose: Poses) -> Frame:
         """Return the frame of a single pose."""
-        from robacc.geometry import rpy_from_rotation
-
         angles = rpy_from_rotation(pose.rotation)
         x, y, z, roll, pitch, yaw = (float(value) + 0.0 for value in (*pose.translation, *angles))
         return cls((x, y, z), (roll, pitch, yaw))
@@ -70,10 +68,6 @@ class Frame:
     @property
     def pose(self) -> Poses:
         """The frame as a single pose."""
-        import numpy as np
-
-        from robacc.geometry import Poses
-
         return Poses.from_xyz_rpy(np.array(self.xyz), np.array(self.rpy))
 
 

@@ -14,10 +14,9 @@ from robacc.api.correct import CorrectedProgram, correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
-from robacc.programs.configuration import joint_window, leaves_configuration
-from robacc.programs.frames import flange_targets
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
+from robacc.programs.targets import flange_targets, joint_window, leaves_configuration
 from robacc.programs.writing import write_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot

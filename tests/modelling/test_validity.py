@@ -12,9 +12,9 @@ import robacc
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.elastic import JointHardening
+from robacc.effects.frames import FrameDrift
 from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import Known, entry_of, known_effects
-from robacc.effects.thermal import FrameDrift
 from robacc.errors import InputError
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit

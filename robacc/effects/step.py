@@ -260,10 +260,9 @@ def place_of(effect: Effect) -> float:
 
 def same_form(first: Effect, second: Effect) -> bool:
     """Return whether two steps differ in their place at most."""
-    plain = [
-        dataclasses.replace(cast(Step, step), from_line=None, from_time=None, file=None) for step in (first, second)
-    ]
-    return plain[0] == plain[1]
+    steps = (cast(Step, effect) for effect in (first, second))
+    one, other = (dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in steps)
+    return one == other
 
 
 def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:

@@ -356,6 +356,13 @@ class Draft:
         self.targets.append(replace(target, name=name, line=line, tool=tool, base=base))
         return len(self.targets) - 1
 
+    def declare(self, name: str, target: ProgramTarget | None, place: tuple[int, int], reason: str) -> int | None:
+        """Add the target that stands at a place; or, where its numbers are no target, a note with the reason."""
+        index = None if target is None else self.add(name, target)
+        if index is None:
+            self.note(place, reason)
+        return index
+
     def move(
         self,
         place: tuple[int, int],

@@ -179,11 +179,8 @@ def _read_targets(module: _Module, draft: Draft) -> dict[tuple[int, str], list[i
         elements = (items(module.text, match.span(5)) if match[4] else []) or [match.span(5)]
         indices = targets[module.routine(match.start()), name.lower()] = []
         for i, place in enumerate(elements):
-            written = _written(module.text, place, kind)
-            index = None if written is None else draft.add(f"{name}{{{i + 1}}}" if match[4] else name, written)
-            if index is None:
-                draft.note(place, f"{name} lacks some of the numbers of a {kind}")
-            indices.append(index)
+            written, reason = _written(module.text, place, kind), f"{name} lacks some of the numbers of a {kind}"
+            indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
     return targets
 
 

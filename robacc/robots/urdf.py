@@ -325,12 +325,10 @@ def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
     roots = [link for link in tree.links if link not in moved]
     if len(roots) == 1:
         return roots[0]
-    message, fix = "the file has no links", None
+    message = "the joints form a loop: there is no link to start from" if moved else "the file has no links"
     if roots:
-        message, fix = f"{len(roots)} links could be the base: {_listing(roots)}", "choose one with `base_link`"
-    elif moved:
-        message = "the joints form a loop: there is no link to start from"
-    raise InputError(Problem(message, tree.file, fix=fix))
+        message = f"{len(roots)} links could be the base: {_listing(roots)}"
+    raise InputError(Problem(message, tree.file, fix="choose one with `base_link`" if roots else None))
 
 
 def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None, leaves: Mapping[str, Sequence[UrdfJoint]]) -> str:
@@ -407,13 +405,12 @@ def _read_limits(tree: UrdfTree, joint: UrdfJoint) -> tuple[float, float] | None
     if math.isinf(lower) and math.isinf(upper):
         return None
     limits, problem = finite_limits(joint.type, (lower, upper))
-    fix: str | None = "make them infinite for a joint without limits"
     if math.isinf(lower) or math.isinf(upper):
-        problem, fix = f"one limit is infinite, the other is not ({lower:g}, {upper:g})", None
+        tree.report(joint.element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
     elif lower > upper:
-        problem, fix = f"the lower limit {lower:g} is above the upper limit {upper:g}", None
-    if problem is not None:
-        tree.report(joint.element, joint.name, problem, fix)
+        tree.report(joint.element, joint.name, f"the lower limit {lower:g} is above the upper limit {upper:g}")
+    elif problem is not None:
+        tree.report(joint.element, joint.name, problem, "make them infinite for a joint without limits")
     return limits
 
 
@@ -429,20 +426,22 @@ def _check_sizes(tree: UrdfTree, joints: Sequence[Joint]) -> None:
     """Report lengths and angles that are too large for an arm."""
     elements = {joint.name: joint.element for joint in tree.joints}
     for joint in joints:
-        problems = []
-        for name, value in joint.parameters.items():
-            if name in LENGTH_PARAMETERS and abs(value) > MAX_LENGTH:
-                problems.append((f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX))
-            elif name not in LENGTH_PARAMETERS and abs(value) > TURN:
-                problems.append((f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX))
-        far = max(map(abs, joint.com or (0.0,)))
-        if far > MAX_LENGTH:
-            problems.append((f"the centre of mass of its link is {far:g} m away, too far for an arm", _LENGTH_FIX))
+        far = max(map(abs, joint.com or ZERO))
         longest = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
-        if TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-            problems.append((f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX))
-        for message, fix in problems:
-            tree.report(elements[joint.name], joint.name, message, fix)
+        is_travel_in_mm = TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]
+        problems = [
+            (abs(value) > MAX_LENGTH, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
+            if name in LENGTH_PARAMETERS
+            else (abs(value) > TURN, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
+            for name, value in joint.parameters.items()
+        ]
+        problems += [
+            (far > MAX_LENGTH, f"the centre of mass of its link is {far:g} m away, too far for an arm", _LENGTH_FIX),
+            (is_travel_in_mm, f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX),
+        ]
+        for is_wrong, message, fix in problems:
+            if is_wrong:
+                tree.report(elements[joint.name], joint.name, message, fix)
     if limits_likely_degrees(joints):
         tree.report(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)
 
@@ -486,7 +485,7 @@ def _with_branches(tree: UrdfTree, path: Sequence[UrdfJoint]) -> tuple[list[Join
 
 def _origin(joint: UrdfJoint) -> Poses:
     origin = joint.element.find("origin")
-    return Poses.from_xyz_rpy(np.array(numbers(origin, "xyz")), np.array(numbers(origin, "rpy")))
+    return Poses.from_xyz_rpy(*(np.array(numbers(origin, key)) for key in ("xyz", "rpy")))
 
 
 def _carried(tree: UrdfTree, link: str, on_chain: Iterable[str] = (), frame: Poses | None = None) -> Iterator[_Carried]:

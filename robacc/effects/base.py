@@ -437,6 +437,13 @@ class Effect(abc.ABC):
         return tuple(name for name in names if cls.traits.only in (None, arm.joint(name).type))
 
     @classmethod
+    def check_joint(cls, arm: Arm, joint: str) -> None:
+        """Raise UsageError for a joint that the effect cannot act on."""
+        possible = cls.possible_joints(arm)
+        if joint not in possible:
+            raise UsageError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+
+    @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
         """Return the effect requested by name alone: on all joints it can act on, or on ``joints``."""
         if joints is None:

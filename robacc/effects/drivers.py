@@ -154,12 +154,12 @@ class Driver:
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Return the range of each driver that the poses have."""
-    result = {}
-    for name in names:
-        values = driver_values(arm, data, name)
-        if values is not None and values.size:
-            result[name] = (float(np.min(values)), float(np.max(values)))
-    return result
+    columns = {name: driver_values(arm, data, name) for name in names}
+    return {
+        name: (float(np.min(values)), float(np.max(values)))
+        for name, values in columns.items()
+        if values is not None and values.size
+    }
 
 
 def nearest_image(values: Array, low: float, high: float, period: float | None) -> Array:

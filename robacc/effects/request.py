@@ -62,20 +62,15 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     """
     effects = []
     for request in requests:
-        cls = effect_class(request.name)
-        why = cls.missing(arm, data)
-        if why is not None:
+        cls, joints = effect_class(request.name), request.joints
+        if (why := cls.missing(arm, data)) is not None:
             raise UsageError(f"{request.name} cannot be fitted: {why}")
-        joints = request.joints
-        if joints == ("all",):
-            joints = cls.possible_joints(arm)
+        joints = cls.possible_joints(arm) if joints == ("all",) else joints
         if joints is not None and not cls.traits.per_joint:
             raise UsageError(f"{request.name} acts on no joint in particular; write it without brackets")
         for joint in joints or ():
             arm.number(joint)
-            if joint not in cls.possible_joints(arm):
-                possible = ", ".join(cls.possible_joints(arm))
-                raise UsageError(f"{request.name} cannot act on {joint}; it can on {possible}")
+            cls.check_joint(arm, joint)
         effects.append(cls.default(arm, data, joints))
     return tuple(effects)
 

@@ -77,13 +77,12 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
     for i, entry in enumerate(robot.effects):
         key = effect_key(i)
         try:
-            known_effect = _read(arm, entry)
+            known.append(_read(arm, entry))
         except (ValueError, TypeError, UsageError) as error:
             problems.append(Problem(str(error), column=key))
             continue
-        known.append(known_effect)
-        if (earlier := first.setdefault(known_effect.effect.key(), key)) != key:
-            message = f"repeats {known_effect.effect} of {earlier}; their values would add up"
+        if (earlier := first.setdefault(known[-1].effect.key(), key)) != key:
+            message = f"repeats {known[-1].effect} of {earlier}; their values would add up"
             problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
     if problems:
         raise InputError(problems)
@@ -150,8 +149,7 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     if not joints or len(set(joints)) < len(joints):
         raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
     for joint in joints:
-        if joint not in possible:
-            raise ValueError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+        cls.check_joint(arm, joint)
     return tuple(joints)
 
 

@@ -43,10 +43,7 @@ def edit(
     new = f"{value:.{decimals}f}"
     if float(new) == number.value or new == f"{number.value:.{decimals}f}":
         return None
-    if float(new) == 0 and new.startswith("-"):
-        new = new[1:]
-    if bare_point:
-        new = _without_zero(new)
+    new = _shortened(new, bare_point)
     if old.startswith("+") and not new.startswith("-"):
         new = f"+{new}"
     start = number.start
@@ -60,9 +57,10 @@ def edit(
     return start, number.end, new
 
 
-def _without_zero(number: str) -> str:
-    """Return a number without the zero before its decimal point."""
-    return re.sub(r"^(-?)0\.", r"\1.", number)
+def _shortened(number: str, bare_point: bool) -> str:
+    """Return a number without the sign of a zero and, with ``bare_point``, without the zero before its point."""
+    unsigned = number.removeprefix("-") if float(number) == 0 else number
+    return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
 _LENGTH_DIGITS = 1e-7
@@ -243,9 +241,7 @@ def write_program(
             values += [0.0] * (_JOINTS - len(q))
         entries = []
         for key, value in enumerate(values, start=1):
-            text = f"{value:.{layout.decimals}f}"
-            text = text.removeprefix("-") if float(text) == 0 else text
-            text = _without_zero(text) if dialect == Dialect.fanuc else text
+            text = _shortened(f"{value:.{layout.decimals}f}", dialect == Dialect.fanuc)
             entries.append(layout.number.format(key=key, value=text))
         numbers = layout.half.join(filter(None, (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))))
         words = {"k": k, "numbers": numbers, "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}

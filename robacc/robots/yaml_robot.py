@@ -203,8 +203,7 @@ def _limits(joint_type: JointType) -> Kind:
         if low > high:
             source.report(node, path, f"the lower limit {low:g} is above the upper limit {high:g}")
             return None
-        unit = units.of_joint(joint_type)
-        longest = max(map(abs, values)) * unit
+        unit, longest = units.of_joint(joint_type), max(map(abs, values))
         if joint_type == "prismatic" and unit == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
             fix = "it looks like mm: write length: mm under units"
             source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)

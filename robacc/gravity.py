@@ -122,39 +122,6 @@ LEVEL = math.radians(1.0)
 a degree."""
 
 
-@dataclass(frozen=True, slots=True)
-class Weights:
-    """Loads of the same kind, placed in the measuring frame."""
-
-    after: tuple[int, ...]
-    masses: tuple[Array, ...]
-    """Each ``(N,)`` or a scalar array, kg."""
-    first_moments: tuple[Array, ...]
-    """Each ``(3, N)``: mass x position, kg m."""
-
-    @classmethod
-    def place(cls, loads: Sequence[Load], frames: dict[int, Poses]) -> Weights:
-        """Transform loads from their link frames to the measuring frame."""
-        first_moments = []
-        for load in loads:
-            frame = frames[load.after]
-            x, y, z = load.first_moment
-            turn = frame.rotation
-            first_moments.append(turn[:, 0] * x + turn[:, 1] * y + turn[:, 2] * z + load.mass * frame.translation)
-        masses = tuple(np.asarray(load.mass, dtype=float) for load in loads)
-        return cls(tuple(load.after for load in loads), masses, tuple(first_moments))
-
-    def moved_by(self, motion: int) -> tuple[Any, Any]:
-        """Return total mass and first moment of the loads that ``motion`` moves; zeros where it moves none."""
-        total_mass: Any = 0.0
-        total_moment: Any = np.zeros((3, 1))
-        for after, mass, first_moment in zip(self.after, self.masses, self.first_moments, strict=True):
-            if after > motion:
-                total_mass = total_mass + mass
-                total_moment = total_moment + first_moment
-        return total_mass, total_moment
-
-
 class Weighted(NamedTuple):
     """A motion and the loads of which gravity's force along it is sought; those in front of the motion do not count."""
 
@@ -212,28 +179,43 @@ def forces(
 
 
 def force_derivatives(
-    gravity: Array, weights: Weights, motion: int, wanted: Sequence[int], linear: Array, angular: Array
+    gravity: Array,
+    weighted: Weighted,
+    frames: Mapping[int, Poses],
+    wanted: Sequence[int],
+    linear: Array,
+    angular: Array,
 ) -> Array:
-    """Return the derivative ``(W, N)`` of :func:`forces` along ``motion`` to the scalar of each wanted motion.
+    """Return the derivative ``(W, N)`` of a force of :func:`forces` to the scalar of each wanted motion.
 
-    ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which ``motion`` must be one.
+    ``linear`` and ``angular`` ``(3, W, N)`` are the twists of the wanted motions, of which the weighted one is one.
     """
+    motion, loads = weighted
+    placed = []
+    for load in loads:
+        turn, (x, y, z) = frames[load.after].rotation, load.first_moment
+        moment = turn[:, 0] * x + turn[:, 1] * y + turn[:, 2] * z + load.mass * frames[load.after].translation
+        placed.append((load.after, load.mass, moment))
+
+    def moved_by(motion: int) -> tuple[Any, Any]:
+        """Return total mass and first moment, in the measuring frame, of the loads that a motion moves."""
+        moved = [(mass, moment) for after, mass, moment in placed if after > motion]
+        return sum(mass for mass, _ in moved), sum((moment for _, moment in moved), np.zeros((3, linear.shape[-1])))
+
     slot, down = list(wanted).index(motion), gravity[:, None]
     v, w = linear[:, slot], angular[:, slot]
-    mass, first_moment = weights.moved_by(motion)
-    across = cross(mass * v + cross(w, first_moment + np.zeros_like(w)), down)
-    result: Array = np.einsum("ikn,in->kn", angular, across)
+    mass, first_moment = moved_by(motion)
+    result = np.asarray(np.einsum("ikn,in->kn", angular, cross(mass * v + cross(w, first_moment), down)))
     # Behind the motion the loads change only where a body is in between: motions with the same next body are grouped.
     groups: dict[int, list[int]] = {}
     for i, k in enumerate(wanted):
         if k >= motion:
-            groups.setdefault(min((after for after in weights.after if after > k), default=-1), []).append(i)
+            groups.setdefault(min((load.after for load in loads if load.after > k), default=-1), []).append(i)
     lever = -cross(w, down)
     for at in groups.values():
-        mass, first_moment = weights.moved_by(wanted[at[0]])
-        turning = cross(first_moment + np.zeros_like(lever), lever)
+        mass, first_moment = moved_by(wanted[at[0]])
         result[at] = mass * np.einsum("ikn,in->kn", linear[:, at], lever)
-        result[at] += np.einsum("ikn,in->kn", angular[:, at], turning)
+        result[at] += np.einsum("ikn,in->kn", angular[:, at], cross(first_moment, lever))
     return result
 
 

@@ -56,13 +56,9 @@ class Elastic(Effect):
     _: KW_ONLY
     deflection: Deflection = setting("equilibrium")
 
-    def part(self, motion: int, loads: tuple[Load, ...]) -> Part:
-        """Return the part of a motion that deflects under ``loads``."""
-        return Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium")
-
     def parts(self, motions: Sequence[int], loads: tuple[Load, ...]) -> tuple[Part, ...]:
-        """Return the part of each of several motions."""
-        return tuple(self.part(motion, loads) for motion in motions)
+        """Return the parts of motions that deflect under ``loads``."""
+        return tuple(Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium") for motion in motions)
 
 
 _STDS = {"kg": 5.0, "kg m": 1.0}
@@ -440,15 +436,23 @@ class PayloadCompliance(Elastic):
         """Return one term for each joint and load, and one for each first moment if the centre is uncertain."""
         terms = []
         for joint in self.joints:
-            motion, name = arm.axis_motion(joint), f"{self.name}.{joint}"
-            unit = compliance_unit(arm, joint)
+            motions, name, unit = (arm.axis_motion(joint),), f"{self.name}.{joint}", compliance_unit(arm, joint)
             for label, mass in self._masses(data).items():
                 of_load = f"{name}.{label}" if self.groups else name
                 unit_of_load, typical = (f"{unit} kg", 5e-5) if self.groups else (unit, 1e-5)
-                terms.append(Term(of_load, unit_of_load, typical, (self.part(motion, payload(arm, mass)),)))
-                for axis, load in _first_moments(arm, mass).items() if self.com == "uncertain" else ():
-                    part = self.part(motion, (load,))
-                    terms.append(Term(f"{of_load}.{axis}", f"{unit_of_load} m", typical, (part,), of_load, _COM_STD))
+                terms.append(Term(of_load, unit_of_load, typical, self.parts(motions, payload(arm, mass))))
+                moments_of = _first_moments(arm, mass) if self.com == "uncertain" else {}
+                terms += [
+                    Term(
+                        f"{of_load}.{axis}",
+                        f"{unit_of_load} m",
+                        typical,
+                        self.parts(motions, (load,)),
+                        of_load,
+                        _COM_STD,
+                    )
+                    for axis, load in moments_of.items()
+                ]
         return tuple(terms)
 
     def _masses(self, data: Measurements) -> dict[str, Array]:

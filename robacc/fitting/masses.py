@@ -68,7 +68,9 @@ def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
     units = unit_loads(arm, min(arm.owners[arm.number(joint)] for joint in joints))
     loads = (own_weight(arm, data), *units.values())
     form = {joint: effect for effect in springs for joint in effect.joints}
-    added = [Term("", "", 1.0, (form[joint].part(arm.axis_motion(joint), load),)) for joint in joints for load in loads]
+    added = [
+        Term("", "", 1.0, form[joint].parts((arm.axis_motion(joint),), load)) for joint in joints for load in loads
+    ]
     bound = fit.model.bind(data)
     count = len(bound.terms)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))

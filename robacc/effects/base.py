@@ -99,10 +99,13 @@ class Setting:
             return tuple(self._converted(part, item) for part, item in zip(kinds, value, strict=True))
         if parts:
             return None if value is None else self._converted(parts[0], value)
-        if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool) != (kind is bool):
-            raise ValueError
-        within = kind is str or (self.above < value < self.below and self.least <= value <= self.most)
-        if not within or (self.choices and value not in self.choices):
+        is_possible = (
+            isinstance(value, (int, float) if kind is float else kind)
+            and isinstance(value, bool) == (kind is bool)
+            and (kind is str or (self.above < value < self.below and self.least <= value <= self.most))
+            and (not self.choices or value in self.choices)
+        )
+        if not is_possible:
             raise ValueError
         return kind(value)
 

@@ -91,8 +91,8 @@ def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
     if data.q is None:
         return None
     if kind == "payload_torque":
-        load = None if data.payload is None else payload(arm, data.payload)
-        return None if load is None else np.asarray(gravity_torques(arm, data.q, load)[number])
+        load = () if data.payload is None else payload(arm, data.payload)
+        return np.asarray(gravity_torques(arm, data.q, load)[number]) if load else None
     torque: Array | None = weight_torques(arm, data)[number] if arm.chain.bodies else None
     if torque is None or kind == "torque":
         return torque

@@ -6,6 +6,7 @@ What moves a frame at a step is in :mod:`robacc.effects.step`.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 
@@ -250,10 +251,8 @@ class RailErrors(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield the effect for each slide that carries the arm: those before the first rotary joint."""
-        for joint in arm.names:
-            if arm.is_revolute(joint):
-                return
-            yield cls.usual(arm, data, (joint,))
+        slides = itertools.takewhile(lambda joint: not arm.is_revolute(joint), arm.names)
+        yield from (cls.usual(arm, data, (joint,)) for joint in slides)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients of each curve, in a group for each joint."""

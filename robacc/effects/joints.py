@@ -181,20 +181,20 @@ class Backlash(Effect):
         return cls(joints, "approach" if data.direction is not None else "gravity")
 
     @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield one joint at a time: by the approach if it is known, and by gravity if its torque changes sign."""
-        torque = weight_torques(arm, data) if arm.chain.bodies else np.zeros((len(arm.names), 1))
-        for joint, moment in zip(arm.names, torque, strict=True):
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield the form by the approach if it is known, and those by gravity if its torque changes sign."""
+        number = arm.number(joints[0])
+        torque = weight_torques(arm, data)[number] if arm.chain.bodies else np.zeros(1)
+        if varies(data.direction):
+            yield cls(joints)
+        if torque.min() < 0 < torque.max():
+            yield cls(joints, "gravity")
             if varies(data.direction):
-                yield cls((joint,))
-            if moment.min() < 0 < moment.max():
-                yield cls((joint,), "gravity")
-                if varies(data.direction):
-                    # Frictions near these shares of the largest torque, each of which changes the flank of some poses.
-                    frictions = _distinct_frictions(arm.number(joint), moment, data)
-                    shares = [share * float(np.abs(moment).max()) for share in _FRICTION_SHARES if frictions.size]
-                    nearest = sorted({int(np.argmin(np.abs(frictions - share))) for share in shares})
-                    yield from (cls((joint,), "gravity", float(frictions[i])) for i in nearest)
+                # Frictions near these shares of the largest torque, each of which changes the flank of some poses.
+                frictions = _distinct_frictions(number, torque, data)
+                shares = [share * float(np.abs(torque).max()) for share in _FRICTION_SHARES if frictions.size]
+                nearest = sorted({int(np.argmin(np.abs(frictions - share))) for share in shares})
+                yield from (cls(joints, "gravity", float(frictions[i])) for i in nearest)
 
     def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield, by gravity with friction, every friction that leaves another set of poses on their flank."""

@@ -210,12 +210,11 @@ class Arm:
         counted: set[str] = set()
         chains = []
         for path in sorted(paths.values(), key=len, reverse=True):
-            new = {branch.joint.name for branch in path} - counted
-            if path[-1].joint.name not in new:
+            if (joints := [branch.joint for branch in path])[-1].name in counted:
                 continue
-            counted |= new
-            motions, drives, bodies = _links([], [branch.joint for branch in path], "urdf", number)
-            kept = tuple(body for body in bodies if path[body.owner].joint.name in new)
+            motions, drives, bodies = _links([], joints, "urdf", number)
+            kept = tuple(body for body in bodies if joints[body.owner].name not in counted)
+            counted.update(joint.name for joint in joints)
             carrier = places.get(path[0].parent or "", BASE)
             before = 1 + max(k for k, motion in enumerate(self.chain.motions) if motion.owner == carrier)
             chains.append((before, Chain(tuple(motions), tuple(drives), len(variables), kept)))

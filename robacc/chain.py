@@ -21,7 +21,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -108,11 +109,11 @@ class Chain:
     bodies: tuple[Body, ...] = ()
     joint_axis: tuple[int, ...] = ()
     """Index of the motion that each joint variable drives."""
-    _index: dict[tuple[int, str], int] = field(init=False, repr=False, compare=False, default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Index the motions by owner and label."""
-        self._index.update({(m.owner, m.label): k for k, m in enumerate(self.motions) if m.label})
+    @cached_property
+    def _index(self) -> dict[tuple[int, str], int]:
+        """Index of each motion by owner and label."""
+        return {(motion.owner, motion.label): k for k, motion in enumerate(self.motions) if motion.label}
 
     def find(self, owner: int, label: str) -> int | None:
         """Return the index of a motion, or None where the chain has no such motion."""
@@ -135,24 +136,7 @@ class Chain:
 
     def poses(self, scalars: Sequence[Scalar], n: int) -> Poses:
         """Return tool poses for any scalars."""
-        dtype = _dtype(scalars)
-        rotation = np.empty((3, 3, n), dtype=dtype)
-        translation = np.empty((3, n), dtype=dtype)
-        # A constant motion of zero is the identity and is skipped.
-        active = [
-            (motion, scalar)
-            for motion, scalar in zip(self.motions, scalars, strict=True)
-            if not (isinstance(scalar, float) and scalar == 0.0)
-        ]
-        for block in self.blocks(n):
-            columns, origin = _start()
-            for motion, scalar in active:
-                value = scalar if isinstance(scalar, float) else scalar[block]
-                origin = _advance(columns, origin, motion, value)
-            for axis in range(3):
-                rotation[:, axis, block] = columns[axis]
-            translation[:, block] = origin
-        return Poses(rotation, translation)
+        return self.sweep(scalars, n, ()).poses
 
     def sweep(
         self,
@@ -166,7 +150,7 @@ class Chain:
         ``frames`` are motion counts after which the frame is stored (a body's ``after``).
         """
         wanted = tuple(range(len(self.motions))) if wanted is None else tuple(wanted)
-        dtype = _dtype(scalars)
+        dtype = np.result_type(np.float64, *(scalar.dtype for scalar in scalars if not isinstance(scalar, float)))
         jacobian = np.empty((6, len(wanted), n), dtype=dtype)
         stored = {count: _empty_poses(n, dtype) for count in frames}
         tip = _empty_poses(n, dtype)
@@ -175,7 +159,7 @@ class Chain:
             slots.setdefault(k, []).append(slot)
         rotations = [slot for slot, k in enumerate(wanted) if self.motions[k].kind == "rotation"]
         for block in self.blocks(n):
-            columns, origin = _start()
+            columns, origin = [np.eye(3)[:, [axis]] for axis in range(3)], np.zeros((3, 1))
             for k, motion in enumerate(self.motions):
                 if k in stored:
                     _store(stored[k], columns, origin, block)
@@ -202,11 +186,6 @@ class Chain:
         return (slice(start, min(start + BLOCK, n)) for start in range(0, n, BLOCK))
 
 
-def _dtype(scalars: Sequence[Scalar]) -> np.dtype[Any]:
-    varying = [s.dtype for s in scalars if not isinstance(s, float)]
-    return np.result_type(np.float64, *varying)
-
-
 def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
     return Poses(np.empty((3, 3, n), dtype=dtype), np.empty((3, n), dtype=dtype))
 
@@ -230,10 +209,6 @@ def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: ND
         jacobian[0, columns] = v * z - w * y
         jacobian[1, columns] = w * x - u * z
         jacobian[2, columns] = u * y - v * x
-
-
-def _start() -> tuple[list[NDArray[Any]], NDArray[Any]]:
-    return [np.eye(3)[:, [axis]] for axis in range(3)], np.zeros((3, 1))
 
 
 def _store(target: Poses, columns: list[NDArray[Any]], origin: NDArray[Any], block: slice) -> None:

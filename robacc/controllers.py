@@ -25,8 +25,7 @@ import yaml
 
 from robacc.accuracy.pose_errors import pose_metrics
 from robacc.effects.base import Effect
-from robacc.effects.joint_offset import JointOffset
-from robacc.effects.link_geometry import LinkGeometry
+from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import absorb_constants, apply_fit
@@ -38,7 +37,7 @@ from robacc.plug_ins import plug_in
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
 from robacc.robots.urdf_writer import robot_to_urdf
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__
 

@@ -37,20 +37,17 @@ def rms_length(vectors: Array) -> float:
 
 def rotate(rotation: Array, vector: Array) -> Array:
     """Return ``R v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
-    result: Array = np.einsum("ij...,j...->i...", rotation, vector)
-    return result
+    return np.asarray(np.einsum("ij...,j...->i...", rotation, vector))
 
 
 def rotate_back(rotation: Array, vector: Array) -> Array:
     """Return ``R^T v`` for ``(3, 3, ...)`` and ``(3, ...)``."""
-    result: Array = np.einsum("ji...,j...->i...", rotation, vector)
-    return result
+    return np.asarray(np.einsum("ji...,j...->i...", rotation, vector))
 
 
 def compose(first: Array, second: Array) -> Array:
     """Return ``R1 R2`` for two rotations ``(3, 3, ...)``."""
-    result: Array = np.einsum("ij...,jk...->ik...", first, second)
-    return result
+    return np.asarray(np.einsum("ij...,jk...->ik...", first, second))
 
 
 def transpose(rotation: Array) -> Array:
@@ -126,8 +123,7 @@ def quaternion_from_rotation(rotation: Array) -> Array:
     best = np.argmax(squares, axis=0)
     quaternion = np.take_along_axis(candidates, best[None, None, ...], axis=0)[0]
     quaternion = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
-    result: Array = np.where(quaternion[0] < 0, -quaternion, quaternion)
-    return result
+    return np.asarray(np.where(quaternion[0] < 0, -quaternion, quaternion))
 
 
 def skew(vector: Array) -> Array:
@@ -142,18 +138,22 @@ def skew(vector: Array) -> Array:
     )
 
 
+def _size(vector: Array) -> tuple[Array, NDArray[np.bool_], Array]:
+    """Return the length of vectors, where it is so small that closed forms lose digits, and the length or 1 there."""
+    length = np.sqrt(np.sum(np.square(vector), axis=0))
+    small = length < _SMALL_ANGLE
+    return length, small, np.where(small, 1.0, length)
+
+
 def exp_so3(rotation_vector: Array) -> Array:
     """Return the rotation ``(3, 3, ...)`` of a rotation vector ``(3, ...)`` (Rodrigues' formula)."""
     vector = np.asarray(rotation_vector, dtype=float)
-    angle = np.sqrt(np.sum(np.square(vector), axis=0))
-    small = angle < _SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
+    angle, small, safe = _size(vector)
     sinc = np.where(small, 1 - np.square(angle) / 6, np.sin(safe) / safe)
     cosc = np.where(small, 0.5 - np.square(angle) / 24, (1 - np.cos(safe)) / np.square(safe))
     matrix = skew(vector)
     identity = np.eye(3).reshape(3, 3, *(1,) * (vector.ndim - 1))
-    result: Array = identity + sinc * matrix + cosc * compose(matrix, matrix)
-    return result
+    return np.asarray(identity + sinc * matrix + cosc * compose(matrix, matrix))
 
 
 def log_so3(rotation: Array) -> Array:
@@ -163,13 +163,10 @@ def log_so3(rotation: Array) -> Array:
     """
     quaternion = quaternion_from_rotation(rotation)
     vector = quaternion[1:]
-    length = np.sqrt(np.sum(np.square(vector), axis=0))
-    small = length < _SMALL_ANGLE
-    safe = np.where(small, 1.0, length)
+    length, small, safe = _size(vector)
     # Near zero: 2 asin(l)/l = 2 (1 + l^2/6 + ...), where w = sqrt(1 - l^2).
     factor = np.where(small, 2 + np.square(length) / 3, 2 * np.arctan2(safe, quaternion[0]) / safe)
-    result: Array = factor * vector
-    return result
+    return np.asarray(factor * vector)
 
 
 def log_between(first: Array, second: Array) -> Array:
@@ -182,13 +179,10 @@ def log_between(first: Array, second: Array) -> Array:
     if np.any(cosine < 0):
         return log_so3(compose(first, transpose(second)))
     vector = 0.5 * cross(second, first).sum(axis=1)
-    sine = np.sqrt(np.sum(np.square(vector), axis=0))
-    small = sine < _SMALL_ANGLE
-    safe = np.where(small, 1.0, sine)
+    sine, small, safe = _size(vector)
     # Near zero: asin(s)/s = 1 + s^2/6 + ...
     factor = np.where(small, 1 + np.square(sine) / 6, np.arctan2(safe, cosine) / safe)
-    result: Array = factor * vector
-    return result
+    return np.asarray(factor * vector)
 
 
 def left_jacobian_inverse(rotation_vector: Array) -> Array:
@@ -197,15 +191,12 @@ def left_jacobian_inverse(rotation_vector: Array) -> Array:
     Source: T. D. Barfoot, State Estimation for Robotics (2017), eq. (7.79).
     """
     vector = np.asarray(rotation_vector, dtype=float)
-    angle = np.sqrt(np.sum(np.square(vector), axis=0))
-    small = angle < _SMALL_ANGLE
-    safe = np.where(small, 1.0, angle)
+    angle, small, safe = _size(vector)
     half = safe / 2
     factor = np.where(small, 1 / 12 + np.square(angle) / 720, (1 - half / np.tan(half)) / np.square(safe))
     matrix = skew(vector)
     identity = np.eye(3).reshape(3, 3, *(1,) * (vector.ndim - 1))
-    result: Array = identity - 0.5 * matrix + factor * compose(matrix, matrix)
-    return result
+    return np.asarray(identity - 0.5 * matrix + factor * compose(matrix, matrix))
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,9 @@ from scipy import stats
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
+from robacc.effects.periodic import TransmissionError
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import entry_of
-from robacc.effects.transmission_error import TransmissionError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array

@@ -33,10 +33,18 @@ from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import nominal_robot
-from robacc.programs.configuration import allowed_by_status, is_read, joint_window, leaves_configuration
-from robacc.programs.frames import FlangeTargets, flange_targets, joint_targets, values_at
 from robacc.programs.program import Dialect, Program
 from robacc.programs.reading import read_program
+from robacc.programs.targets import (
+    FlangeTargets,
+    allowed_by_status,
+    flange_targets,
+    is_read,
+    joint_targets,
+    joint_window,
+    leaves_configuration,
+    values_at,
+)
 from robacc.programs.writing import with_targets
 from robacc.quantities import size
 from robacc.robots.arm import Arm

@@ -518,7 +518,7 @@ def load_robot(
         if base_link is not None or tip_link is not None:
             raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
         from robacc.effects.specification import with_effect_units
-        from robacc.robots.yaml_writer import robot_to_yaml
+        from robacc.robots.yaml_robot import robot_to_yaml
 
         text = robot_to_yaml(with_effect_units(source))
         return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot", identity=source.identity)

@@ -233,7 +233,7 @@ class Planned(Result, CampaignPlan):
         Raises:
             UsageError: The suffix is of no language, the robot has too many joints for it, or no visit has the payload.
         """
-        from robacc.programs.writing import SUFFIX, joint_target, write_program
+        from robacc.programs.writing import SUFFIX, write_program
 
         suffix = PurePath(path).suffix.lower()
         dialects = {value: key for key, value in SUFFIX.items()}
@@ -241,7 +241,7 @@ class Planned(Result, CampaignPlan):
             raise UsageError(f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}")
         visits = self.visits()
         assert visits.pose is not None
-        targets = [joint_target(str(name), q.tolist()) for name, q in zip(visits.pose, self.q.T, strict=True)]
+        targets = [(str(name), q.tolist()) for name, q in zip(visits.pose, self.q.T, strict=True)]
         name = PurePath(path).stem
         if payload is not None:
             masses = () if self.payload_kg is None else self.payload_kg.tolist()

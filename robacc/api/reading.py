@@ -98,7 +98,7 @@ def write_robot(path: StrPath, robot: Robot) -> None:
     """
     from robacc.effects.specification import with_effect_units
     from robacc.io.files import write_text
-    from robacc.robots.yaml_writer import robot_to_yaml
+    from robacc.robots.yaml_robot import robot_to_yaml
 
     write_text(path, robot_to_yaml(with_effect_units(robot)))
 

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import effect_class
-from robacc.effects.read_back import FOLLOWED_SHARE
+from robacc.effects.instrument import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
-from robacc.gravity.torques import weight_torques
+from robacc.gravity import weight_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot

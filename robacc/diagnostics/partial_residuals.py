@@ -24,9 +24,8 @@ import numpy as np
 from robacc.chain import BLOCK
 from robacc.effects.base import Effect
 from robacc.effects.drivers import Driver
-from robacc.effects.joint_offset import JointOffset
-from robacc.effects.orders import supported_orders
-from robacc.effects.search_forms import orders_of
+from robacc.effects.frames import JointOffset
+from robacc.effects.periodic import orders_of, supported_orders
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import Array

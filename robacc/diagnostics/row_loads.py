@@ -24,8 +24,7 @@ from robacc.diagnostics.mistakes import MOST_ROWS
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
-from robacc.gravity.loads import payload
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements, even_rows
 
 _FEWEST_ROWS = 40

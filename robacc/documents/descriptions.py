@@ -26,7 +26,7 @@ from robacc.documents.keys import (
 from robacc.documents.parts import OUTSIDE_KEY
 
 if TYPE_CHECKING:
-    from robacc.effects.catalogue import CatalogueEntry
+    from robacc.effects.request import CatalogueEntry
 
 FRAME = part(
     {

@@ -4,7 +4,7 @@ An effect is a scalar of the chain that varies by a known function of the circum
 regressor. A :class:`Term` is one coefficient; its :class:`Part` s state which scalars it moves and by which regressor.
 Its column of the Jacobian is then (column of that scalar) x (regressor), so no effect computes kinematics of its own.
 
-To add an effect: one file in this folder with one subclass of :class:`Effect` decorated with :func:`register`.
+To add an effect: one subclass of :class:`Effect` decorated with :func:`register`.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ import numpy as np
 from robacc.effects.drivers import Driver, Validity, columns_of, driver_values, is_of_weight, ranges
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load, own_weight
+from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
 from robacc.plug_ins import plug_in, plug_in_names
 from robacc.robots.arm import Arm
@@ -99,10 +99,13 @@ class Setting:
             return tuple(self._converted(part, item) for part, item in zip(kinds, value, strict=True))
         if parts:
             return None if value is None else self._converted(parts[0], value)
-        if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool) != (kind is bool):
-            raise ValueError
-        within = kind is str or (self.above < value < self.below and self.least <= value <= self.most)
-        if not within or (self.choices and value not in self.choices):
+        is_possible = (
+            isinstance(value, (int, float) if kind is float else kind)
+            and isinstance(value, bool) == (kind is bool)
+            and (kind is str or (self.above < value < self.below and self.least <= value <= self.most))
+            and (not self.choices or value in self.choices)
+        )
+        if not is_possible:
             raise ValueError
         return kind(value)
 
@@ -437,6 +440,13 @@ class Effect(abc.ABC):
         return tuple(name for name in names if cls.traits.only in (None, arm.joint(name).type))
 
     @classmethod
+    def check_joint(cls, arm: Arm, joint: str) -> None:
+        """Raise UsageError for a joint that the effect cannot act on."""
+        possible = cls.possible_joints(arm)
+        if joint not in possible:
+            raise UsageError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+
+    @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
         """Return the effect requested by name alone: on all joints it can act on, or on ``joints``."""
         if joints is None:
@@ -449,11 +459,16 @@ class Effect(abc.ABC):
         return cls(joints)
 
     @classmethod
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield the forms on one joint, or on none, that are candidates in a trace: by default the usual one."""
+        yield cls.usual(arm, data, joints)
+
+    @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield every form that is a candidate in a trace: by default the usual one, of one joint at a time."""
-        if not cls.traits.is_searched:
-            each = ((joint,) for joint in cls.possible_joints(arm)) if cls.traits.per_joint else ((),)
-            yield from (cls.usual(arm, data, joints) for joints in each)
+        """Yield every form that is a candidate in a trace: by default those of one joint at a time."""
+        each = ((joint,) for joint in cls.possible_joints(arm)) if cls.traits.per_joint else ((),)
+        for joints in () if cls.traits.is_searched else each:
+            yield from cls.forms_on(arm, data, joints)
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.gravity.loads import payload
-from robacc.gravity.torques import gravity_torques, weight_torques
+from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -92,8 +91,8 @@ def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
     if data.q is None:
         return None
     if kind == "payload_torque":
-        load = None if data.payload is None else payload(arm, data.payload)
-        return None if load is None else np.asarray(gravity_torques(arm, data.q, load)[number])
+        load = () if data.payload is None else payload(arm, data.payload)
+        return np.asarray(gravity_torques(arm, data.q, load)[number]) if load else None
     torque: Array | None = weight_torques(arm, data)[number] if arm.chain.bodies else None
     if torque is None or kind == "torque":
         return torque
@@ -155,12 +154,12 @@ class Driver:
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Return the range of each driver that the poses have."""
-    result = {}
-    for name in names:
-        values = driver_values(arm, data, name)
-        if values is not None and values.size:
-            result[name] = (float(np.min(values)), float(np.max(values)))
-    return result
+    columns = {name: driver_values(arm, data, name) for name in names}
+    return {
+        name: (float(np.min(values)), float(np.max(values)))
+        for name, values in columns.items()
+        if values is not None and values.size
+    }
 
 
 def nearest_image(values: Array, low: float, high: float, period: float | None) -> Array:

@@ -1,4 +1,4 @@
-"""Requested effects, ``base_frame,joint_offset[j2,j3],gear_ratio[all]``, and those of every arm."""
+"""Catalogue of effects for a robot and its poses, requests such as ``base_frame,gear_ratio[all]``, and the baseline."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from robacc.effects.base import REGISTRY, Effect, effect_class
+from robacc.effects.base import REGISTRY, Effect, effect_class, load_plug_ins
+from robacc.effects.specification import every_column
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
 
 _ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
 
@@ -60,20 +62,15 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     """
     effects = []
     for request in requests:
-        cls = effect_class(request.name)
-        why = cls.missing(arm, data)
-        if why is not None:
+        cls, joints = effect_class(request.name), request.joints
+        if (why := cls.missing(arm, data)) is not None:
             raise UsageError(f"{request.name} cannot be fitted: {why}")
-        joints = request.joints
-        if joints == ("all",):
-            joints = cls.possible_joints(arm)
+        joints = cls.possible_joints(arm) if joints == ("all",) else joints
         if joints is not None and not cls.traits.per_joint:
             raise UsageError(f"{request.name} acts on no joint in particular; write it without brackets")
         for joint in joints or ():
             arm.number(joint)
-            if joint not in cls.possible_joints(arm):
-                possible = ", ".join(cls.possible_joints(arm))
-                raise UsageError(f"{request.name} cannot act on {joint}; it can on {possible}")
+            cls.check_joint(arm, joint)
         effects.append(cls.default(arm, data, joints))
     return tuple(effects)
 
@@ -110,8 +107,7 @@ class Baseline:
 
 def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     """Return the effects of every arm that poses in ``n_places`` different places support."""
-    names: list[str] = []
-    left_out: list[tuple[str, str]] = []
+    reasons: dict[str, str | None] = {}
     per_pose = 3 if data.rotation is None else 6
     revolute = sum(map(arm.is_revolute, arm.names))
     # Identifiable coefficients of the baseline up to each effect.
@@ -126,8 +122,47 @@ def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
                     f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
                     f"coefficients of the baseline with it need {least}"
                 )
-        if why is None:
-            names.append(name)
-        else:
-            left_out.append((name, why))
-    return Baseline(tuple(names), True, tuple(left_out))
+        reasons[name] = why
+    names = tuple(name for name, why in reasons.items() if why is None)
+    return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogueEntry:
+    """One effect of the catalogue."""
+
+    effect: type[Effect]
+    for_robot: bool
+    """True if it was compared with a robot, which the following are of."""
+    why: str | None = None
+    """Reason if it is not available; None if it is."""
+    joints: tuple[str, ...] = ()
+    """Joints that it can act on."""
+    coefficients: tuple[tuple[str, str], ...] = ()
+    """Name and unit of each coefficient of the effect in its default form."""
+
+
+def catalogue(
+    name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
+) -> tuple[CatalogueEntry, ...]:
+    """Return every effect, or the effect called ``name``, with its availability for ``robot`` and its poses if given.
+
+    Raises:
+        UsageError: there is no such effect.
+    """
+    load_plug_ins()
+    classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
+    if robot is None:
+        return tuple(CatalogueEntry(cls, False) for cls in classes)
+    arm = Arm.of(robot)
+    # Without poses, every column is assumed to be present.
+    poses = every_column(arm) if data is None else data
+    entries = []
+    for cls in classes:
+        joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
+        if why is None and cls.traits.per_joint and not joints:
+            why = "no joint that it can act on"
+        terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
+        names = tuple((term.name, term.unit) for term in terms)
+        entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
+    return tuple(entries)

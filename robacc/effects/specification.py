@@ -1,4 +1,4 @@
-"""Reader and writer of the effects that a robot file lists, in its units."""
+"""Effects with values: entries of a robot file, validity ranges, and constants written into the robot's numbers."""
 
 from __future__ import annotations
 
@@ -11,21 +11,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Effect, Term, effect_class
-from robacc.effects.beyond_range import limits_of
-from robacc.effects.drivers import Periods, Validity, is_outside, read_validity
+from robacc.chain import BASE, TOOL
+from robacc.effects.base import Effect, Part, Term, effect_class
+from robacc.effects.drivers import (
+    Periods,
+    Validity,
+    clip_drivers,
+    driver_values,
+    is_outside,
+    nearest_image,
+    range_excess,
+    read_validity,
+)
 from robacc.errors import InputError, Problem, UsageError
+from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
-from robacc.robots.description import Robot, effect_key
+from robacc.robots.arm import TURN_OF_ANGLE, TURNS, Arm
+from robacc.robots.description import Frame, Robot, effect_key
 
 _COMMON_KEYS = ("effect", "joints", "values", "validity")
 """Keys of an entry that are no setting of its effect."""
 _MAX_NAMES = 12
 """Coefficients that a message lists."""
-
-
-_NO_POSES = Measurements(position=np.zeros((3, 0)))
 
 
 @dataclass(frozen=True)
@@ -70,13 +77,12 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
     for i, entry in enumerate(robot.effects):
         key = effect_key(i)
         try:
-            known_effect = _read(arm, entry)
+            known.append(_read(arm, entry))
         except (ValueError, TypeError, UsageError) as error:
             problems.append(Problem(str(error), column=key))
             continue
-        known.append(known_effect)
-        if (earlier := first.setdefault(known_effect.effect.key(), key)) != key:
-            message = f"repeats {known_effect.effect} of {earlier}; their values would add up"
+        if (earlier := first.setdefault(known[-1].effect.key(), key)) != key:
+            message = f"repeats {known[-1].effect} of {earlier}; their values would add up"
             problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
     if problems:
         raise InputError(problems)
@@ -115,16 +121,16 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     for key, value in entry_values.items():
         name = cls.name if key == "value" else f"{cls.name}.{key}"
         if name not in terms:
-            names = [short_name(effect, term) for term in terms]
+            names = [_short_name(effect, term) for term in terms]
             more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
             raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
             raise ValueError(f"values.{key} must be a finite number, found {value!r}")
-        values[name] = value * unit_size(terms[name], *arm.robot.effect_units)
+        values[name] = value * _unit_size(terms[name].unit, *arm.robot.effect_units)
         if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
             raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
     if "validity" not in entry:
-        return Known(effect, values, effect.validity(arm, _NO_POSES))
+        return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
     drivers = effect.validity_drivers(arm)
     return Known(effect, values, read_validity(arm, drivers, entry["validity"], *arm.robot.effect_units))
 
@@ -143,8 +149,7 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     if not joints or len(set(joints)) < len(joints):
         raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
     for joint in joints:
-        if joint not in possible:
-            raise ValueError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+        cls.check_joint(arm, joint)
     return tuple(joints)
 
 
@@ -168,13 +173,12 @@ def every_column(arm: Arm) -> Measurements:
     )
 
 
-def unit_size(term: Term, length: float, angle: float) -> float:
-    """Return the size of a value of a coefficient in a file with units of ``length`` m and ``angle`` rad."""
-    leading = term.unit.split("/")[0].split()[0]
-    return {"rad": angle, "m": length}.get(leading, 1.0)
+def _unit_size(unit: str, length: float, angle: float) -> float:
+    """Return the size of a value of an SI unit in a file with units of ``length`` m and ``angle`` rad."""
+    return {"rad": angle, "m": length}.get(unit.split("/")[0].split()[0], 1.0)
 
 
-def short_name(effect: Effect, name: str) -> str:
+def _short_name(effect: Effect, name: str) -> str:
     """Return the key of a coefficient in a robot file's ``values``: its name without the effect's."""
     return "value" if name == effect.name else name.removeprefix(f"{effect.name}.")
 
@@ -184,7 +188,7 @@ def entry_of(effect: Effect, values: Mapping[str, float], validity: Validity | N
     entry: dict[str, Any] = {"effect": effect.name}
     if effect.joints:
         entry["joints"] = list(effect.joints)
-    short = {short_name(effect, name): value for name, value in values.items()}
+    short = {_short_name(effect, name): value for name, value in values.items()}
     entry = {**entry, **effect.settings(), "values": short}
     return {**entry, "validity": {name: list(pair) for name, pair in validity.items()}} if validity else entry
 
@@ -216,11 +220,138 @@ def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> 
 
 def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, Any]:
     """Return the entry of an effect, whose values are in SI, in units of ``length`` m and ``angle`` rad."""
-    effect = stated.effect.from_units(arm, 1 / length, 1 / angle)
-    sizes = {term.name: unit_size(term, length, angle) for term in stated.effect.terms(arm, every_column(arm))}
+    units = {term.name: term.unit for term in stated.effect.terms(arm, every_column(arm))}
+    units |= {name: arm.unit(name) for name in arm.names}
+    sizes = {name: _unit_size(unit, length, angle) for name, unit in units.items()}
     values = {name: value / sizes[name] for name, value in stated.values.items()}
-    units = {name: {"rad": angle, "m": length}[arm.unit(name)] for name in stated.validity if name in arm.names}
     validity = {
-        name: (low / units.get(name, 1.0), high / units.get(name, 1.0)) for name, (low, high) in stated.validity.items()
+        name: (low / sizes.get(name, 1.0), high / sizes.get(name, 1.0)) for name, (low, high) in stated.validity.items()
     }
-    return entry_of(effect, values, validity)
+    return entry_of(stated.effect.from_units(arm, 1 / length, 1 / angle), values, validity)
+
+
+_LEVEL_LENGTHS = 4.0
+"""Fading lengths at the end of a range over which an effect's level there is its mean: for a profile, one period of its
+finest order. On parts of a real arm's poses, half and twice as much predict as well."""
+_POINTS = 32
+"""Places at which the level is sampled."""
+
+
+def limits_of(effect: Effect, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
+    """Return the ranges of the drivers beyond which an effect is held, or fades, and the periods of some of them."""
+    rules = {name: effect.beyond(arm, name, limits) for name, limits in validity.items()}
+    names = [name for name, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)]
+    return (
+        {name: validity[name] for name in names},
+        {name: period for name in names if (period := rules[name].period) is not None},
+    )
+
+
+def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
+    """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
+    return clip_drivers(arm, data, *limits_of(effect, arm, validity))
+
+
+def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
+    """Return the terms of an effect, less and less of them the farther a fading joint is beyond its range.
+
+    What remains is the effect's level at that end of the range, its mean there over :data:`_LEVEL_LENGTHS` fading
+    lengths: beyond the range, slow waves of a profile are still as they were, and fine ones are unknown.
+    """
+    effect = effect.within(validity)
+    terms = effect.terms(arm, data)
+    for joint, (low, high) in limits_of(effect, arm, validity, fading=True)[0].items():
+        values = driver_values(arm, data, joint)
+        _, period, length = effect.beyond(arm, joint, (low, high))
+        if values is None or length is None:
+            continue
+        excess = range_excess(values, low, high, period)
+        share = np.exp(-0.5 * np.square(excess / length))
+        if np.all(share == 1.0):
+            continue
+        # Across the gap of a joint that turns on, the level passes from one end to the other.
+        of_other = excess / (math.inf if period is None else max(period - (high - low), 1e-12))
+        of_low = np.where(nearest_image(values, low, high, period) < low, 1.0 - of_other, of_other)
+        near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, _LEVEL_LENGTHS * length))
+        terms = tuple(
+            dataclasses.replace(
+                term,
+                parts=tuple(
+                    _left(part, near, share, of_low) if part.motion == arm.axis_motion(joint) else part
+                    for part, near in zip(term.parts, near_end.parts, strict=True)
+                ),
+            )
+            for term, near_end in zip(terms, near_ends, strict=True)
+        )
+    return terms
+
+
+def _left(part: Part, near: Part, share: Array, of_low: Array) -> Part:
+    """Return a part of which a ``share`` ``(N,)`` is left beyond the range; the rest is its level there.
+
+    Args:
+        part: The part at the poses.
+        near: The same part near both ends of the range.
+        share: Share of the effect that is left; 1 within the range.
+        of_low: Share of the lower end in the level; the rest is that of the upper end.
+    """
+    at_low, at_high = np.broadcast_to(near.factor, (2 * _POINTS,)).reshape(2, _POINTS).mean(axis=1)
+    level = of_low * at_low + (1.0 - of_low) * at_high
+    return dataclasses.replace(part, factor=share * part.factor + (1.0 - share) * level)
+
+
+def _near_ends(arm: Arm, joint: str, data: Measurements, low: float, high: float, depth: float) -> Measurements:
+    """Return the first pose with a joint at :data:`_POINTS` places near the lower end of its range, then the upper."""
+    inside = min(depth, 0.5 * (high - low)) * (np.arange(_POINTS) + 0.5) / _POINTS
+    rows = data.subset(np.zeros(2 * _POINTS, dtype=np.int64))
+    assert rows.q is not None
+    q = rows.q.copy()
+    q[arm.number(joint)] = np.concatenate((low + inside, high - inside))
+    return dataclasses.replace(rows, q=q)
+
+
+_COORDINATES = ("x", "y", "z", *TURN_OF_ANGLE)
+
+
+def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float]) -> Robot:
+    """Return the robot with fitted values of constant effects written into its own numbers.
+
+    A value of the chain's motion adds to the joint's parameter of that name; those of a frame move and turn it.
+    """
+    arm = Arm.of(robot)
+    joints, targets = list(robot.joints), dict(robot.targets)
+    moved: dict[tuple[int, str], dict[str, float]] = {}
+    for term in (term for effect in effects for term in effect.terms(arm, every_column(arm))):
+        motion = arm.chain.motions[term.parts[0].motion]
+        name = term.name.removesuffix(f".{term.label}").partition(".")[2]
+        moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
+    for (owner, name), changes in moved.items():
+        if owner == BASE:
+            robot = dataclasses.replace(robot, base=_moved_frame(robot.base, changes))
+        elif owner == TOOL and targets:
+            targets[name] = _moved_frame(targets[name], changes)
+        elif owner == TOOL:
+            robot = dataclasses.replace(robot, tool=_moved_frame(robot.tool, changes))
+        else:
+            parameters = dict(joints[owner].parameters)
+            if not changes.keys().isdisjoint(("x", "y", "z", *TURNS)):
+                x, y, z, roll, pitch, yaw = (parameters[label] for label in _COORDINATES)
+                frame = _moved_frame(Frame((x, y, z), (roll, pitch, yaw)), changes)
+                parameters |= zip(_COORDINATES, (*frame.xyz, *frame.rpy), strict=True)
+            else:
+                parameters |= {label: parameters.get(label, 0.0) + change for label, change in changes.items()}
+            joints[owner] = dataclasses.replace(joints[owner], parameters=parameters)
+    return dataclasses.replace(robot, joints=tuple(joints), targets=targets)
+
+
+def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
+    """Return the frame with its motions changed: the product of the chain's motions; unturned, its angles stay."""
+    x, y, z = (value + changes.get(label, 0.0) for value, label in zip(frame.xyz, "xyz", strict=True))
+    turns = [changes.get(label, 0.0) for label in TURNS]
+    if not any(turns):
+        return Frame((x, y, z), frame.rpy)
+    rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
+    for axis, turn in enumerate(turns):
+        rotation = rotation @ rotation_about(axis, turn)
+    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(rotation))
+    return Frame((x, y, z), (roll, pitch, yaw))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,9 @@ from robacc.effects.base import (
     setting,
     varies,
 )
-from robacc.effects.base_frame import frame_terms
+from robacc.effects.frames import frame_terms
 from robacc.geometry import Array
-from robacc.gravity.loads import payload
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
@@ -98,7 +98,6 @@ class Step(Effect):
 
     def starting(self, at: float, data: Measurements) -> Step:
         """Return the same step at a time (s) or line of ``data``."""
-        sequence = sequence_of(data)
         timed = varies(data.time)
         return Step(
             self.joints,
@@ -108,7 +107,7 @@ class Step(Effect):
             None if timed or data.source is None else PurePath(data.source).name,
             self.target,
             self.turning,
-            float(np.ptp(sequence)),
+            float(np.ptp(sequence_of(data))),
         )
 
     def after(self, data: Measurements) -> Array:
@@ -163,8 +162,10 @@ class Step(Effect):
         shift = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in "xyz")) * 1e3
         turn = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in ("roll", "pitch", "yaw"))) * 1e3
         size = f"{shift:.3g} mm" + (f" and {turn:.3g} mrad" if self.turning else "")
-        place = between[0] if between else self._place()
-        start = f"from {place} on" + ("" if between is None or between[1] == between[2] else _interval(between))
+        place = f"line {self.from_line}" if self.from_time is None else f"{self.from_time:.6g} s"
+        start = f"from {between[0] if between else place} on"
+        if between is not None and between[1] != between[2]:
+            start += f" (95 % between {between[1]} and {between[2]})"
         if self.part == "base":
             check = "check the mounting of the base and the instrument's tripod, and measure these poses again"
             return f"{start}, the base is displaced by {size}: {check}"
@@ -183,9 +184,6 @@ class Step(Effect):
         )
         return f"{start}, the zero of {jumps}: {check}"
 
-    def _place(self) -> str:
-        return f"line {self.from_line}" if self.from_time is None else f"{self.from_time:.6g} s"
-
     def __str__(self) -> str:
         """Return ``step[j2]`` or ``step[base]``."""
         if self.part == "payload":
@@ -200,14 +198,9 @@ def unit_torques(arm: Arm, data: Measurements) -> Array:
 
 def sequence_of(data: Measurements) -> Array:
     """Return ``(N,)`` the quantity that orders the poses: the time if it varies, else the line in the file."""
-    if varies(data.time):
-        assert data.time is not None
+    if data.time is not None and varies(data.time):
         return data.time
     return np.arange(data.n, dtype=float) if data.rows is None else data.rows.astype(float)
-
-
-def _interval(between: tuple[str, str, str]) -> str:
-    return f" (95 % between {between[1]} and {between[2]})"
 
 
 # Steps as a search builds them: every part that can move, and the poses where its step may lie.
@@ -232,22 +225,17 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
     forms += [Step((joint,), "joint") for joint in arm.names]
     # A load that changes is in the column of a payload that is logged. Without masses, the weight that the arm always
     # carries has no effect of one coefficient, and a step of the load near the first pose would stand for it.
-    loaded = () if data.payload is not None or not arm.chain.bodies else _loaded_joints(arm, data)
-    forms += [Step(loaded, "payload")] if loaded else []
+    if data.payload is None and arm.chain.bodies:
+        torque = np.sqrt(np.mean(np.square(unit_torques(arm, data)), axis=1))
+        loaded = torque > _LEAST_TORQUE * torque.max()
+        forms += [Step(tuple(itertools.compress(arm.names, loaded)), "payload")] if loaded.any() else []
     for form in forms:
         yield form.starting(float(sequence_of(data).min()), data)
 
 
-def _loaded_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
-    """Return the joints that a load at the flange turns most."""
-    torque = np.sqrt(np.mean(np.square(unit_torques(arm, data)), axis=1))
-    return tuple(joint for joint, size in zip(arm.names, torque, strict=True) if size > _LEAST_TORQUE * torque.max())
-
-
 def at_place(form: Effect, place: float, data: Measurements) -> Effect:
     """Return the step of the same form at a place of the sequence."""
-    assert isinstance(form, Step)
-    return form.starting(place, data)
+    return cast(Step, form).starting(place, data)
 
 
 def possible_places(form: Effect, between: Array) -> Array:
@@ -256,8 +244,7 @@ def possible_places(form: Effect, between: Array) -> Array:
     A changed load lies after a quarter of the visits: nearer to the first pose, it would stand for a load that is there
     all the time.
     """
-    is_load = isinstance(form, Step) and form.part == "payload"
-    return between[between.size // 4 :] if is_load else between
+    return between[between.size // 4 :] if cast(Step, form).part == "payload" else between
 
 
 def is_step(effect: Effect) -> bool:
@@ -267,16 +254,15 @@ def is_step(effect: Effect) -> bool:
 
 def place_of(effect: Effect) -> float:
     """Return the place of a step in the sequence, s or line."""
-    assert isinstance(effect, Step)
-    return float(effect.from_line or 0) if effect.from_time is None else effect.from_time
+    step = cast(Step, effect)
+    return float(step.from_line or 0) if step.from_time is None else step.from_time
 
 
 def same_form(first: Effect, second: Effect) -> bool:
     """Return whether two steps differ in their place at most."""
-    if not isinstance(first, Step) or not isinstance(second, Step):
-        return False
-    plain = [dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in (first, second)]
-    return plain[0] == plain[1]
+    steps = (cast(Step, effect) for effect in (first, second))
+    one, other = (dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in steps)
+    return one == other
 
 
 def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
@@ -295,8 +281,7 @@ def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.in
 
 def place_text(place: float, effect: Effect, data: Measurements) -> str:
     """Return a place of a step as text: the first pose after it, with its time where the step has one."""
-    assert isinstance(effect, Step)
     sequence = sequence_of(data)
     after = np.flatnonzero(sequence >= place)
     line = data.place(int(after[np.argmin(sequence[after])])) if after.size else "the end"
-    return line if effect.from_time is None else f"{place:.6g} s ({line})"
+    return line if cast(Step, effect).from_time is None else f"{place:.6g} s ({line})"

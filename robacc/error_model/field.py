@@ -12,7 +12,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from robacc.effects.base import Effect
-from robacc.effects.search_forms import pose_correction
+from robacc.effects.correction import PoseCorrection
 from robacc.error_model.covariance import ACCEPTED, LEAST, CovarianceParameters, climbed
 from robacc.error_model.structure import beside
 from robacc.fitting.fit_result import Fit
@@ -88,4 +88,4 @@ def correction_of_position(
     lengths = (np.exp(found[process + 1 :]) / rows.scale[moving]).tolist()
     ratio = math.exp(2.0 * (found[0] - found[process]))
     joints = [arm.names[j] for j in moving]
-    return pose_correction(arm, data.subset(index), joints, lengths, "position", ratio), evidence, cost
+    return PoseCorrection.over(arm, data.subset(index), joints, lengths, "position", ratio), evidence, cost

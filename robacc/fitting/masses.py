@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
 from robacc.effects.base import Effect, Term
-from robacc.effects.elastic import Deflection, Elastic
-from robacc.effects.joint_compliance import JointCompliance, regressor_stds
+from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
 from robacc.fitting.fit_result import Fit, Options, with_added_covariance
 from robacc.fitting.normal_equations import solved
@@ -21,7 +20,7 @@ from robacc.fitting.solver import fit
 from robacc.fitting.sparse_prior import without_idle_rotations
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
-from robacc.gravity.loads import own_weight, unit_loads
+from robacc.gravity import own_weight, unit_loads
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
@@ -46,7 +45,7 @@ class WeightColumns:
     joints: tuple[str, ...]
     """J joints that deflect."""
     labels: tuple[str, ...]
-    """K unit masses and first moments, as :func:`robacc.gravity.loads.unit_loads` names them."""
+    """K unit masses and first moments, as :func:`robacc.gravity.unit_loads` names them."""
     gram: Array
     """``(J (1 + K), J (1 + K))``: of each joint the file's weights first."""
     rhs: Array
@@ -69,7 +68,9 @@ def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
     units = unit_loads(arm, min(arm.owners[arm.number(joint)] for joint in joints))
     loads = (own_weight(arm, data), *units.values())
     form = {joint: effect for effect in springs for joint in effect.joints}
-    added = [Term("", "", 1.0, (form[joint].part(arm.axis_motion(joint), load),)) for joint in joints for load in loads]
+    added = [
+        Term("", "", 1.0, form[joint].parts((arm.axis_motion(joint),), load)) for joint in joints for load in loads
+    ]
     bound = fit.model.bind(data)
     count = len(bound.terms)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))

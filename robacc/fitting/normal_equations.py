@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
-from robacc.effects.joint_offset import JointOffset
+from robacc.effects.frames import JointOffset
 from robacc.fitting.whitening import Whitening
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from robacc.chain import BLOCK
-from robacc.effects.constants import absorbed
 from robacc.effects.drivers import Validity, united
-from robacc.effects.specification import Known, entry_of, known_effects
+from robacc.effects.specification import Known, absorbed, entry_of, known_effects
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array

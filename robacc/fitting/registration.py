@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects import effect_class
-from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
@@ -25,7 +25,7 @@ from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, rotation_from_rpy, rpy_from_rotation
-from robacc.gravity.torques import LEVEL
+from robacc.gravity import LEVEL
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model
 from robacc.poses.motion import numbered

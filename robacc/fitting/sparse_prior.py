@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.link_geometry import LinkGeometry
+from robacc.effects.frames import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.normal_equations import solved
 from robacc.fitting.priors import weak_kinds

@@ -18,8 +18,7 @@ from robacc.chain import Scalar, Sweep
 from robacc.effects.base import Part
 from robacc.errors import EquilibriumError
 from robacc.geometry import Array
-from robacc.gravity.loads import Load, combined
-from robacc.gravity.torques import Weighted, Weights, force_derivatives, forces
+from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
 from robacc.robots.arm import Arm
 
 _STEPS = 60
@@ -186,8 +185,8 @@ class Deflections:
         ]
         frames, gravity = dict(zip(self.counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)
         for spring in _springs(elastic, coefficients):
-            motion, loads = spring.weighted
-            slope = force_derivatives(gravity, Weights.place(loads, frames), motion, tuple(slot), linear, angular)
+            motion = spring.weighted.motion
+            slope = force_derivatives(gravity, spring.weighted, frames, tuple(slot), linear, angular)
             slopes[motion] = slopes.get(motion, 0.0) + spring.factor * slope
         return gains, slopes
 

@@ -17,9 +17,8 @@ from numpy.typing import NDArray
 
 from robacc.chain import TOOL, Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
-from robacc.effects.beyond_range import faded, held_at_ends
 from robacc.effects.drivers import Validity, united
-from robacc.effects.specification import Known, known_effects
+from robacc.effects.specification import Known, faded, held_at_ends, known_effects
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements

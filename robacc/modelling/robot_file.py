@@ -15,9 +15,15 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
-from robacc.robots.yaml_robot import effect_lines, parse_robot
-from robacc.robots.yaml_units import Units
-from robacc.robots.yaml_writer import comment_lines, robot_document, robot_to_yaml, rounded_document
+from robacc.robots.yaml_robot import (
+    Units,
+    comment_lines,
+    effect_lines,
+    parse_robot,
+    robot_document,
+    robot_to_yaml,
+    rounded_document,
+)
 
 _XML_SUFFIXES = frozenset({".urdf", ".xml"})
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})

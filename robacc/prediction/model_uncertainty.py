@@ -25,9 +25,8 @@ import numpy as np
 from robacc.accuracy.grade import Scale
 from robacc.chain import BLOCK
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
-from robacc.effects.beyond_range import faded
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
-from robacc.effects.specification import Known
+from robacc.effects.specification import Known, faded
 from robacc.errors import InputError, Problem
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns

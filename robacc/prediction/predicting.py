@@ -26,7 +26,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import TURN_OF_ANGLE, Arm
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yaml_units import read_units
+from robacc.robots.yaml_robot import read_units
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 from robacc.statistics.records import Statistic

@@ -52,20 +52,17 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         raise source.error("is truncated: it has no /END", len(text), _FIX)
     draft = Draft(source, Dialect.fanuc)
     end = sections["END"].start()
-    position = first = sections["POS"].end() if "POS" in sections else end
-    targets: dict[str, int] = {}
-    for match in _POSITION.finditer(text, first, end):
-        if text[position : match.start()].strip():
-            draft.note((position, match.start()), _UNKNOWN)
-        position = match.end()
-        index = _add_position(draft, match)
-        if index is not None:
-            targets[match[1]] = index
-    if text[position:end].strip():
-        opened = text.find("{", position, end)
-        if opened >= 0 and text.find("}", opened, end) < 0:
+    first = sections["POS"].end() if "POS" in sections else end
+    positions = list(_POSITION.finditer(text, first, end))
+    spans = [match.span() for match in positions]
+    gaps = zip((first, *(stop for _, stop in spans)), (*(start for start, _ in spans), end), strict=True)
+    for gap in (gap for gap in gaps if text[slice(*gap)].strip()):
+        opened = text.find("{", *gap)
+        if gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0:
             raise source.error("is truncated: this position has no }", opened, _FIX)
-        draft.note((position, end), _UNKNOWN)
+        draft.note(gap, _UNKNOWN)
+    indices = {match[1]: _add_position(draft, match) for match in positions}
+    targets = {number: index for number, index in indices.items() if index is not None}
     if "MN" in sections:
         for match in _MOTION.finditer(text, sections["MN"].end(), first):
             _add_motions(draft, match, targets)
@@ -76,14 +73,8 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     """Add the position of group 1; return its index, or None where it is not taught."""
     text = draft.source.text
     groups = list(_GROUP.finditer(text, *match.span(3)))
-    place = next(
-        (
-            (group.end(), behind.start() if behind else match.end(3))
-            for group, behind in zip(groups, [*groups[1:], None], strict=False)
-            if group[1] == "1"
-        ),
-        None,
-    )
+    ends = [*(group.start() for group in groups[1:]), match.end(3)]
+    place = next(((group.end(), end) for group, end in zip(groups, ends, strict=False) if group[1] == "1"), None)
     if place is None:
         draft.note(match.span(), f"P[{match[1]}] has no group 1")
         return None

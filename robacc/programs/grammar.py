@@ -118,11 +118,10 @@ def timeline(events: Sequence[FrameEvent]) -> Callable[[int], ProgramFrame | Non
     itself or by a call, leaves it unknown after its call.
     """
     setting: set[int | str] = set()
-    while True:
+    before = -1
+    while before < len(setting):
         before = len(setting)
         frames = _frames(events, setting)
-        if len(setting) == before:
-            break
 
     def at(position: int) -> ProgramFrame | None:
         k = bisect_right(events, position, key=lambda event: event.position) - 1
@@ -140,13 +139,9 @@ def _frames(events: Sequence[FrameEvent], setting: set[int | str]) -> list[Progr
         if event.kind in ("set", "may set") or (event.kind == "call" and event.name in setting):
             if event.kind != "may set":
                 current = event.frame
-            routine = ""
-            for block, _ in reversed(opened):
-                if block.kind == "routine":
-                    routine = block.name
-                    break
-                setting.add(block.position)
-            setting.add(routine)
+            around = [block for block, _ in opened]
+            routine = max((i for i, block in enumerate(around) if block.kind == "routine"), default=-1)
+            setting |= {around[routine].name if routine >= 0 else "", *(b.position for b in around[routine + 1 :])}
         elif event.kind == "routine":
             opened.append((event, current))
             current = None

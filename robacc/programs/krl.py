@@ -223,7 +223,7 @@ class _Reader:
     def type_of(self, name: str) -> str:
         """Return the declared type of a variable or of its array."""
         kinds = (file.declared.get(name) or file.declared.get(name.partition("[")[0]) for file in self.files)
-        return next((kind for kind in kinds if kind is not None), "")
+        return next(filter(None, kinds), "")
 
     def change_of(self, name: str) -> str | None:
         """Return the line that changes a variable at run time, or None."""
@@ -241,9 +241,9 @@ class _Reader:
         for file in self.files:
             for kind, match in file.statements:
                 if kind == "declaration" and match[1].upper() == "FDAT" and match[3]:
-                    tool, base = (re.search(rf"{key}_NO\s+(\d+)", match[4], _ANY) for key in ("TOOL", "BASE"))
-                    if tool and base:
-                        self.data[_key(match[2])] = {"TOOL": tool[1], "BASE": base[1]}
+                    numbers_of = dict(re.findall(r"(TOOL|BASE)_NO\s+(\d+)", match[4].upper()))
+                    if len(numbers_of) == 2:
+                        self.data[_key(match[2])] = numbers_of
                     if re.search(r"IPO_FRAME\s+#TCP", match[4], _ANY):
                         self.fixed.add(_key(match[2]))
             for name, (value, *more) in file.values.items():
@@ -255,15 +255,12 @@ class _Reader:
 
     def read_targets(self) -> dict[str, int]:
         """Add the targets that the program declares with numbers; return their indices by name."""
-        result: dict[str, int] = {}
+        result = {}
         for name, (value, *_) in self.files[0].values.items():
             if self.type_of(name) in _TYPES and not _TABLE.match(name):
-                index = None if value.written is None else self.draft.add(value.name, value.written)
-                if index is None:
-                    self.draft.note(value.place, f"{name} lacks some of the numbers of a target")
-                else:
-                    result[name] = index
-        return result
+                reason = f"{name} lacks some of the numbers of a target"
+                result[name] = self.draft.declare(value.name, value.written, value.place, reason)
+        return {name: index for name, index in result.items() if index is not None}
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:
         """Return the tool or base of a number."""
@@ -327,10 +324,9 @@ class _Reader:
             motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
             for place in arguments(text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:
                 name = _key(text[slice(*place)])
+                found: list[int | None] | str = [targets[name]] if name in targets else ""
                 if match[2]:
-                    found: list[int | None] | str = "a relative motion has no target of its own"
-                else:
-                    found = [targets[name]] if name in targets else ""
+                    found = "a relative motion has no target of its own"
                 if found and (is_program or not match[2]):
                     self.draft.move(line, found, motion, tool, base)
                 elif is_program and self.type_of(name) and any(name in other.values for other in self.files):
@@ -346,8 +342,7 @@ class _Reader:
     def inline(self, text: str, place: Place) -> list[int | None] | str:
         """Add the target of a motion whose numbers are in the instruction; return a reason where they are not."""
         if not items(text, place):
-            reference = _REFERENCE.match(text, *place)
-            return RUN_TIME if reference is None or reference[0].startswith("$") else ELSEWHERE
+            return ELSEWHERE if _REFERENCE.match(text, *place) and text[place[0]] != "$" else RUN_TIME
         written = _written(text, place)
         if written is None or len(written.numbers) < len(_AXIS_KEYS):
             return "the instruction leaves numbers of the target out or computes them"

@@ -76,14 +76,12 @@ class ProgramSource:
 
     def replaced(self, edits: Iterable[tuple[int, int, str]]) -> bytes:
         """Return the file's bytes with ``(start, end, text)`` replaced; the edits do not overlap."""
-        pieces = []
-        position = 0
+        pieces, position = [], 0
         for start, end, text in sorted(edits):
             pieces += [self.text[position:start], text]
             position = end
-        pieces.append(self.text[position:])
-        text = "".join(pieces)
-        return text.encode(self.encoding if self.encoding.startswith("utf-16") else "latin-1")
+        whole = "".join((*pieces, self.text[position:]))
+        return whole.encode(self.encoding if self.encoding.startswith("utf-16") else "latin-1")
 
     def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
         """Return the error of a program that cannot be read."""
@@ -92,30 +90,25 @@ class ProgramSource:
 
 def _decode(data: bytes, file: str) -> tuple[str, str]:
     """Return text and encoding; a UTF-16 text keeps its mark."""
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        wide = "utf-16-le" if data[:2] == b"\xff\xfe" else "utf-16-be"
-        try:
-            text = data.decode(wide)
-        except UnicodeDecodeError:
+    if wide := {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}.get(data[:2]):
+        if _not_decoded(data, wide) is not None:
             fix = "export it from the controller again"
-            raise InputError(Problem("is not UTF-16 text though it begins with its mark", file, fix=fix)) from None
-        return text, wide
-    position = data.find(b"\0")
-    if position >= 0:
-        line = data.count(b"\n", 0, position) + 1
+            raise InputError(Problem("is not UTF-16 text though it begins with its mark", file, fix=fix))
+        return data.decode(wide), wide
+    before, nul, _ = data.partition(b"\0")
+    if nul:
         fix = "export it from the controller as text"
-        raise InputError(Problem("is not a text file: it contains a NUL byte", file, line, fix=fix))
-    text = data.decode("latin-1")
+        raise InputError(Problem("is not a text file: it contains a NUL byte", file, before.count(b"\n") + 1, fix=fix))
     wrong = _not_decoded(data, "utf-8")
     if wrong is None:
-        return text, "utf-8"
+        return data.decode("latin-1"), "utf-8"
     # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
     if has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN):
         line = data.count(b"\n", 0, wrong) + 1
         message = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
         raise InputError(Problem(message, file, line, fix="save it in one encoding"))
-    return text, "8-bit"
+    return data.decode("latin-1"), "8-bit"
 
 
 def _not_decoded(data: bytes, encoding: str) -> int | None:
@@ -145,30 +138,25 @@ class Convention:
 
 def rotation_distance(first: Array, second: Array) -> Array:
     """Return the angle ``(N,)`` in rad between orientations given as unit quaternions ``(4, N)``."""
-    difference = np.minimum(
-        np.sqrt(np.sum(np.square(first - second), axis=0)), np.sqrt(np.sum(np.square(first + second), axis=0))
-    )
-    angle: Array = 4 * np.arcsin(np.minimum(difference / 2, 1.0))
-    return angle
+    squares = (np.sum(np.square(first + sign * second), axis=0) for sign in (-1, 1))
+    difference = np.sqrt(np.minimum(*squares))
+    return np.asarray(4 * np.arcsin(np.minimum(difference / 2, 1.0)))
 
 
 def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
     unit = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
-    nearest: Array = np.where(np.sum(unit * near, axis=0) < 0, -unit, unit)
-    return nearest
+    return np.asarray(np.where(np.sum(unit * near, axis=0) < 0, -unit, unit))
 
 
 def _nearest_vector(quaternion: Array, near: Array) -> Array:
     vector = log_so3(rotation_from_quaternion(quaternion))
-    angle = np.sqrt(np.sum(np.square(vector), axis=0))
-    unit = vector / np.where(angle > 0, angle, 1.0)
     # The axis of a zero rotation is free: a whole turn about the program's own axis.
-    length = np.sqrt(np.sum(np.square(near), axis=0))
-    unit = np.where(angle > 0, unit, near / np.where(length > 0, length, 1.0))
+    axis = np.where(np.any(vector != 0, axis=0), vector, near)
+    length = np.sqrt(np.sum(np.square(axis), axis=0))
+    unit = axis / np.where(length > 0, length, 1.0)
     candidates = np.stack([vector + 2 * np.pi * turns * unit for turns in (0, -1, 1)])
     best = np.argmin(np.sum(np.square(candidates - near), axis=1), axis=0)
-    chosen: Array = np.take_along_axis(candidates, best[None, None], axis=0)[0]
-    return chosen
+    return np.asarray(np.take_along_axis(candidates, best[None, None], axis=0)[0])
 
 
 def nearest_angles(rotation: Array, near: Array) -> Array:
@@ -181,10 +169,9 @@ def nearest_angles(rotation: Array, near: Array) -> Array:
         yaw = np.arctan2(-upright[0, 1], upright[1, 1])
         first = np.where(pole, np.stack((near[0], first[1], yaw)), first)
     second = np.stack((first[0] + np.pi, np.pi - first[1], first[2] + np.pi))
-    distances = [np.sum(np.square(_wrapped(angles - near)), axis=0) for angles in (first, second)]
-    chosen = np.where(distances[1] < distances[0], second, first)
-    inside = np.abs(near) <= np.pi + 1e-9
-    return np.where(inside, _wrapped(chosen), near + _wrapped(chosen - near))
+    to_first, to_second = (np.sum(np.square(_wrapped(angles - near)), axis=0) for angles in (first, second))
+    chosen = np.where(to_second < to_first, second, first)
+    return np.where(np.abs(near) <= np.pi + 1e-9, _wrapped(chosen), near + _wrapped(chosen - near))
 
 
 def _wrapped(angle: Array) -> Array:
@@ -283,6 +270,11 @@ class ProgramTarget:
     """Type of its motions; None without a motion in the files read, or with several types."""
 
     @property
+    def place(self) -> tuple[int, int]:
+        """Beginning of its first number in the text, and end of its last."""
+        return self.numbers[0].start, self.numbers[-1].end
+
+    @property
     def kind(self) -> Literal["joint", "cartesian"]:
         """Whether the numbers are joint variables or a pose."""
         return "joint" if self.convention is None else "cartesian"
@@ -356,14 +348,20 @@ class Draft:
         self, name: str, target: ProgramTarget, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
     ) -> int | None:
         """Add a target, its values still missing; return its index, or None for numbers that are no target."""
-        first, last = target.numbers[0].start, target.numbers[-1].end
         if any(not abs(number.value) < _LARGEST for number in target.numbers):
-            self.note((first, last), "a number of this target is a placeholder")
+            self.note(target.place, "a number of this target is a placeholder")
             return None
-        line = self.source.line(first)
+        line = self.source.line(target.place[0])
         name = self.source.name(name) or f"line {line}"
         self.targets.append(replace(target, name=name, line=line, tool=tool, base=base))
         return len(self.targets) - 1
+
+    def declare(self, name: str, target: ProgramTarget | None, place: tuple[int, int], reason: str) -> int | None:
+        """Add the target that stands at a place; or, where its numbers are no target, a note with the reason."""
+        index = None if target is None else self.add(name, target)
+        if index is None:
+            self.note(place, reason)
+        return index
 
     def move(
         self,
@@ -384,9 +382,9 @@ class Draft:
         """Return the program, its targets with their values and what all motions to each have in common."""
         for index, reason in self.dropped.items():
             target = self.targets[index]
-            text = self.source.excerpt(target.numbers[0].start, target.numbers[-1].end)
-            self.notes.append(ProgramNote(target.line, f"{target.name}: {text}", reason))
-        kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].numbers[0].start)
+            text = f"{target.name}: {self.source.excerpt(*target.place)}"
+            self.notes.append(ProgramNote(target.line, text, reason))
+        kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
         places = {index: place for place, index in enumerate(kept)}
         moves = tuple(replace(move, target=places[move.target]) for move in self.moves if move.target in places)
         by_target: dict[int, list[ProgramMove]] = {}
@@ -405,8 +403,7 @@ class Draft:
                     base=target.base or _common([move.base for move in used]),
                 )
         notes = tuple(sorted(self.notes, key=lambda note: note.line))
-        source = self.source
-        return Program(source.file, self.dialect, source, tuple(targets), moves, notes)
+        return Program(self.source.file, self.dialect, self.source, tuple(targets), moves, notes)
 
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:

@@ -103,14 +103,12 @@ class _Module:
     def routine(self, position: int) -> int:
         """Return the number of the routine around a place, or :data:`_GLOBAL` for the module's own data."""
         k = bisect_right(self.starts, position) - 1
-        return k if k >= 0 and k % 2 == 0 else _GLOBAL
+        return k if k % 2 == 0 else _GLOBAL
 
     def change_of(self, routine: int, name: str) -> int | None:
         """Return the place where a variable is assigned at run time, or None."""
-        places = [
-            place for (other, changed), place in self.changes.items() if changed == name and routine in (other, _GLOBAL)
-        ]
-        return min(places, default=None)
+        changes = ((of, place) for (of, changed), place in self.changes.items() if changed == name)
+        return min((place for of, place in changes if routine in (of, _GLOBAL)), default=None)
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -181,11 +179,8 @@ def _read_targets(module: _Module, draft: Draft) -> dict[tuple[int, str], list[i
         elements = (items(module.text, match.span(5)) if match[4] else []) or [match.span(5)]
         indices = targets[module.routine(match.start()), name.lower()] = []
         for i, place in enumerate(elements):
-            written = _written(module.text, place, kind)
-            index = None if written is None else draft.add(f"{name}{{{i + 1}}}" if match[4] else name, written)
-            if index is None:
-                draft.note(place, f"{name} lacks some of the numbers of a {kind}")
-            indices.append(index)
+            written, reason = _written(module.text, place, kind), f"{name} lacks some of the numbers of a {kind}"
+            indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
     return targets
 
 
@@ -211,14 +206,12 @@ def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: 
 
 def _frame(text: str, place: Place, kind: str) -> Frame | None:
     """Return the tool in the flange's frame or the work object in the world; None where it moves or is held."""
-    parts = items(text, place)
-    is_tool = kind == "tooldata"
-    flags = [text[slice(*part)].upper() for part in parts]
-    if len(parts) != (3 if is_tool else 5) or flags[: 1 if is_tool else 2] != (
-        ["TRUE"] if is_tool else ["FALSE", "TRUE"]
-    ):
+    parts, is_tool = items(text, place), kind == "tooldata"
+    # A tool on the flange; a work object that is not held and does not move.
+    count, expected, first = (3, ["TRUE"], 1) if is_tool else (5, ["FALSE", "TRUE"], 3)
+    if len(parts) != count or [text[slice(*part)].upper() for part in parts[: len(expected)]] != expected:
         return None
-    poses = [_pose(text, items(text, part)) for part in (parts[1:2] if is_tool else parts[3:])]
+    poses = [_pose(text, items(text, part)) for part in parts[first : 2 if is_tool else 5]]
     frames = [pose.frame for pose in poses if pose is not None]
     if len(frames) != len(poses):
         return None

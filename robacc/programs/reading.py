@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import Any
 
 from robacc.errors import InputError, Problem
 from robacc.io.files import read_bytes, read_text
+from robacc.io.yaml_nodes import Source, compose
 from robacc.plug_ins import plug_in, plug_in_names
-from robacc.programs.frames import parse_frames, with_frames
-from robacc.programs.program import PROGRAM_LIMIT, Dialect, Program, ProgramSource
+from robacc.programs.program import PROGRAM_LIMIT, Dialect, Program, ProgramFrame, ProgramSource
+from robacc.robots.description import Frame
+from robacc.robots.yaml_robot import named_frames, read_fields, read_units
 
 PLUG_INS = "robacc.programs"
 """Group of entry points that add dialects.
@@ -100,35 +103,22 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         message, fix = _BINARY[suffix]
         raise InputError(Problem(message, name, fix=fix))
     source = _source(name)
-    reader = _reader(source)
-    others = [_source(other) for other in getattr(reader, "companions", companions)(name)]
-    tables = []
-    for other in (os.fspath(frame) for frame in frames):
-        if PurePath(other).suffix.lower() in (".yaml", ".yml"):
-            tables.append(parse_frames(read_text(other), other))
-        else:
-            others.append(_source(other))
-    program: Program = reader.parse(source, others)
+    # The dialect is that of the text, or of the suffix where the text is no proof.
+    reader = _reader_by_text(source.text)
+    if reader is None and suffix in SUFFIXES:
+        reader = import_module(f"robacc.programs.{SUFFIXES[suffix]}")
+    elif reader is None and suffix[1:] in plug_in_names(PLUG_INS):
+        reader = plug_in(PLUG_INS, suffix[1:])
+    if reader is None:
+        fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
+        raise source.error("is not a robot program that robacc reads", fix=fix)
+    paths = [os.fspath(frame) for frame in frames]
+    tables = [path for path in paths if PurePath(path).suffix.lower() in (".yaml", ".yml")]
+    others = [*getattr(reader, "companions", companions)(name), *(path for path in paths if path not in tables)]
+    program: Program = reader.parse(source, [_source(other) for other in others])
     for table in tables:
-        program = with_frames(program, table)
+        program = with_frames(program, parse_frames(read_text(table), table))
     return program
-
-
-def _reader(source: ProgramSource) -> Any:
-    """Return the module of a program's dialect, by its text, or by its suffix where the text is no proof.
-
-    Raises:
-        InputError: Neither suffix nor text is that of a robot program.
-    """
-    suffix = PurePath(source.file).suffix.lower()
-    if (reader := _reader_by_text(source.text)) is not None:
-        return reader
-    if suffix in SUFFIXES:
-        return import_module(f"robacc.programs.{SUFFIXES[suffix]}")
-    if suffix[1:] in plug_in_names(PLUG_INS):
-        return plug_in(PLUG_INS, suffix[1:])
-    fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
-    raise source.error("is not a robot program that robacc reads", fix=fix)
 
 
 def _reader_by_text(text: str) -> Any:
@@ -150,3 +140,44 @@ def companions(name: str) -> list[str]:
     wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
     names = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
     return [os.fspath(other) for other in names if other.is_file()][:1]
+
+
+# Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
+
+DEFAULT = "default"
+"""Name of the frame of targets for which the program names none."""
+
+
+def parse_frames(text: str, file: str) -> dict[str, Mapping[str, Frame]]:
+    """Return ``tools`` in the flange's frame and ``bases`` in the robot's base frame, by name, of a YAML file.
+
+    Raises:
+        InputError: The file has problems; the error carries all of them, with line and key.
+    """
+    source = Source(file)
+    top = source.section(compose(text, file), "", ("units", "tools", "bases"))
+    units = None if top is None else read_units(top)
+    if top is None or units is None:
+        source.finish()
+        raise AssertionError("finish() raises where a section is missing")
+    frames = named_frames("expected frames by name, each with xyz and rpy, found {found}")
+    table = read_fields(top, {"tools": frames, "bases": frames}, units)
+    source.finish()
+    return table
+
+
+def with_frames(program: Program, table: Mapping[str, Mapping[str, Frame]]) -> Program:
+    """Return the program with the frames of a table where the program names a frame but does not define it.
+
+    Names are compared without regard to case. The frame :data:`DEFAULT` stands for one that the program does not name.
+    """
+    tools, bases = ({name.lower(): at for name, at in table.get(key, {}).items()} for key in ("tools", "bases"))
+
+    def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:
+        if frame is None:
+            return ProgramFrame(DEFAULT, names[DEFAULT]) if DEFAULT in names else None
+        return ProgramFrame(frame.name, names.get(frame.name.lower())) if frame.frame is None else frame
+
+    targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
+    moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
+    return replace(program, targets=tuple(targets), moves=tuple(moves))

@@ -112,7 +112,7 @@ class _Script:
 
     def check_complete(self) -> None:
         """Raise InputError where a block or a bracket is not closed."""
-        source, text, fix = self.draft.source, self.text, "save the script again"
+        text, fix = self.text, "save the script again"
         blocks = unclosed(
             (match[1], match.start(1), match[1] != "end")
             for match in _BLOCK.finditer(text)
@@ -120,11 +120,10 @@ class _Script:
             and (match[1] == "end" or not _ONE_LINE.match(text, match.end()))
         )
         if blocks:
-            word, position = blocks[0]
-            raise source.error(f"is truncated: this {word} has no end", position, fix)
+            raise self.draft.source.error(f"is truncated: this {blocks[0][0]} has no end", blocks[0][1], fix)
         brackets = unclosed((m[0], m.start(), m[0] in "[(") for m in re.finditer(r"[\[\]()]", text))
         if brackets:
-            raise source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
+            raise self.draft.source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
 
     def argument(self, place: Place) -> tuple[str, Place]:
         """Return the variable of an argument, empty for none, and the place of its numbers, without its keyword."""
@@ -163,8 +162,10 @@ class _Script:
                 frame = ProgramFrame("", written.frame)
                 self.used.setdefault(place[0])
             events.append(FrameEvent(match.start(), "set", frame))
-        for match in _BLOCK.finditer(self.text):
-            events.append(FrameEvent(match.start(), _EVENTS.get(match[1], "call"), name=match[2] or match[3] or ""))
+        events += [
+            FrameEvent(match.start(), _EVENTS.get(match[1], "call"), name=match[2] or match[3] or "")
+            for match in _BLOCK.finditer(self.text)
+        ]
         return sorted(events, key=lambda event: event.position)
 
 

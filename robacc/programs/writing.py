@@ -12,16 +12,11 @@ from numpy.typing import NDArray
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.programs.program import (
-    FIXED_XYZ,
-    QUATERNION,
-    ROTATION_VECTOR,
-    ZYX,
     Convention,
     Dialect,
     Program,
     ProgramNumber,
     ProgramSource,
-    ProgramTarget,
     by_convention,
     native_of,
     rotation_distance,
@@ -48,10 +43,7 @@ def edit(
     new = f"{value:.{decimals}f}"
     if float(new) == number.value or new == f"{number.value:.{decimals}f}":
         return None
-    if float(new) == 0 and new.startswith("-"):
-        new = new[1:]
-    if bare_point:
-        new = re.sub(r"^(-?)0\.", r"\1.", new)
+    new = _shortened(new, bare_point)
     if old.startswith("+") and not new.startswith("-"):
         new = f"+{new}"
     start = number.start
@@ -63,6 +55,12 @@ def edit(
         start = spaces + 1
         new = new.rjust(number.end - start)
     return start, number.end, new
+
+
+def _shortened(number: str, bare_point: bool) -> str:
+    """Return a number without the sign of a zero and, with ``bare_point``, without the zero before its point."""
+    unsigned = number.removeprefix("-") if float(number) == 0 else number
+    return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
 _LENGTH_DIGITS = 1e-7
@@ -87,18 +85,14 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         values: For each target its new ``values``, in the order of ``program.targets``; None leaves a target alone.
 
     Raises:
-        ValueError: The number of values is not that of the targets or of a target's values.
+        ValueError: The number of values is not that of the targets.
     """
     edits: list[tuple[int, int, str]] = []
     text = program.source.text
     # A program with a .5 for 0.5 has all numbers so.
     bare_point = any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
-    changed = {}
-    for i, (target, new) in enumerate(zip(program.targets, values, strict=True)):
-        if new is not None and len(new) != len(target.values):
-            raise ValueError(f"target {target.name} has {len(target.values)} values, not {len(new)}")
-        if new is not None:
-            changed[i] = target
+    pairs = enumerate(zip(program.targets, values, strict=True))
+    changed = {i: target for i, (target, new) in pairs if new is not None}
     for convention, rows in by_convention(changed):
         targets = [changed[i] for i in rows]
         wanted = np.array([values[i] for i in rows], dtype=float).T
@@ -128,228 +122,133 @@ def _changes(convention: Convention | None, old: Array, new: Array) -> tuple[NDA
 
 def _least_decimals(dialect: str, number: ProgramNumber, component: int) -> int:
     """Return the least decimals of a number."""
-    if dialect == Dialect.fanuc:
-        return _FANUC_DECIMALS
-    if number.unit == 1.0 and dialect == Dialect.rapid:
-        return _QUATERNION_DECIMALS
+    if dialect == Dialect.fanuc or (dialect == Dialect.rapid and number.unit == 1.0):
+        return _FANUC_DECIMALS if dialect == Dialect.fanuc else _QUATERNION_DECIMALS
     resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (component >= 3 or number.unit < 1) else _LENGTH_DIGITS
     return max(0, round(-float(np.log10(resolution / number.unit))))
 
 
-# New programs with given targets: one motion to each, slow, with a stop for the measurement.
+# New programs that go to given joints: one motion to each, slow, with a stop for the measurement.
 
-_MOST_JOINTS = 6
-_WRITTEN = "written by robacc: check the speed, the {} and every motion before you run it"
+_JOINTS = 6
+_UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _NewProgram:
-    """Text of a new program; formats of a target take its number ``k``, its numbers and its comment."""
+    """Text of a new program in a dialect."""
 
     suffix: str
-    convention: Convention
-    line_end: str = "\r\n"
+    program: str
+    """Whole text, with its ``{name}`` and the lines of ``{data}`` and of ``{moves}``."""
+    data: str = ""
+    """Data of the target number ``k``, with its ``{numbers}`` and its ``{comment}``."""
+    move: str
+    """Lines of the motion to it."""
+    wait: str
+    line: str = "{line}"
+    """A line of the motions and waits, of number ``i``."""
+    number: str = "{value}"
+    """A number of joint ``key``."""
+    decimals: int = 5
+    comma: str = ","
+    half: str = ","
+    """Text between the third number and the fourth."""
     units: tuple[float, float] = (1e3, 180 / np.pi)
     """Of a length in m and an angle in rad."""
-    program: str
-    """Whole text, with the lines of ``data`` and of ``moves``."""
-    line: str = "{line}"
-    """Line of ``moves``."""
-    wait: str
-    joint: tuple[str, str]
-    """Line or lines of data, and of motions, of a joint target."""
-    cartesian: tuple[str, str]
-    keys: str = ""
-    """Names of the numbers of a Cartesian target."""
-    entries: tuple[str, str, str] = ("{value}",) * 3
-    """Format of a joint, of a length, and of another number of a Cartesian target."""
-    decimals: tuple[int, int, int]
-    comma: str = ","
-    halves: tuple[str, str] = (",", ",")
-    """Text between the first three numbers and the others of a joint target, and of a Cartesian one."""
-    configuration: str = "{}"
-    no_configuration: str = ""
+    line_end: str = "\r\n"
 
 
-_UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 _LAYOUTS: dict[str, _NewProgram] = {
     Dialect.krl: _NewProgram(
         suffix=".src",
-        convention=ZYX,
-        program=f"&ACCESS RVP\nDEF {{name}}( )\n; {_WRITTEN.format('tool')}\nBAS (#INITMOV,0)\n"
-        + "".join(f"$VEL_AXIS[{i + 1}]={{percent}}\n" for i in range(6))
-        + "$VEL.CP={speed:.3f}\n{moves}\nEND\n",
-        wait="WAIT SEC {pause:g}",
-        joint=("", "; {comment}\nPTP {{{numbers}}}"),
-        cartesian=("", "; {comment}\nLIN {{{numbers}{configuration}}}"),
-        keys="XYZABC",
-        entries=("A{key} {value}", "{key} {value}", "{key} {value}"),
-        decimals=(5, 4, 5),
-        configuration=",{}",
+        program="&ACCESS RVP\nDEF {name}( )\n"
+        "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
+        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_JOINTS))
+        + "$VEL.CP=0.100\n{moves}\nEND\n",
+        move="; {comment}\nPTP {{{numbers}}}",
+        wait="WAIT SEC 2",
+        number="A{key} {value}",
     ),
     Dialect.rapid: _NewProgram(
         suffix=".mod",
-        convention=QUATERNION,
-        program=f"MODULE {{name}}\n  ! {_WRITTEN.format('tool')}\n"
+        program="MODULE {name}\n  ! written by robacc: check the speed, the tool and every motion before you run it\n"
         "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
-        wait="    WaitTime \\InPos,{pause:g};",
-        joint=(
-            f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
-            "    MoveAbsJ jt{k}\\NoEOffs,v{preset},fine,tool0;",
-        ),
-        cartesian=(
-            f"  CONST robtarget rt{{k}}:=[[{{numbers}}],{{configuration}},{_UNUSED}]; ! {{comment}}",
-            "    MoveL rt{k},v{preset},fine,tool0;",
-        ),
-        decimals=(5, 4, 8),
-        halves=(",", "],["),
-        no_configuration="[0,0,0,0]",
+        data=f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
+        move="    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
+        wait="    WaitTime \\InPos,2;",
     ),
     Dialect.fanuc: _NewProgram(
         suffix=".ls",
-        convention=FIXED_XYZ,
         program='/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
         "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
+        data="P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};",
+        move="J P[{k}] 10% FINE",
+        wait="  WAIT   2.00(sec)",
         line="{i:4d}:{line} ;",
-        wait="  WAIT {pause:6.2f}(sec)",
-        joint=("P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};", "J P[{k}] {percent}% FINE"),
-        cartesian=(
-            "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\t\tCONFIG : '{configuration}',\n\t{numbers}\n}};",
-            "L P[{k}] {mm_per_s:.0f}mm/sec FINE",
-        ),
-        keys="XYZWPR",
-        entries=("J{key}= {value:>9} deg", "{key} = {value:>9}  mm", "{key} = {value:>9} deg"),
-        decimals=(3, 3, 3),
+        number="J{key}= {value:>9} deg",
+        decimals=_FANUC_DECIMALS,
         comma=",\t",
-        halves=(",\n\t", ",\n\t"),
-        no_configuration="N U T, 0, 0, 0",
+        half=",\n\t",
     ),
     Dialect.urscript: _NewProgram(
         suffix=".script",
-        convention=ROTATION_VECTOR,
-        line_end="\n",
+        program="def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
+        "{moves}\nend\n",
+        move="  # {comment}\n  movej([{numbers}], a=0.5, v=0.314)",
+        wait="  sleep(2)",
+        decimals=7,
         units=(1.0, 1.0),
-        program=f"def {{name}}():\n  # {_WRITTEN.format('TCP')}\n{{moves}}\nend\n",
-        wait="  sleep({pause:g})",
-        joint=("", "  # {comment}\n  movej([{numbers}], a=0.5, v={rad_per_s:.3f})"),
-        cartesian=("", "  # {comment}\n  movel(p[{numbers}], a=0.5, v={speed:.3f})"),
-        decimals=(7, 7, 7),
+        line_end="\n",
     ),
 }
 SUFFIX = {dialect: layout.suffix for dialect, layout in _LAYOUTS.items()}
 """Suffix of a new program."""
-_PRESETS = (5, 10, 20, 30, 40, 50, 60, 80, 100, 150, 200, 300, 400, 500, 600, 800, 1000)
-"""Predefined speeds of RAPID, mm/s."""
-
-
-def joint_target(name: str, q: Sequence[float]) -> ProgramTarget:
-    """Return a target for :func:`write_program` from joint variables in rad and m."""
-    return ProgramTarget(None, (), name=name, values=tuple(float(value) for value in q))
-
-
-def cartesian_target(name: str, values: Sequence[float], configuration: str = "") -> ProgramTarget:
-    """Return a target for :func:`write_program` from x, y, z (m) and the quaternion w, x, y, z."""
-    return ProgramTarget(QUATERNION, (), configuration, name=name, values=tuple(float(value) for value in values))
 
 
 def write_program(
     dialect: str,
-    targets: Sequence[ProgramTarget],
+    targets: Sequence[tuple[str, Sequence[float]]],
     *,
     name: str = "robacc",
-    speed: float = 0.1,
-    pause: float = 2.0,
     linear: Collection[int] = (),
 ) -> str:
-    """Return the text of a new program that goes to each target and waits there.
+    """Return the text of a new program that goes to each target, joint by joint, and waits there for 2 s.
 
-    Joint targets are driven to joint by joint, Cartesian ones in a straight line, with tool and base of the controller.
+    The speed is a tenth of the largest, and tool and base are those of the controller.
 
     Args:
         dialect: Language of the program.
-        targets: Targets of :func:`joint_target` or :func:`cartesian_target`, or of a program that was read.
+        targets: Name and joint variables, rad and m, of each target.
         name: Name of the program.
-        speed: Speed as a fraction of the largest, 0 to 1.
-        pause: Time to wait at each target, s.
         linear: Numbers of the prismatic joints, counted from 0.
 
     Raises:
-        UsageError: The dialect is not in :data:`SUFFIX`.
-        UsageError: A target has more joints than the dialect's targets, or the speed is not in (0, 1].
+        UsageError: The dialect is not in :data:`SUFFIX`, or a target has more joints, or fewer, than its targets have.
     """
     if dialect not in SUFFIX:
         raise UsageError(f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}")
-    if not 0 < speed <= 1:
-        raise UsageError(f"a speed of {speed:g} is not a fraction of the largest; give a number above 0 and at most 1")
-    if not pause >= 0:
-        raise UsageError(f"a pause of {pause:g} s cannot be waited for; give a number of seconds that is not negative")
     layout = _LAYOUTS[dialect]
-    identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"
-    identifier = identifier if identifier[0].isalpha() else f"p{identifier}"
-    words = {
-        "name": identifier,
-        "NAME": identifier.upper()[:36],
-        "speed": speed,
-        "pause": pause,
-        "percent": max(1, round(100 * speed)),
-        "mm_per_s": 1000 * speed,
-        "rad_per_s": 3.14 * speed,
-        # The fastest of RAPID's speeds that is at most that fraction of 1 m/s.
-        "preset": max([v for v in _PRESETS if v <= 1000 * speed], default=_PRESETS[0]),
-    }
     data: list[str] = []
     moves: list[str] = []
-    for k, target in enumerate(targets, start=1):
-        text = {
-            "k": k,
-            "numbers": _numbers(dialect, target, frozenset(linear)),
-            "comment": re.sub(r"[^\x20-\x7e]", "?", target.name)[:60],
-            "configuration": layout.configuration.format(target.configuration)
-            if target.configuration
-            else layout.no_configuration,
-        }
-        lines = layout.joint if target.kind == "joint" else layout.cartesian
-        data.append(lines[0].format(**words, **text))
-        moves += lines[1].format(**words, **text).split("\n")
-        if pause:
-            moves.append(layout.wait.format(**words))
-    numbered = [layout.line.format(i=i, line=line) for i, line in enumerate(moves, start=1)]
-    whole = layout.program.format(**words, data="\n".join(data), moves="\n".join(numbered))
-    return whole.replace("\n", layout.line_end)
-
-
-def _numbers(dialect: str, target: ProgramTarget, linear: frozenset[int]) -> str:
-    """Return the numbers of a target in the dialect's units, as it writes them.
-
-    Raises:
-        UsageError: The target has more joints, or fewer, than the dialect's targets.
-    """
-    layout, values, n = _LAYOUTS[dialect], list(target.values), len(target.values)
-    length, angle = layout.units
-    if target.kind == "joint":
-        if n > _MOST_JOINTS or not n:
-            raise UsageError(
-                f"target {target.name} has {n} joints; a {dialect} program's targets have 1 to {_MOST_JOINTS}"
-            )
-        if dialect == Dialect.urscript and n != _MOST_JOINTS:
-            raise UsageError(f"target {target.name} has {n} joints; a URScript target has 6")
+    for k, (target, q) in enumerate(targets, start=1):
+        if not 1 <= len(q) <= _JOINTS:
+            raise UsageError(f"target {target} has {len(q)} joints; a {dialect} program's targets have 1 to {_JOINTS}")
+        if dialect == Dialect.urscript and len(q) != _JOINTS:
+            raise UsageError(f"target {target} has {len(q)} joints; a URScript target has {_JOINTS}")
+        values = [value * layout.units[i not in linear] for i, value in enumerate(q)]
         if dialect == Dialect.rapid:
-            values += [0.0] * (_MOST_JOINTS - n)
-        parts = [(str(i + 1), 0, value * (length if i in linear else angle)) for i, value in enumerate(values)]
-    else:
-        near = np.zeros((7 if layout.convention is QUATERNION else 6, 1))
-        native = to_native(layout.convention, np.array(values)[:, None], near)[:, 0].tolist()
-        turn = 1.0 if layout.convention is QUATERNION else angle
-        keys = layout.keys or " " * len(native)
-        parts = [
-            (key, 1 if i < 3 else 2, value * (length if i < 3 else turn))
-            for i, (key, value) in enumerate(zip(keys, native, strict=True))
-        ]
-    entries = []
-    for key, kind, value in parts:
-        text = f"{value:.{layout.decimals[kind]}f}"
-        text = text.removeprefix("-") if float(text) == 0 else text
-        text = re.sub(r"^(-?)0\.", r"\1.", text) if dialect == Dialect.fanuc else text
-        entries.append(layout.entries[kind].format(key=key, value=text))
-    halves = (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))
-    return layout.halves[target.kind != "joint"].join(filter(None, halves))
+            values += [0.0] * (_JOINTS - len(q))
+        entries = []
+        for key, value in enumerate(values, start=1):
+            text = _shortened(f"{value:.{layout.decimals}f}", dialect == Dialect.fanuc)
+            entries.append(layout.number.format(key=key, value=text))
+        numbers = layout.half.join(filter(None, (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))))
+        words = {"k": k, "numbers": numbers, "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}
+        data.append(layout.data.format(**words))
+        moves += [*layout.move.format(**words).split("\n"), layout.wait]
+    identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"
+    identifier = identifier if identifier[0].isalpha() else f"p{identifier}"
+    lines = "\n".join(layout.line.format(i=i, line=line) for i, line in enumerate(moves, start=1))
+    whole = layout.program.format(name=identifier, NAME=identifier.upper()[:36], data="\n".join(data), moves=lines)
+    return whole.replace("\n", layout.line_end)

@@ -11,7 +11,7 @@ import numpy as np
 from robacc.chain import BASE, TOOL, Body, Chain, JointDrive, Motion
 from robacc.errors import UsageError
 from robacc.geometry import Array
-from robacc.robots.description import LENGTH_PARAMETERS, BranchJoint, Frame, Joint, Robot, Vector
+from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Frame, Joint, Robot, Vector
 
 # Build the chain of elementary motions of a robot's description.
 
@@ -44,6 +44,11 @@ TURN_OF_ANGLE = dict(zip(("roll", "pitch", "yaw"), TURNS, strict=True))
 """Motion that a correction or an error called roll, pitch or yaw moves."""
 FLEXURES = ("flex_x", "flex_y")
 """Zero-valued rotations across each joint's axis, in front of it: the bending of a bearing."""
+_ROWS = {
+    "standard": (*FLEXURES, "theta", "d", "a", "alpha", "beta"),
+    "modified": ("alpha", "a", "beta", *FLEXURES, "theta", "d"),
+}
+"""Motions of a table's row, by its convention."""
 
 
 def build_chain(robot: Robot) -> Chain:
@@ -54,13 +59,11 @@ def build_chain(robot: Robot) -> Chain:
     """
     number = {joint.name: i for i, joint in enumerate(robot.variables)}
     motions, drives, bodies = _links(_frame_motions(robot.base, BASE), robot.joints, robot.convention, number)
-    own = {(joint.name, i) for i, joint in enumerate(robot.variables)}
-    joint_axis = [0] * len(number)
-    for drive in drives:
-        if (robot.joints[motions[drive.motion].owner].name, drive.joint) in own:
-            joint_axis[drive.joint] = drive.motion
     motions += _frame_motions(robot.tool, TOOL)
-    return Chain(tuple(motions), tuple(drives), len(number), tuple(bodies), tuple(joint_axis))
+    index = {(motion.owner, motion.label): k for k, motion in enumerate(motions)}
+    variables = ((owner, joint) for owner, joint in enumerate(robot.joints) if joint.is_variable)
+    joint_axis = tuple(index[owner, joint.offset_parameter] for owner, joint in variables)
+    return Chain(tuple(motions), tuple(drives), len(number), tuple(bodies), joint_axis)
 
 
 def _links(
@@ -78,59 +81,54 @@ def _links(
     bodies: list[Body] = []
     for owner, joint in enumerate(joints):
         first = len(motions)
-        motions.extend(_joint_motions(joint, owner, convention))
-        if joint.type != "fixed":
-            axis = next(k for k in range(first, len(motions)) if motions[k].label == joint.offset_parameter)
-            drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in _ratios(joint).items()]
+        motions += _joint_motions(joint, owner, convention)
+        # Movement per unit of each joint variable that drives the joint, before its sign.
+        ratios = ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
+        if joint.mimic is not None:
+            ratios = {joint.mimic.master: joint.mimic.multiplier}
+        for axis in range(first, len(motions)) if joint.type != "fixed" else ():
+            if motions[axis].label == joint.offset_parameter:
+                drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in ratios.items()]
         if joint.mass:
-            bodies.append(Body(len(motions), owner, joint.com or (0.0, 0.0, 0.0), joint.mass))
+            bodies.append(Body(len(motions), owner, joint.com or ZERO, joint.mass))
     return motions, drives, bodies
 
 
-def _ratios(joint: Joint) -> dict[str, float]:
-    """Return the movement of a joint per unit of each joint variable that drives it, before its sign."""
-    if joint.mimic is not None:
-        return {joint.mimic.master: joint.mimic.multiplier}
-    return ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
-
-
-def _motion(label: str, value: float, owner: int) -> Motion:
-    kind = "translation" if label in _LENGTHS else "rotation"
-    return Motion(kind, _AXIS_OF[label], float(value), owner, label)  # type: ignore[arg-type]
+def _motions(labels: Iterable[str], values: Mapping[str, float], owner: int) -> list[Motion]:
+    """Return the motions of some labels, zero without a value."""
+    return [
+        Motion(
+            "translation" if label in _LENGTHS else "rotation",
+            _AXIS_OF[label],
+            float(values.get(label, 0.0)),
+            owner,
+            label,
+        )
+        for label in labels
+    ]
 
 
 def _frame_motions(frame: Frame, owner: int) -> list[Motion]:
     values = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*frame.xyz, *frame.rpy), strict=True))
-    return [_motion(label, values.get(label, 0.0), owner) for label in (*_FRAME_ORDER, *TURNS)]
+    return _motions((*_FRAME_ORDER, *TURNS), values, owner)
 
 
-def _joint_motions(joint: Joint, owner: int, convention: str) -> Iterable[Motion]:
+def _joint_motions(joint: Joint, owner: int, convention: str) -> list[Motion]:
     values = joint.parameters
-
-    def table(*labels: str) -> list[Motion]:
-        return [_motion(label, values.get(label, 0.0), owner) for label in labels]
-
-    if convention == "standard":
-        return table(*FLEXURES, "theta", "d", "a", "alpha", "beta")
-    if convention == "modified":
-        return table("alpha", "a", "beta", *FLEXURES, "theta", "d")
-    origin = table(*_FRAME_ORDER, *TURNS)
+    if convention != "urdf":
+        return _motions(_ROWS[convention], values, owner)
+    origin = _motions((*_FRAME_ORDER, *TURNS), values, owner)
     if joint.type == "fixed":
         return origin
-    kind = "rotation" if joint.type == "revolute" else "translation"
     offset = values.get("offset", 0.0) + (joint.sign * joint.mimic.offset if joint.mimic else 0.0)
-    yaw, pitch = _align_z(joint.axis)
+    x, y, z = joint.axis
+    across = float(np.hypot(x, y))
+    yaw, pitch = float(np.arctan2(y, x)) if across > 0 else 0.0, float(np.arctan2(across, z))
     # Rz(yaw) Ry(pitch) turns z onto the axis; a motion that never varies has no label.
     forth = [Motion("rotation", 2, yaw, owner, ""), Motion("rotation", 1, pitch, owner, "")]
     back = [Motion("rotation", 1, -pitch, owner, ""), Motion("rotation", 2, -yaw, owner, "")]
-    return [*origin, *forth, *table(*FLEXURES), Motion(kind, 2, offset, owner, "offset"), *back]  # type: ignore[arg-type]
-
-
-def _align_z(axis: Iterable[float]) -> tuple[float, float]:
-    x, y, z = axis
-    across = float(np.hypot(x, y))
-    yaw = float(np.arctan2(y, x)) if across > 0 else 0.0
-    return yaw, float(np.arctan2(across, z))
+    variable = Motion("rotation" if joint.type == "revolute" else "translation", 2, offset, owner, "offset")
+    return [*origin, *forth, *_motions(FLEXURES, {}, owner), variable, *back]
 
 
 @dataclass(frozen=True)
@@ -153,8 +151,7 @@ class Arm:
     @cached_property
     def owners(self) -> tuple[int, ...]:
         """Index of each joint variable's joint in the robot's list, which also has fixed and mimic joints."""
-        position = {joint.name: i for i, joint in enumerate(self.robot.joints)}
-        return tuple(position[name] for name in self.names)
+        return tuple(i for i, joint in enumerate(self.robot.joints) if joint.is_variable)
 
     def number(self, name: str) -> int:
         """Return the number of the joint variable called ``name``.
@@ -213,12 +210,11 @@ class Arm:
         counted: set[str] = set()
         chains = []
         for path in sorted(paths.values(), key=len, reverse=True):
-            new = {branch.joint.name for branch in path} - counted
-            if path[-1].joint.name not in new:
+            if (joints := [branch.joint for branch in path])[-1].name in counted:
                 continue
-            counted |= new
-            motions, drives, bodies = _links([], [branch.joint for branch in path], "urdf", number)
-            kept = tuple(body for body in bodies if path[body.owner].joint.name in new)
+            motions, drives, bodies = _links([], joints, "urdf", number)
+            kept = tuple(body for body in bodies if joints[body.owner].name not in counted)
+            counted.update(joint.name for joint in joints)
             carrier = places.get(path[0].parent or "", BASE)
             before = 1 + max(k for k, motion in enumerate(self.chain.motions) if motion.owner == carrier)
             chains.append((before, Chain(tuple(motions), tuple(drives), len(variables), kept)))

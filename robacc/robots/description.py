@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
+import numpy as np
+
+from robacc.geometry import Poses, rpy_from_rotation
 from robacc.io.yaml_nodes import YamlSection
-
-if TYPE_CHECKING:
-    from robacc.geometry import Poses
 
 Convention = Literal["standard", "modified", "urdf"]
 JointType = Literal["revolute", "prismatic", "fixed"]
@@ -27,19 +27,27 @@ LENGTH_PARAMETERS = frozenset({"d", "a", "x", "y", "z"})
 MAX_JOINTS = 100
 """Joints of one chain: three times a snake arm's; the work of a search for effects grows with their square."""
 
-
-_MIN_AXIS = 1e-9
-"""An axis shorter than this has no direction."""
-_UNIT_AXIS = 1e-12
-"""An axis this near to unit length keeps its numbers, so that a file written and read again is the same."""
+MAX_LENGTH = 50.0
+"""m: no arm has a longer link, and no base is farther from its instrument."""
+TURN = 2 * math.pi * 1.001
+"""rad: a fixed angle beyond a turn (and rounding) was written in degrees."""
+_LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
+"""rad: limits beyond two turns are rare, for all joints of an arm unknown; much larger ones mean "no limit"."""
+TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
+"""m: a travel between these values was written in mm; a longer travel means "no limit"."""
+_NO_LIMIT = {"revolute": _LIMITS_IN_DEGREES[1], "prismatic": TRAVEL_IN_MM[1]}
+"""rad or m: a limit beyond this value means "no limit"."""
 
 
 def unit_axis(xyz: Sequence[float]) -> Vector | None:
-    """Return an axis with unit length; None for one of no direction."""
+    """Return an axis with unit length; None for one that is so short that it has no direction.
+
+    An axis that is nearly of unit length keeps its numbers, so that a file written and read again is the same.
+    """
     length = math.hypot(*xyz)
-    if length < _MIN_AXIS:
+    if length < 1e-9:
         return None
-    x, y, z = xyz if abs(length - 1) < _UNIT_AXIS else (value / length for value in xyz)
+    x, y, z = xyz if abs(length - 1) < 1e-12 else (value / length for value in xyz)
     return x, y, z
 
 
@@ -53,8 +61,6 @@ class Frame:
     @classmethod
     def of(cls, pose: Poses) -> Frame:
         """Return the frame of a single pose."""
-        from robacc.geometry import rpy_from_rotation
-
         angles = rpy_from_rotation(pose.rotation)
         x, y, z, roll, pitch, yaw = (float(value) + 0.0 for value in (*pose.translation, *angles))
         return cls((x, y, z), (roll, pitch, yaw))
@@ -62,10 +68,6 @@ class Frame:
     @property
     def pose(self) -> Poses:
         """The frame as a single pose."""
-        import numpy as np
-
-        from robacc.geometry import Poses
-
         return Poses.from_xyz_rpy(np.array(self.xyz), np.array(self.rpy))
 
 
@@ -214,6 +216,23 @@ class Robot:
     def has_masses(self) -> bool:
         """True where the weight that loads the joints is known: every moved link from the first mass on has a mass."""
         return any(joint.mass for joint in self.joints)
+
+
+def finite_limits(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:
+    """Return a joint's limits, rad or m, None where large numbers mean "no limit", and a problem of them or None."""
+    beyond = [abs(value) > _NO_LIMIT[kind] for value in limits]
+    if not any(beyond):
+        return limits, None
+    if all(beyond) and limits[0] < 0 < limits[1]:
+        return None, None
+    return None, f"the limits {limits[0]:g} and {limits[1]:g} are too large for a joint"
+
+
+def limits_likely_degrees(joints: Sequence[Joint]) -> bool:
+    """Return whether the limits of all revolute joints, in rad, only make sense in degrees."""
+    limits = [joint.limits for joint in joints if joint.limits and joint.type == "revolute"]
+    low, high = _LIMITS_IN_DEGREES
+    return bool(limits) and all(low < max(map(abs, pair)) < high for pair in limits)
 
 
 def effect_key(i: int) -> str:

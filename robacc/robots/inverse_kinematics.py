@@ -63,8 +63,10 @@ def joint_ranges(
     """
     joints = arm.robot.variables
     problems = [
-        Problem(f"the prismatic joint {joint.name} has no limits {purpose}", None, None, place, fix)
-        for joint, place in ((joint, f"joints.{joint.name}.limits") for joint in joints)
+        Problem(
+            f"the prismatic joint {joint.name} has no limits {purpose}", column=f"joints.{joint.name}.limits", fix=fix
+        )
+        for joint in joints
         if joint.limits is None and joint.type == "prismatic"
     ]
     if problems:
@@ -85,8 +87,7 @@ def spread_configurations(arm: Arm, count: int) -> Array:
     middle, half = 0.5 * (low + high), 0.5 * (high - low)
     revolute = np.array([joint.type == "revolute" for joint in arm.robot.variables])
     half = np.where(revolute, np.minimum(half, np.pi), half)
-    result: Array = middle[:, None] + half[:, None] * (2.0 * low_discrepancy(low.size, count) - 1.0)
-    return result
+    return np.asarray(middle[:, None] + half[:, None] * (2.0 * low_discrepancy(low.size, count) - 1.0))
 
 
 def pose_jacobian(arm: Arm, q: Array) -> tuple[Poses, Array]:
@@ -150,16 +151,16 @@ def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float
     return starts
 
 
-def _residual(poses: Poses, desired: Poses, oriented: bool, length: float) -> Array:
-    """Return the error ``(6, M)``, or ``(3, M)`` for positions alone, m."""
-    position = desired.translation - poses.translation
-    if not oriented:
-        return position
-    return np.concatenate((position, length * log_so3(compose(desired.rotation, transpose(poses.rotation)))))
+def _residual(poses: Poses, desired: Poses, weight: float) -> tuple[Array, Array]:
+    """Return the error ``(6, M)``, m, rotations times ``weight`` (m; 0 for positions alone), and its norm ``(M,)``."""
+    turn = log_so3(compose(desired.rotation, transpose(poses.rotation)))
+    residual = np.concatenate((desired.translation - poses.translation, weight * turn))
+    return residual, np.sqrt(np.sum(np.square(residual), axis=0))
 
 
 def _descend(arm: Arm, desired: Poses, q: Array, oriented: bool, length: float) -> tuple[Array, Array]:
     """Return joint variables ``(J, M)`` and residual norms ``(M,)`` of M problems after Levenberg-Marquardt steps."""
+    weight = length if oriented else 0.0
     low, high = (limits[:, None] for limits in joint_ranges(arm))
     q = np.clip(q, low, high)
     error = np.full(q.shape[1], np.inf)
@@ -169,22 +170,14 @@ def _descend(arm: Arm, desired: Poses, q: Array, oriented: bool, length: float) 
     for _ in range(_STEPS):
         target = Poses(desired.rotation[..., open_], desired.translation[:, open_])
         poses, jacobian = pose_jacobian(arm, q[:, open_])
-        residual = _residual(poses, target, oriented, length)
-        before = error[open_] = np.sqrt(np.sum(np.square(residual), axis=0))
-        step = _step(
-            jacobian[:3] if not oriented else _scaled(jacobian, length),
-            residual,
-            q[:, open_],
-            low,
-            high,
-            damping[open_],
-        )
-        trial = np.clip(q[:, open_] + step, low, high)
-        after = _residual(arm.chain.forward(trial), target, oriented, length)
-        nearer = np.sqrt(np.sum(np.square(after), axis=0)) < error[open_]
+        residual, before = _residual(poses, target, weight)
+        jacobian[3:] *= weight
+        trial = np.clip(q[:, open_] + _step(jacobian, residual, q[:, open_], low, high, damping[open_]), low, high)
+        _, after = _residual(arm.chain.forward(trial), target, weight)
+        nearer = after < before
         q[:, open_] = np.where(nearer, trial, q[:, open_])
         damping[open_] = np.clip(damping[open_] * np.where(nearer, 0.1, 8.0), _MIN_DAMPING, _MAX_DAMPING)
-        error[open_] = np.where(nearer, np.sqrt(np.sum(np.square(after), axis=0)), error[open_])
+        error[open_] = np.where(nearer, after, before)
         # A problem is done at a tenth of the residual that counts as reached, or out of reach after slow steps.
         slow = ~nearer | (error[open_] > _SLOW * before)
         stalled[open_] = np.where(slow, stalled[open_] + 1, 0)
@@ -193,10 +186,6 @@ def _descend(arm: Arm, desired: Poses, q: Array, oriented: bool, length: float) 
         if open_.size == 0:
             break
     return q, error
-
-
-def _scaled(jacobian: Array, length: float) -> Array:
-    return np.concatenate((jacobian[:3], length * jacobian[3:]))
 
 
 def _step(jacobian: Array, residual: Array, q: Array, low: Array, high: Array, damping: Array) -> Array:
@@ -211,5 +200,4 @@ def _step(jacobian: Array, residual: Array, q: Array, low: Array, high: Array, d
     matrix = matrix + np.einsum("mj,jk->mjk", damping[:, None] * scale, np.eye(q.shape[0]))
     # A fixed joint's row is zero but for its damping; a unit diagonal keeps the matrix regular at any damping.
     matrix[:, np.arange(q.shape[0]), np.arange(q.shape[0])] += fixed.T
-    solution: Array = np.linalg.solve(matrix, gradient.T[..., None])[..., 0].T
-    return solution
+    return np.asarray(np.linalg.solve(matrix, gradient.T[..., None])[..., 0].T)

@@ -15,7 +15,7 @@ import numpy as np
 from robacc.chain import Chain
 from robacc.geometry import Array
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import Frame, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"
 _SHOWN = 4
@@ -137,15 +137,14 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
     each prismatic joint at its longest.
     """
     chain = build_chain(replace(robot, base=Frame(), tool=target))
-    ranges = [_range(joint) for joint in robot.variables]
-    if any(pair is None for pair in ranges):
+    if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
         return Reach(None, None)
-    low, high = np.array([pair for pair in ranges if pair is not None]).T
-    q = low[:, None] + (high - low)[:, None] * low_discrepancy(len(ranges), SAMPLES)
+    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
     distance = _distance(chain, q)
     best = q[:, [int(np.argmax(distance))]]
     for _ in range(_ROUNDS):
-        for i in range(len(ranges)):
+        for i in range(low.size):
             trial = np.repeat(best, _STEPS + 1, axis=1)
             # The best so far stays among the trials, so a step never reduces the reach.
             trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
@@ -167,15 +166,8 @@ def low_discrepancy(dimensions: int, count: int) -> Array:
     return np.asarray(products % 1.0, dtype=np.float64)
 
 
-def _range(joint: Joint) -> tuple[float, float] | None:
-    if joint.limits is not None:
-        return joint.limits
-    return (-np.pi, np.pi) if joint.type == "revolute" else None
-
-
 def _distance(chain: Chain, q: Array) -> Array:
-    result: Array = np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0))
-    return result
+    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))
 
 
 def _bound(chain: Chain, low: Array, high: Array) -> float:

@@ -1,13 +1,16 @@
-"""Read a URDF into a robot: one serial chain, its mimic joints, and the masses of links outside it."""
+"""Read a URDF into a robot: one serial chain of its links, mimic joints, and the masses of links outside it."""
 
 from __future__ import annotations
 
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple, cast
+from xml.etree.ElementTree import Element, TreeBuilder
+from xml.parsers import expat
 
 import numpy as np
 
@@ -16,7 +19,11 @@ from robacc.geometry import Array, Poses
 from robacc.robots.description import (
     LENGTH_PARAMETERS,
     MAX_JOINTS,
+    MAX_LENGTH,
     ORIGIN_PARAMETERS,
+    TRAVEL_IN_MM,
+    TURN,
+    ZERO,
     BranchJoint,
     Frame,
     Joint,
@@ -24,10 +31,234 @@ from robacc.robots.description import (
     Mimic,
     Robot,
     Vector,
+    finite_limits,
+    limits_likely_degrees,
     unit_axis,
 )
-from robacc.robots.urdf_tree import UrdfJoint, UrdfTree, numbers, read_tree
-from robacc.robots.yaml_units import MAX_LENGTH, TRAVEL_IN_MM, TURN, finite_limits, limits_likely_degrees
+
+# Links and joints of a URDF: its XML read safely, each number checked, each problem with its line.
+
+_ELEMENTS: Mapping[str, tuple[str, ...]] = {
+    "": ("robot",),
+    "robot": ("link", "joint"),
+    "link": ("inertial",),
+    "inertial": ("origin", "mass"),
+    "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
+}
+"""Elements read below each element; meshes, colours, transmissions and simulator data do not affect the chain."""
+_NAMES: Mapping[str, tuple[str, ...]] = {
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "parent": ("link",),
+    "child": ("link",),
+    "mimic": ("joint",),
+}
+"""Attributes that an element must have."""
+_NUMBERS: Mapping[str, Mapping[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "limit": {"lower": 1, "upper": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+}
+"""Count of numbers in each numeric attribute."""
+_OTHER_MODELS = {"sdf": "an SDF model", "mujoco": "a MuJoCo model", "COLLADA": "a mesh", "robot_model": "not a URDF"}
+
+
+def numbers(element: Element | None, attribute: str, default: str = "0 0 0") -> list[float]:
+    """Return the numbers of an attribute that was checked, or of its default."""
+    return [float(part) for part in (default if element is None else element.get(attribute, default)).split()]
+
+
+class UrdfJoint(NamedTuple):
+    """Joint of the file, between its two links."""
+
+    element: Element
+    name: str
+    type: str
+    parent: str
+    child: str
+    mimic: Mimic | None
+    """Joint that it follows; None for a fixed joint, which reduced URDFs let follow others."""
+
+    @property
+    def moves(self) -> bool:
+        """Whether the joint moves by itself."""
+        return self.type != "fixed" and self.mimic is None
+
+    @classmethod
+    def of(cls, element: Element) -> UrdfJoint:
+        """Return the joint of an element that was checked."""
+        links = (element.find(tag) for tag in ("parent", "child"))
+        parent, child = (str(link.get("link")) for link in links if link is not None)
+        kind, rule = str(element.get("type")), element.find("mimic")
+        mimic = None
+        if rule is not None and kind != "fixed":
+            mimic = Mimic(str(rule.get("joint")), *numbers(rule, "multiplier", "1"), *numbers(rule, "offset", "0"))
+        return cls(element, str(element.get("name")), kind, parent, child, mimic)
+
+
+@dataclass(frozen=True)
+class UrdfTree:
+    """Tree of links and joints, and the problems found in it so far."""
+
+    file: str
+    root: Element
+    lines: Mapping[Element, int]
+    """1-based line of each element's opening tag."""
+    problems: list[Problem] = field(default_factory=list)
+
+    @cached_property
+    def links(self) -> Mapping[str, Element]:
+        """Element of each link, by name."""
+        return {element.get("name", ""): element for element in self.root.iter("link")}
+
+    @cached_property
+    def joints(self) -> tuple[UrdfJoint, ...]:
+        """Joints of elements that were checked."""
+        return tuple(map(UrdfJoint.of, self.root.iter("joint")))
+
+    def report(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
+        """Add a problem of the joint or link ``name``."""
+        line = None if element is None else self.lines[element]
+        self.problems.append(Problem(message, self.file, line, name or None, fix))
+
+    def finish(self) -> None:
+        """Raise an error where there is a problem.
+
+        Raises:
+            InputError: Every problem, in the order of the file.
+        """
+        if self.problems:
+            raise InputError(sorted(self.problems, key=lambda problem: problem.line or 0))
+
+    @cached_property
+    def below(self) -> Mapping[str, list[UrdfJoint]]:
+        """Joints on each link, by its name."""
+        below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
+        for joint in self.joints:
+            below[joint.parent].append(joint)
+        return below
+
+    def paths(self, base: str) -> dict[str, list[UrdfJoint]]:
+        """Return the joints from ``base`` to each link behind it, by the link's name."""
+        paths: dict[str, list[UrdfJoint]] = {base: []}
+        open_ = [base]
+        for link in open_:
+            for joint in self.below[link]:
+                if joint.child not in paths:  # a circle of joints comes back to the base
+                    paths[joint.child] = [*paths[link], joint]
+                    open_.append(joint.child)
+        return paths
+
+
+def read_tree(text: str, file: str) -> UrdfTree:
+    """Return the links and joints of a URDF, with every name and number checked.
+
+    A document type is an error before anything is expanded: a URDF has none, and entities can exhaust the memory or
+    read other files.
+
+    Raises:
+        InputError: The text is not well-formed XML, is not a URDF, is xacro, has wrong names or numbers, or two joints
+            move one link.
+    """
+    reader = _XmlReader(file)
+    try:
+        reader.parser.Parse(text, True)
+    except expat.ExpatError as error:
+        reason = expat.ErrorString(error.code)
+        raise InputError(Problem(f"not well-formed XML: {reason}", file, error.lineno)) from None
+    tree = UrdfTree(file, reader.builder.close(), reader.lines)
+    _check(tree)
+    tree.finish()
+    movers: dict[str, str] = {}
+    for joint in tree.joints:
+        for role, link in (("parent", joint.parent), ("child", joint.child)):
+            if link not in tree.links:
+                tree.report(joint.element, joint.name, f"its {role} link {link!r} does not exist")
+        if movers.setdefault(joint.child, joint.name) != joint.name:
+            message = f"moves the link {joint.child!r}, as {movers[joint.child]!r} does: not a serial chain"
+            tree.report(joint.element, joint.name, message)
+    tree.finish()
+    return tree
+
+
+class _XmlReader:
+    """Expat's handlers: selected elements go to a tree, with their lines."""
+
+    def __init__(self, file: str) -> None:
+        self.file = file
+        self.lines: dict[Element, int] = {}
+        self.builder = TreeBuilder()
+        self.selected: list[tuple[str, ...] | None] = [_ELEMENTS[""]]
+        """Elements read below each open element; None below one that is not read itself."""
+        self.parser = expat.ParserCreate()
+        self.parser.StartDoctypeDeclHandler = self._doctype
+        self.parser.StartElementHandler = self._start
+        self.parser.EndElementHandler = self._end
+
+    def _refuse(self, message: str, fix: str | None = None) -> None:
+        raise InputError(Problem(message, self.file, self.parser.CurrentLineNumber, fix=fix))
+
+    def _doctype(self, name: str, *_: object) -> None:
+        self._refuse(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
+
+    def _start(self, tag: str, attributes: dict[str, str]) -> None:
+        is_root, is_read = len(self.selected) == 1, tag in (self.selected[-1] or ())
+        if tag.startswith("xacro:") or (
+            is_read and any("${" in value or "$(" in value for value in attributes.values())
+        ):
+            self._refuse("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
+        if is_root and not is_read:
+            model = _OTHER_MODELS.get(tag, "not a URDF")
+            self._refuse(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
+        self.selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
+        if is_read:
+            self.lines[self.builder.start(tag, attributes)] = self.parser.CurrentLineNumber
+
+    def _end(self, tag: str) -> None:
+        if self.selected.pop() is not None:
+            self.builder.end(tag)
+
+
+def _check(tree: UrdfTree) -> None:
+    """Report wrong names and numbers, and names that stand twice."""
+    if not (robot_name := tree.root.get("name", "robot")).isprintable():
+        tree.report(tree.root, "", f"<robot name>: expected a name, found {robot_name!r}")
+    first_lines: dict[tuple[str, str], int] = {}
+    for owner in tree.root:
+        name = owner.get("name", "")
+        if name and (owner.tag, name) in first_lines:
+            message = f"there is already a {owner.tag} {name!r} in line {first_lines[owner.tag, name]}"
+            tree.report(owner, name, message)
+        first_lines.setdefault((owner.tag, name), tree.lines[owner])
+        for element in owner.iter():
+            _check_element(tree, name, element)
+        for tag in ("parent", "child") if owner.tag == "joint" else ():
+            if owner.find(tag) is None:
+                tree.report(owner, name, f"the joint has no <{tag}>")
+
+
+def _check_element(tree: UrdfTree, name: str, element: Element) -> None:
+    for attribute in _NAMES.get(element.tag, ()):
+        value = element.get(attribute, "")
+        if not value.strip():
+            tree.report(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
+        elif not value.isprintable():
+            tree.report(element, name, f"<{element.tag} {attribute}>: expected a name, found {value!r}")
+    for attribute, count in _NUMBERS.get(element.tag, {}).items():
+        text = element.get(attribute, " ".join("0" * count))
+        try:
+            # float() also accepts 1_000 and digits of other scripts, which no other reader of URDF does.
+            values = [float(part) for part in text.split()] if text.isascii() and "_" not in text else []
+        except ValueError:
+            values = []
+        # An infinite limit means no limit.
+        finite = all(math.isfinite(value) or (element.tag == "limit" and math.isinf(value)) for value in values)
+        if len(values) != count or not finite:
+            expected = "a number" if count == 1 else f"{count} numbers"
+            tree.report(element, name, f"<{element.tag} {attribute}>: expected {expected}, found {text[:60]!r}")
+
 
 # Choose one serial chain in the tree of links.
 
@@ -94,12 +325,10 @@ def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
     roots = [link for link in tree.links if link not in moved]
     if len(roots) == 1:
         return roots[0]
-    message, fix = "the file has no links", None
+    message = "the joints form a loop: there is no link to start from" if moved else "the file has no links"
     if roots:
-        message, fix = f"{len(roots)} links could be the base: {_listing(roots)}", "choose one with `base_link`"
-    elif moved:
-        message = "the joints form a loop: there is no link to start from"
-    raise InputError(Problem(message, tree.file, fix=fix))
+        message = f"{len(roots)} links could be the base: {_listing(roots)}"
+    raise InputError(Problem(message, tree.file, fix="choose one with `base_link`" if roots else None))
 
 
 def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None, leaves: Mapping[str, Sequence[UrdfJoint]]) -> str:
@@ -135,8 +364,7 @@ _TYPES: dict[str, JointType] = {
     "prismatic": "prismatic",
     "fixed": "fixed",
 }
-_LENGTH_FIX = "a URDF's lengths are in m"
-_ANGLE_FIX = "a URDF's angles are in rad"
+_LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in rad"
 
 
 def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
@@ -177,44 +405,43 @@ def _read_limits(tree: UrdfTree, joint: UrdfJoint) -> tuple[float, float] | None
     if math.isinf(lower) and math.isinf(upper):
         return None
     limits, problem = finite_limits(joint.type, (lower, upper))
-    fix: str | None = "make them infinite for a joint without limits"
     if math.isinf(lower) or math.isinf(upper):
-        problem, fix = f"one limit is infinite, the other is not ({lower:g}, {upper:g})", None
+        tree.report(joint.element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
     elif lower > upper:
-        problem, fix = f"the lower limit {lower:g} is above the upper limit {upper:g}", None
-    if problem is not None:
-        tree.report(joint.element, joint.name, problem, fix)
+        tree.report(joint.element, joint.name, f"the lower limit {lower:g} is above the upper limit {upper:g}")
+    elif problem is not None:
+        tree.report(joint.element, joint.name, problem, "make them infinite for a joint without limits")
     return limits
 
 
 def _inertial(tree: UrdfTree, link: str) -> tuple[float | None, Vector]:
     """Return mass, None where it has none, and centre of mass of a link, in its own frame."""
-    inertial = tree.links[link].find("inertial")
-    mass = None if inertial is None else inertial.find("mass")
-    if inertial is None or mass is None:
-        return None, (0.0, 0.0, 0.0)
-    x, y, z = numbers(inertial.find("origin"), "xyz")
-    return numbers(mass, "value", "0")[0], (x, y, z)
+    mass = tree.links[link].find("inertial/mass")
+    if mass is None:
+        return None, ZERO
+    return numbers(mass, "value", "0")[0], cast(Vector, tuple(numbers(tree.links[link].find("inertial/origin"), "xyz")))
 
 
 def _check_sizes(tree: UrdfTree, joints: Sequence[Joint]) -> None:
     """Report lengths and angles that are too large for an arm."""
     elements = {joint.name: joint.element for joint in tree.joints}
     for joint in joints:
-        problems = []
-        for name, value in joint.parameters.items():
-            if name in LENGTH_PARAMETERS and abs(value) > MAX_LENGTH:
-                problems.append((f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX))
-            elif name not in LENGTH_PARAMETERS and abs(value) > TURN:
-                problems.append((f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX))
-        far = max(map(abs, joint.com or (0.0,)))
-        if far > MAX_LENGTH:
-            problems.append((f"the centre of mass of its link is {far:g} m away, too far for an arm", _LENGTH_FIX))
+        far = max(map(abs, joint.com or ZERO))
         longest = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
-        if TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-            problems.append((f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX))
-        for message, fix in problems:
-            tree.report(elements[joint.name], joint.name, message, fix)
+        is_travel_in_mm = TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]
+        problems = [
+            (abs(value) > MAX_LENGTH, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
+            if name in LENGTH_PARAMETERS
+            else (abs(value) > TURN, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
+            for name, value in joint.parameters.items()
+        ]
+        problems += [
+            (far > MAX_LENGTH, f"the centre of mass of its link is {far:g} m away, too far for an arm", _LENGTH_FIX),
+            (is_travel_in_mm, f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX),
+        ]
+        for is_wrong, message, fix in problems:
+            if is_wrong:
+                tree.report(elements[joint.name], joint.name, message, fix)
     if limits_likely_degrees(joints):
         tree.report(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)
 
@@ -258,7 +485,7 @@ def _with_branches(tree: UrdfTree, path: Sequence[UrdfJoint]) -> tuple[list[Join
 
 def _origin(joint: UrdfJoint) -> Poses:
     origin = joint.element.find("origin")
-    return Poses.from_xyz_rpy(np.array(numbers(origin, "xyz")), np.array(numbers(origin, "rpy")))
+    return Poses.from_xyz_rpy(*(np.array(numbers(origin, key)) for key in ("xyz", "rpy")))
 
 
 def _carried(tree: UrdfTree, link: str, on_chain: Iterable[str] = (), frame: Poses | None = None) -> Iterator[_Carried]:
@@ -268,7 +495,7 @@ def _carried(tree: UrdfTree, link: str, on_chain: Iterable[str] = (), frame: Pos
             continue
         child = _origin(joint) if frame is None else frame @ _origin(joint)
         if joint.type in _MOVING and _movable_moment(tree, joint) > _LEAST_MOMENT:
-            yield _Carried(child, 0.0, (0.0, 0.0, 0.0), joint)
+            yield _Carried(child, 0.0, ZERO, joint)
         else:
             mass, com = _inertial(tree, joint.child)
             yield _Carried(child, mass or 0.0, com, None)
@@ -300,8 +527,8 @@ def _loaded(joint: Joint, carried: Sequence[_Carried]) -> Joint:
         return joint
     mass = joint.mass or 0.0
     total = mass + sum(link.mass for link in rigid)
-    moment: Array = mass * np.array(joint.com or (0.0, 0.0, 0.0))
-    moment = moment + sum(link.mass * (link.frame.rotation @ link.com + link.frame.translation) for link in rigid)
+    moments = (link.mass * (link.frame.rotation @ link.com + link.frame.translation) for link in rigid)
+    moment: Array = sum(moments, mass * np.array(joint.com or ZERO))
     return replace(joint, mass=total, com=cast(Vector, tuple((moment / total).tolist())))
 
 
@@ -334,38 +561,28 @@ def _resolve_mimics(
     """
     by_name = {joint.name: joint for joint in tree.joints}
     inside = {joint.name for joint in joints}
-    known = inside | {branch.joint.name for branch in branches}
     chain = [_direct_mimic(tree, by_name, joint) for joint in joints]
-    leaders: dict[str, tuple[str, Mimic]] = {}
+    beside = [_direct_mimic(tree, by_name, branch.joint) for branch in branches]
+    leaders: dict[str, Joint] = {}
     for joint in chain:
         if joint.mimic is not None and joint.mimic.master not in inside and joint.mimic.multiplier != 0.0:
-            leaders.setdefault(joint.mimic.master, (joint.name, joint.mimic))
+            leaders.setdefault(joint.mimic.master, joint)
 
-    def follower(joint: Joint, rule: Mimic) -> Joint:
-        leader, first = leaders[rule.master]
-        ratio = rule.multiplier / first.multiplier
-        return replace(joint, mimic=Mimic(leader, ratio, rule.offset - ratio * first.offset))
-
-    for i, joint in enumerate(chain):
-        rule = joint.mimic
-        if rule is None or rule.master in inside:
-            continue
-        if rule.multiplier == 0.0:
-            chain[i] = replace(joint, mimic=None)
-        elif leaders[rule.master][0] == joint.name:
-            chain[i] = replace(joint, mimic=None, outside=rule)
-        else:
-            chain[i] = follower(joint, rule)
-    beside = []
-    for branch in branches:
-        joint = _direct_mimic(tree, by_name, branch.joint)
+    def resolved(joint: Joint, known: Collection[str]) -> Joint:
         rule = joint.mimic or Mimic(joint.name)
-        if rule.master in leaders:
-            joint = follower(joint, rule)
-        elif rule.master not in known:
-            joint = replace(joint, mimic=None)
-        beside.append(replace(branch, joint=joint))
-    return chain, beside
+        leader = leaders.get(rule.master) if rule.multiplier or joint.name not in inside else None
+        if leader is None or leader.mimic is None:
+            return joint if rule.master in known else replace(joint, mimic=None)
+        if leader is joint:
+            return replace(joint, mimic=None, outside=rule)
+        ratio = rule.multiplier / leader.mimic.multiplier
+        return replace(joint, mimic=Mimic(leader.name, ratio, rule.offset - ratio * leader.mimic.offset))
+
+    known = inside | {joint.name for joint in beside}
+    return (
+        [resolved(joint, inside) for joint in chain],
+        [replace(branch, joint=resolved(joint, known)) for branch, joint in zip(branches, beside, strict=True)],
+    )
 
 
 def _direct_mimic(tree: UrdfTree, by_name: Mapping[str, UrdfJoint], joint: Joint) -> Joint:
@@ -373,19 +590,18 @@ def _direct_mimic(tree: UrdfTree, by_name: Mapping[str, UrdfJoint], joint: Joint
     mimic, visited = joint.mimic, {joint.name}
     while mimic is not None:
         master = by_name.get(mimic.master)
-        if master is not None and master.type != "fixed" and master.name not in visited:
-            if master.mimic is None:
-                return replace(joint, mimic=mimic)
-            visited.add(master.name)
-            # q = m1 (m2 q' + o2) + o1
-            ratio, inner = mimic.multiplier, master.mimic
-            mimic = Mimic(inner.master, ratio * inner.multiplier, ratio * inner.offset + mimic.offset)
-            continue
-        problem = "which follows it in turn: none of these joints moves by itself"
-        if master is None or master.type == "fixed":
-            problem = "which is not a joint of this file" if master is None else "which is fixed"
-        tree.report(by_name[joint.name].element, joint.name, f"follows {mimic.master!r}, {problem}")
-        break
+        if master is None or master.type == "fixed" or master.name in visited:
+            problem = "which follows it in turn: none of these joints moves by itself"
+            if master is None or master.type == "fixed":
+                problem = "which is not a joint of this file" if master is None else "which is fixed"
+            tree.report(by_name[joint.name].element, joint.name, f"follows {mimic.master!r}, {problem}")
+            break
+        if master.mimic is None:
+            return replace(joint, mimic=mimic)
+        visited.add(master.name)
+        # q = m1 (m2 q' + o2) + o1
+        ratio, inner = mimic.multiplier, master.mimic
+        mimic = Mimic(inner.master, ratio * inner.multiplier, ratio * inner.offset + mimic.offset)
     return joint
 
 
@@ -429,4 +645,6 @@ def parse_urdf(
     if not any(joint.is_variable for joint in joints):
         tree.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     tree.finish()
-    return Robot(tree.name, "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches))
+    return Robot(
+        tree.root.get("name", "robot"), "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches)
+    )

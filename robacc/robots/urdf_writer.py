@@ -8,7 +8,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from robacc.geometry import Array, Poses, exp_so3, rotate, rotation_about, rotation_from_rpy, rpy_from_rotation
+from robacc.geometry import Array, Poses, exp_so3, rotate, rpy_from_rotation
 from robacc.robots.description import STANDARD_GRAVITY, ZERO, Frame, Joint, Mimic, Robot
 
 MEASURING_FRAME = "measuring_frame"
@@ -68,7 +68,7 @@ class _Writer:
         """Add a joint and the link it moves, which becomes the last link."""
         link = SubElement(self.root, "link", name=child)
         joint = SubElement(self.root, "joint", name=name, type=kind)
-        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(_exact_rpy(origin.rotation)))
+        SubElement(joint, "origin", xyz=_numbers(origin.translation), rpy=_numbers(rpy_from_rotation(origin.rotation)))
         SubElement(joint, "parent", link=self.link)
         SubElement(joint, "child", link=child)
         self.link = child
@@ -143,12 +143,10 @@ class _Writer:
 
     def place_tools(self, robot: Robot) -> None:
         """Add the tool or the targets, side by side on the last link."""
-        frames = dict(robot.targets) or {TOOL_LINK: robot.tool}
-        is_flange = np.array_equal(self.tail.rotation, np.eye(3)) and not np.any(self.tail.translation)
-        if not robot.targets and robot.tool == Frame() and is_flange:
-            return
+        is_flange = np.array_equal(self.tail.matrices(), np.eye(4))
+        frames = {} if robot.tool == Frame() and is_flange else {TOOL_LINK: robot.tool}
         flange = self.link
-        for name, frame in frames.items():
+        for name, frame in (robot.targets or frames).items():
             self.link = flange
             self.connect(self.unused_name(f"to_{name}"), "fixed", self.tail @ frame.pose, self.unused_name(name))
 
@@ -156,36 +154,16 @@ class _Writer:
 def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
     """Return the transforms before the joint's variable, including its zero, and after it."""
     values = joint.parameters
-
-    def along(axis: int, length: float) -> Poses:
-        return Poses(np.eye(3), np.eye(3)[axis] * length)
-
-    def about(axis: int, angle: float) -> Poses:
-        return Poses(rotation_about(axis, angle), np.zeros(3))
-
     if convention == "urdf":
-        xyz = np.array([values["x"], values["y"], values["z"]])
-        origin = Poses.from_xyz_rpy(xyz, np.array([values["roll"], values["pitch"], values["yaw"]]))
+        coordinates = np.array([values[label] for label in ("x", "y", "z", "roll", "pitch", "yaw")])
+        origin = Poses.from_xyz_rpy(coordinates[:3], coordinates[3:])
         offset = np.multiply(joint.axis, values.get("offset", 0.0))
         zero = {"revolute": Poses(exp_so3(offset), np.zeros(3)), "prismatic": Poses(np.eye(3), offset)}.get(joint.type)
         return origin if zero is None else origin @ zero, Poses.identity()
-    variable = about(2, values["theta"]) @ along(2, values["d"])
-    tilt = about(1, values.get("beta", 0.0))
-    twist = about(0, values["alpha"])
-    if convention == "standard":
-        return variable, along(0, values["a"]) @ twist @ tilt
-    return twist @ along(0, values["a"]) @ tilt @ variable, Poses.identity()
-
-
-def _exact_rpy(rotation: Array) -> Array:
-    """Return roll, pitch, yaw that give the rotation to rounding at any pitch.
-
-    Near a pitch of 90 degrees only the sum of roll and yaw is well determined, so roll comes from the rotation that
-    remains after the rounded yaw and pitch are removed.
-    """
-    _, pitch, yaw = rpy_from_rotation(rotation)
-    remainder = rotation_from_rpy(np.array([0.0, pitch, yaw])).T @ rotation
-    return np.array([np.arctan2(remainder[2, 1], remainder[1, 1]), pitch, yaw])
+    variable = Poses.from_xyz_rpy(np.array([0.0, 0.0, values["d"]]), np.array([0.0, 0.0, values["theta"]]))
+    twist = Poses.from_xyz_rpy(np.array([values["a"], 0.0, 0.0]), np.array([values["alpha"], 0.0, 0.0]))
+    fixed = twist @ Poses.from_xyz_rpy(np.zeros(3), np.array([0.0, values.get("beta", 0.0), 0.0]))
+    return (variable, fixed) if convention == "standard" else (fixed @ variable, Poses.identity())
 
 
 def _numbers(values: Array) -> str:

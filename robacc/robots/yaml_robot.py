@@ -1,23 +1,31 @@
-"""Read a robot file (YAML) into a robot: its fields are data; problems have line numbers and dotted keys."""
+"""Robot files (YAML): their fields as data, which read and check them, their units, and their writer.
+
+Problems of a file have line numbers and dotted keys. Its numbers are in its own units, those of a robot in m and rad.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, cast
 
 import yaml
 
 from robacc.io.yaml_nodes import Source, YamlSection, compose, describe
+from robacc.quantities import significant
 from robacc.robots.description import (
     DH_PARAMETERS,
     IDENTITY,
     LENGTH_PARAMETERS,
     MAX_JOINTS,
+    MAX_LENGTH,
     ORIGIN_PARAMETERS,
+    TRAVEL_IN_MM,
+    TURN,
     BranchJoint,
     Campaign,
     Convention,
@@ -28,22 +36,53 @@ from robacc.robots.description import (
     Robot,
     Vector,
     effect_key,
+    finite_limits,
+    limits_likely_degrees,
     unit_axis,
 )
-from robacc.robots.yaml_units import TRAVEL_IN_MM, Units, check_likely_units, finite_limits, read_units
+
+# Units of a robot file.
+
+_LENGTHS = {"m": 1.0, "mm": 1e-3}
+_ANGLES = {"rad": 1.0, "deg": math.pi / 180}
+_MIN_LENGTH = 5e-3
+"""m: an arm with only shorter lengths was written in m and declared as mm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Units:
+    """Units of a robot file's numbers."""
+
+    length: float = 1.0
+    """Unit of length in m."""
+    angle: float = 1.0
+    """Unit of angle in rad."""
+
+    def of_joint(self, joint_type: str) -> float:
+        """Return the unit of a joint's variable."""
+        return self.length if joint_type == "prismatic" else self.angle
+
+    def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
+        """Return a length in m or an angle in rad; report a value that is too large, with the likely cause."""
+        value = source.number(node, path)
+        unit, most = (self.length, MAX_LENGTH) if is_length else (self.angle, TURN)
+        if value is None or abs(value) * unit <= most:
+            return None if value is None else value * unit
+        message = f"is {abs(value) * unit:g} m, too long for an arm"
+        fix = "it looks like mm: write length: mm under units"
+        if not is_length:
+            message = f"{'rad' if unit == 1.0 else 'deg'} is more than a turn"
+            fix = "it looks like degrees: write angle: deg under units"
+        source.report(node, path, f"{value:g} {message}", fix if unit == 1.0 else None)
+        return None
+
 
 # Kinds of values: each reads a node, and reports what is wrong with it at its dotted key.
 
-Kind = Callable[[Source, yaml.Node, str, Units], Any]
+Kind = Callable[[Units, Source, yaml.Node, str], Any]
 """Reader of a value; None where it cannot be read."""
-
-FORMAT_VERSION = 1
-BASE_LINK = "base"
-"""Parent of a branch that the base carries."""
-_FRAME_TOLERANCES = ("x", "y", "z", "roll", "pitch", "yaw")
-_DIGEST = re.compile("[0-9a-f]{64}")
-_MAX_GRAVITY = 50.0
-"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
+Check = tuple[Callable[[float], bool], str, str | None]
+"""Test of a number, the message where it fails (with ``{found}`` or ``{value}``), and how to repair it."""
 
 
 def read_fields(
@@ -53,35 +92,71 @@ def read_fields(
     values = {}
     for key, kind in kinds.items():
         node = section.require(key) if key in required else section.get(key)
-        value = None if node is None else kind(section.source, node, section.at(key), units)
+        value = None if node is None else kind(units, section.source, node, section.at(key))
         if value is not None:
             values[key] = value
     return values
 
 
-def _section(kinds: Mapping[str, Kind], required: Collection[str] = ()) -> Kind:
-    """Kind of a mapping with fields of these kinds."""
+def _section(kinds: Mapping[str, Kind], required: Collection[str] = (), into: Callable[..., Any] = dict) -> Kind:
+    """Kind of a mapping with fields of these kinds, which ``into`` takes by their keys."""
 
-    def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Any] | None:
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> Any:
         section = source.section(node, path, tuple(kinds))
-        return None if section is None else read_fields(section, kinds, units, required)
+        return None if section is None else into(**read_fields(section, kinds, units, required))
 
     return read
 
 
-def _text(source: Source, node: yaml.Node, path: str, _: Units) -> str | None:
+def _named(kind: Kind, message: str, *, empty: bool = True) -> Kind:
+    """Kind of a mapping of names to values of a kind; the ``message`` says what is expected, with ``{found}``."""
+
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> dict[str, Any] | None:
+        if not isinstance(node, yaml.MappingNode) or not (empty or node.value):
+            source.report(node, path, message.format(found=describe(node)))
+            return None
+        values = ((name, kind(units, source, value, f"{path}.{name}")) for name, _, value in source.entries(node, path))
+        return {name: value for name, value in values if value is not None}
+
+    return read
+
+
+def _list(kind: Kind, item_name: str) -> Kind:
+    """Kind of a list of values of a kind."""
+
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> tuple[Any, ...]:
+        items = enumerate(source.items(node, path, item_name))
+        values = [kind(units, source, item, f"{path}[{i}]") for i, item in items]
+        return tuple(value for value in values if value is not None)
+
+    return read
+
+
+def _text(_: Units, source: Source, node: yaml.Node, path: str) -> str | None:
     return source.text(node, path)
 
 
 def _choice(*options: str) -> Kind:
-    return lambda source, node, path, _: source.choice(node, path, options)
+    return lambda _, source, node, path: source.choice(node, path, options)
 
 
-def _number(*checks: tuple[Callable[[float], bool], str, str | None]) -> Kind:
-    """Kind of a number; each check has a test, the message where it fails (with ``{found}``), and how to repair it."""
+def _number(_: Units, source: Source, node: yaml.Node, path: str) -> float | None:
+    return source.number(node, path)
 
-    def read(source: Source, node: yaml.Node, path: str, _: Units) -> float | None:
-        value = source.number(node, path)
+
+def _length(units: Units, source: Source, node: yaml.Node, path: str) -> float | None:
+    return units.parameter(source, node, path, is_length=True)
+
+
+def _angle(units: Units, source: Source, node: yaml.Node, path: str) -> float | None:
+    return units.parameter(source, node, path, is_length=False)
+
+
+def _checked(kind: Kind, *checks: Check) -> Kind:
+    """Kind of a number that passes every check."""
+
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> float | None:
+        value: float | None = kind(units, source, node, path)
         for is_good, message, fix in checks if value is not None else ():
             if not is_good(cast(float, value)):
                 source.report(node, path, message.format(found=describe(node), value=value), fix)
@@ -91,38 +166,27 @@ def _number(*checks: tuple[Callable[[float], bool], str, str | None]) -> Kind:
     return read
 
 
-def _length(source: Source, node: yaml.Node, path: str, units: Units) -> float | None:
-    return units.parameter(source, node, path, is_length=True)
+def _vector(kind: Kind) -> Kind:
+    """Kind of a list of three numbers of a kind."""
+
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> Vector | None:
+        if source.numbers(node, path, 3) is None:
+            return None
+        items = enumerate(cast(yaml.SequenceNode, node).value)
+        values = [kind(units, source, item, f"{path}[{i}]") for i, item in items]
+        return None if None in values else cast(Vector, tuple(values))
+
+    return read
 
 
-def _angle(source: Source, node: yaml.Node, path: str, units: Units) -> float | None:
-    return units.parameter(source, node, path, is_length=False)
-
-
-def _position(source: Source, node: yaml.Node, path: str, units: Units) -> Vector | None:
-    return units.vector(source, node, path)
-
-
-def _frame(source: Source, node: yaml.Node, path: str, units: Units) -> Frame | None:
-    section = source.section(node, path, ("xyz", "rpy"))
-    return None if section is None else units.frame(section)
-
-
-def _frame_with_tolerance(
-    source: Source, node: yaml.Node, path: str, units: Units
-) -> tuple[Frame, Mapping[str, float]] | None:
-    section = source.section(node, path, ("xyz", "rpy", "tolerance"))
-    return None if section is None else (units.frame(section), units.tolerances(section, _FRAME_TOLERANCES))
-
-
-def _gravity(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[float, ...] | None:
+def _gravity(_: Units, source: Source, node: yaml.Node, path: str) -> tuple[float, ...] | None:
     values = source.numbers(node, path, 3)
     if values is not None and math.hypot(*values) > _MAX_GRAVITY:
         source.report(node, path, f"{list(values)} is too large for gravity", "it is always in m/s^2")
     return values
 
 
-def _axis(source: Source, node: yaml.Node, path: str, _: Units) -> Vector | None:
+def _axis(_: Units, source: Source, node: yaml.Node, path: str) -> Vector | None:
     values = source.numbers(node, path, 3)
     axis = unit_axis(values) if values else None
     if values and axis is None:
@@ -131,7 +195,7 @@ def _axis(source: Source, node: yaml.Node, path: str, _: Units) -> Vector | None
 
 
 def _limits(joint_type: JointType) -> Kind:
-    def read(source: Source, node: yaml.Node, path: str, units: Units) -> tuple[float, float] | None:
+    def read(units: Units, source: Source, node: yaml.Node, path: str) -> tuple[float, float] | None:
         values = source.numbers(node, path, 2)
         if values is None:
             return None
@@ -139,8 +203,7 @@ def _limits(joint_type: JointType) -> Kind:
         if low > high:
             source.report(node, path, f"the lower limit {low:g} is above the upper limit {high:g}")
             return None
-        unit = units.of_joint(joint_type)
-        longest = max(map(abs, values)) * unit
+        unit, longest = units.of_joint(joint_type), max(map(abs, values))
         if joint_type == "prismatic" and unit == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
             fix = "it looks like mm: write length: mm under units"
             source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
@@ -152,53 +215,19 @@ def _limits(joint_type: JointType) -> Kind:
     return read
 
 
-def _coupling(source: Source, node: yaml.Node, path: str, _: Units) -> dict[str, float] | None:
-    """Return the coupling's ratios in the file's units."""
-    if not isinstance(node, yaml.MappingNode) or not node.value:
-        message = f"expected joints with their ratios, such as {{j2: 1.0}}, found {describe(node)}"
-        source.report(node, path, message)
-        return None
-    return {name: source.number(value, f"{path}.{name}") or 0.0 for name, _, value in source.entries(node, path)}
+def _digest(_: Units, source: Source, node: yaml.Node, path: str) -> str:
+    # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
+    digest = node.value if isinstance(node, yaml.ScalarNode) else ""
+    if not re.fullmatch("[0-9a-f]{64}", digest):
+        message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(node)}"
+        source.report(node, path, message, "`write_model` writes it; do not change it")
+    return digest
 
 
-def named_frames(message: str, *required: str) -> Kind:
-    """Kind of frames by name; without keys that are ``required`` of each, there may be none.
-
-    The ``message`` says what is expected, with ``{found}``.
-    """
-
-    def read(source: Source, node: yaml.Node, path: str, units: Units) -> dict[str, Frame] | None:
-        if not isinstance(node, yaml.MappingNode) or (required and not node.value):
-            source.report(node, path, message.format(found=describe(node)))
-            return None
-        frames: dict[str, Frame] = {}
-        for name, _, value in source.entries(node, path):
-            section = source.section(value, f"{path}.{name}", ("xyz", "rpy"))
-            if section:
-                for key in required:
-                    section.require(key)
-                frames[name] = units.frame(section)
-        return frames
-
-    return read
-
-
-def _digests(source: Source, node: yaml.Node, path: str, _: Units) -> tuple[str, ...]:
-    digests = []
-    for i, item in enumerate(source.items(node, path, "SHA-256 of pose files")):
-        # Not through text(): YAML reads digits alone as a number, so they are written in quotes.
-        digest = item.value if isinstance(item, yaml.ScalarNode) else ""
-        if not _DIGEST.fullmatch(digest):
-            message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(item)}"
-            source.report(item, f"{path}[{i}]", message, "`write_model` writes it; do not change it")
-        digests.append(digest)
-    return tuple(digests)
-
-
-def _plain(fix: str | None) -> Kind:
+def _mapping(fix: str | None = None) -> Kind:
     """Kind of a mapping that is kept as it is."""
 
-    def read(source: Source, node: yaml.Node, path: str, _: Units) -> Mapping[str, Any] | None:
+    def read(_: Units, source: Source, node: yaml.Node, path: str) -> Mapping[str, Any] | None:
         if not isinstance(node, yaml.MappingNode):
             source.report(node, path, f"expected keys with values, found {describe(node)}", fix)
             return None
@@ -207,40 +236,68 @@ def _plain(fix: str | None) -> Kind:
     return read
 
 
-def _effects(source: Source, node: yaml.Node, path: str, units: Units) -> tuple[Mapping[str, Any], ...]:
-    items = source.items(node, path, "effects")
-    effects = (_plain(None)(source, item, f"{path}[{i}]", units) for i, item in enumerate(items))
-    return tuple(effect for effect in effects if effect is not None)
+def _tolerances(names: Iterable[str], lengths: Collection[str] = LENGTH_PARAMETERS) -> Kind:
+    """Kind of standard deviations by name, m for the ``lengths``, else rad."""
+    check = lambda value: value >= 0, "a standard deviation cannot be negative, found {found}", None
+    return _section({name: _checked(_length if name in lengths else _angle, check) for name in names})
+
+
+def _mimic(joint: str = "", **factors: float) -> Mimic:
+    return Mimic(joint, **factors)
+
+
+def _campaign(poses: tuple[str, ...] = (), before: Mapping[str, Any] = MappingProxyType({}), **more: Any) -> Campaign:
+    return Campaign(poses, **before, **more)
+
+
+def read_units(top: YamlSection) -> Units | None:
+    """Return the units of the key ``units`` of a file; None where they cannot be read."""
+    names = read_fields(top, {"units": _section(_UNITS, tuple(_UNITS))}, Units(), ["units"]).get("units", {})
+    return Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if len(names) == len(_UNITS) else None
+
+
+def named_frames(message: str, *required: str) -> Kind:
+    """Kind of frames by name; without keys that are ``required`` of each, there may be none.
+
+    The ``message`` says what is expected, with ``{found}``.
+    """
+    return _named(_section(_FRAME, required, Frame), message, empty=not required)
 
 
 # Fields of a robot file.
 
+FORMAT_VERSION = 1
+BASE_LINK = "base"
+"""Parent of a branch that the base carries."""
+_MAX_GRAVITY = 50.0
+"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
+_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+_UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
+_FRAME = {"xyz": _vector(_length), "rpy": _vector(_angle)}
+_FRAME_WITH_TOLERANCE = _section({**_FRAME, "tolerance": _tolerances(_COORDINATES)})
+_TARGETS = named_frames("expected names with xyz, found {found}", "xyz")
+_DIGESTS = _list(_digest, "SHA-256 of pose files")
+_EFFECTS = _list(_mapping(), "effects")
 _SHARE = (
     lambda value: 0.0 <= value <= 1.0,
     "expected a share from 0 to 1, found {value:g}",
     "it is relative: 0.1 for 10 %",
 )
-_TARGETS = named_frames("expected names with xyz, found {found}", "xyz")
+_BEFORE = {"base": _section(_FRAME, into=Frame), "tool": _section(_FRAME, into=Frame), "targets": _TARGETS}
 _ROBOT: dict[str, Kind] = {
-    "base": _frame_with_tolerance,
-    "tool": _frame_with_tolerance,
+    "base": _FRAME_WITH_TOLERANCE,
+    "tool": _FRAME_WITH_TOLERANCE,
     "name": _text,
     "gravity": _gravity,
-    "payload": _section({"com": _position}, ["com"]),
+    "payload": _section({"com": _vector(_length)}, ["com"]),
     "targets": _TARGETS,
-    "effects": _effects,
+    "effects": _EFFECTS,
     "base_link": _text,
     "tip_link": _text,
-    "fitted_to": _digests,
-    "campaign": _section(
-        {
-            "poses": _digests,
-            "before": _section({"base": _frame, "tool": _frame, "targets": _TARGETS}),
-            "effects": _effects,
-        }
-    ),
-    "mass_uncertainty": _number(_SHARE),
-    "fit": _plain("`write_model` writes it"),
+    "fitted_to": _DIGESTS,
+    "campaign": _section({"poses": _DIGESTS, "before": _section(_BEFORE), "effects": _EFFECTS}, into=_campaign),
+    "mass_uncertainty": _checked(_number, _SHARE),
+    "fit": _mapping("`write_model` writes it"),
     "identity": _section(dict.fromkeys(IDENTITY, _text)),
 }
 _TOP_KEYS = (
@@ -265,24 +322,25 @@ _TOP_KEYS = (
     "identity",
 )
 
-_LINK: dict[str, Kind] = {
-    "mass": _number((lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
-    "com": _position,
-}
+_POSITIVE = "expected a positive number, found {found}"
 _DRIVE: dict[str, Kind] = {
-    "sign": _number((lambda value: abs(value) == 1, "expected 1 or -1, found {found}", None)),
-    "gear_ratio": _number(
-        (
-            lambda value: value >= 0,
-            "expected a positive number, found {found}",
-            "write sign: -1 where the motor turns the other way",
-        ),
-        (lambda value: value > 0, "expected a positive number, found {found}", None),
+    "sign": _checked(_number, (lambda value: abs(value) == 1, "expected 1 or -1, found {found}", None)),
+    "gear_ratio": _checked(
+        _number,
+        (lambda value: value >= 0, _POSITIVE, "write sign: -1 where the motor turns the other way"),
+        (lambda value: value > 0, _POSITIVE, None),
     ),
-    "coupling": _coupling,
+    "coupling": _named(_number, "expected joints with their ratios, such as {{j2: 1.0}}, found {found}", empty=False),
     "passive": _choice("true", "false"),
 }
-_MIMIC: dict[str, Kind] = {"mimic": _section({"joint": _text, "multiplier": _number(), "offset": _number()}, ["joint"])}
+_OF_ANY_JOINT: dict[str, Kind] = {
+    "name": _text,
+    "link": _text,
+    "mass": _checked(_number, (lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
+    "com": _vector(_length),
+    **_DRIVE,
+    "mimic": _section({"joint": _text, "multiplier": _number, "offset": _number}, ["joint"], _mimic),
+}
 _FIXED_KEYS = ("name", "type", "origin", "link", "mass", "com", "tolerance")
 _DH_KEYS = ("name", "type", *DH_PARAMETERS, "limits", *_DRIVE, "mass", "com", "tolerance")
 _KEYS = {
@@ -299,32 +357,27 @@ _TYPES = ("revolute", "prismatic", "continuous")
 
 def _read_joint(section: YamlSection, index: int, convention: Convention, units: Units) -> Joint | None:
     """Return the joint of a section, None where it cannot be read."""
-    is_urdf = convention == "urdf"
-    type_of = {"type": _choice(*_TYPES, "fixed") if is_urdf else _choice(*_TYPES)}
-    kind = read_fields(section, type_of, units, ["type"]).get("type")
-    if kind is None:
+    is_urdf, has = convention == "urdf", section.values
+    kind = read_fields(section, {"type": _choice(*_TYPES, "fixed") if is_urdf else _choice(*_TYPES)}, units, ["type"])
+    if not kind:
         return None
-    joint_type = cast(JointType, "revolute" if kind == "continuous" else kind)
-    variable = _length if joint_type == "prismatic" else _angle
+    joint_type = cast(JointType, "revolute" if kind["type"] == "continuous" else kind["type"])
+    is_fixed, is_continuous = joint_type == "fixed", kind["type"] == "continuous"
+    names = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
+    lengths = LENGTH_PARAMETERS | ({"offset"} if is_urdf and joint_type == "prismatic" else set())
+    sizes = {name: _length if name in lengths else _angle for name in names}
     if is_urdf:
-        parameters: dict[str, Kind] = {"origin": _frame, "offset": variable}
-        required = {"axis"} if kind != "fixed" else set()
+        kinds: dict[str, Kind] = {"origin": _section(_FRAME, into=Frame), "offset": sizes["offset"]}
+        required = set() if is_fixed else {"axis"}
     else:
         # The variable's own parameter is an offset and zero by default, as is beta, which a plain table does not have.
-        parameters = {name: _length if name in LENGTH_PARAMETERS else _angle for name in DH_PARAMETERS}
-        required = set(DH_PARAMETERS) - {"beta", "theta" if joint_type == "revolute" else "d"}
-    moving = {"axis": _axis, "limits": _limits(joint_type)} if kind != "fixed" else {}
-    kinds = {"name": _text, "link": _text, **_LINK, **parameters, **moving, **_DRIVE, **_MIMIC}
-    values = read_fields(section, kinds, units, required)
+        kinds, required = dict(sizes), {*names} - {"beta", "theta" if joint_type == "revolute" else "d"}
+    if not is_fixed:
+        kinds |= {"axis": _axis, "limits": _limits(joint_type)}
+    values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": _tolerances(names, lengths)}, units, required)
     is_passive = values.pop("passive", None) == "true"
-    has = section.values
     checks = [
-        (
-            kind == "continuous" and "limits" in has,
-            "limits",
-            "a continuous joint has no limits",
-            "make its type revolute",
-        ),
+        (is_continuous and "limits" in has, "limits", "a continuous joint has no limits", "make its type revolute"),
         (
             section.get("com") is not None and section.get("mass") is None,
             "com",
@@ -344,107 +397,94 @@ def _read_joint(section: YamlSection, index: int, convention: Convention, units:
             "add coupling, such as {j2: -1.0, j3: -1.0}",
         ),
         *(
-            (kind == "fixed" and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
+            (is_fixed and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
             for key in has
         ),
     ]
     for is_wrong, key, message, fix in checks:
         if is_wrong:
             section.source.report(has[key], section.at(key), message, fix)
-    names = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
     origin = values.pop("origin", Frame())
-    found = dict(zip(_FRAME_TOLERANCES, (*origin.xyz, *origin.rpy), strict=True))
-    found |= {name: values.pop(name) for name in names if name in values}
-    lengths = LENGTH_PARAMETERS | ({"offset"} if is_urdf and joint_type == "prismatic" else set())
-    mimic = values.pop("mimic", None)
+    found = dict(zip(_COORDINATES, (*origin.xyz, *origin.rpy), strict=True))
+    parameters = {name: values.pop(name, found.get(name, 0.0)) for name in names}
+    values["sign"] = -1 if values.get("sign") == -1 else 1
     return Joint(
         type=joint_type,
-        parameters={name: found.get(name, 0.0) for name in names},
-        is_continuous=kind == "continuous",
-        tolerance=units.tolerances(section, names, lengths),
+        parameters=parameters,
+        is_continuous=is_continuous,
         is_passive=is_passive,
-        mimic=None if mimic is None else Mimic(mimic.pop("joint", ""), **mimic),
-        **{"name": f"j{index + 1}", **values, "sign": -1 if values.get("sign") == -1 else 1},
+        **{"name": f"j{index + 1}", **values},
     )
 
 
-def _check_count(source: Source, node: yaml.Node, key: str, count: int) -> bool:
-    """Return whether a list has no more than :data:`MAX_JOINTS` joints; report a longer one."""
-    if count > MAX_JOINTS:
-        source.report(node, key, f"found {count} joints, expected at most {MAX_JOINTS}")
-    return count <= MAX_JOINTS
+def _listed_joints(
+    top: YamlSection, key: str, keys: Sequence[str], units: Units, convention: Convention, required: Sequence[str] = ()
+) -> tuple[list[tuple[YamlSection, Joint]], bool]:
+    """Return the joints of a list that can be read, with their sections, and whether these are all."""
+    source, node = top.source, top.get(key)
+    items = () if node is None else source.items(node, key, "joints" if key == "joints" else "joints outside the chain")
+    if len(items) > MAX_JOINTS:
+        source.report(node, key, f"found {len(items)} joints, expected at most {MAX_JOINTS}")
+        return [], False
+    read = []
+    for i, item in enumerate(items):
+        section = source.section(item, f"{key}[{i}]", keys)
+        for name in required if section else ():
+            cast(YamlSection, section).require(name)
+        if section and (joint := _read_joint(section, i, convention, units)) is not None:
+            read.append((section, joint))
+    return read, len(read) == len(items)
 
 
 def _read_joints(top: YamlSection, convention: Convention, units: Units) -> tuple[Joint, ...]:
-    source = top.source
-    node = top.require("joints")
-    if node is None:
-        return ()
-    items = source.items(node, "joints", "joints")
-    if isinstance(node, yaml.SequenceNode) and not items:
+    source, node = top.source, top.require("joints")
+    read, is_whole = _listed_joints(top, "joints", _KEYS[convention], units, convention)
+    if isinstance(node, yaml.SequenceNode) and not node.value:
         source.report(node, "joints", "a robot needs at least one joint")
-    if not _check_count(source, node, "joints", len(items)):
-        return ()
-    joints: list[Joint] = []
     lines: dict[str, int] = {}
-    for i, item in enumerate(items):
-        section = source.section(item, f"joints[{i}]", _KEYS[convention])
-        joint = _read_joint(section, i, convention, units) if section else None
-        if joint is None:
-            continue
+    links: set[str | None] = {None}
+    for section, joint in read:
         if joint.name in lines:
             message = f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}"
-            source.report(item, f"joints[{i}].name", message)
-        lines.setdefault(joint.name, item.start_mark.line + 1)
-        if joint.link and any(joint.link == other.link for other in joints):
-            source.report(item, f"joints[{i}].link", f"an earlier joint already moves {joint.link!r}")
-        joints.append(joint)
-    if len(joints) < len(items):
+            source.report(section.node, section.at("name"), message)
+        if joint.link in links - {None}:
+            source.report(section.node, section.at("link"), f"an earlier joint already moves {joint.link!r}")
+        lines.setdefault(joint.name, section.node.start_mark.line + 1)
+        links.add(joint.link)
+    if not is_whole:
         return ()
-    if items and not any(joint.is_variable for joint in joints):
+    if read and not any(joint.is_variable for _, joint in read):
         source.report(node, "joints", "no joint moves: all are fixed or follow another")
-    return tuple(_followers(source, joints, items, units))
+    return tuple(_followers(read, units))
 
 
 def _followers(
-    source: Source,
-    joints: Sequence[Joint],
-    nodes: Sequence[yaml.Node],
-    units: Units,
-    masters: Sequence[Joint] = (),
-    key: str = "joints",
-) -> list[Joint]:
-    """Return the joints with their mimics and couplings in SI units; report those that follow no joint variable.
+    read: Sequence[tuple[YamlSection, Joint]], units: Units, masters: Sequence[Joint] = ()
+) -> Iterator[Joint]:
+    """Yield the joints with their mimics and couplings in SI units; report those that follow no joint variable.
 
-    Each joint of the list ``key`` of the file follows others of it, or of ``masters``.
+    Each joint follows others of the list, or of ``masters``.
     """
-    by_name = {joint.name: joint for joint in (*masters, *joints)}
-    variables = [name for name, joint in by_name.items() if joint.is_variable]
-    resolved = []
-    for i, joint in enumerate(joints):
-        mimic, unit = joint.mimic, units.of_joint(joint.type)
-        if mimic is not None and mimic.master:
-            master = by_name.get(mimic.master)
-            if master is None or not master.is_variable:
-                reason = "is fixed" if master and master.type == "fixed" else "follows another joint itself"
-                reason = "is not a joint of this robot" if master is None else reason
-                message = f"{joint.name!r} follows {mimic.master!r}, which {reason}"
-                source.report(nodes[i], f"{key}[{i}].mimic.joint", message)
-            else:
-                ratio = mimic.multiplier * (unit / units.of_joint(master.type))
-                joint = replace(joint, mimic=Mimic(master.name, ratio, mimic.offset * unit))
+    by_name = {joint.name: joint for joint in (*masters, *(joint for _, joint in read))}
+    sizes = {name: units.of_joint(joint.type) for name, joint in by_name.items() if joint.is_variable}
+    for section, joint in read:
+        mimic, unit, report = joint.mimic, units.of_joint(joint.type), section.source.report
+        if mimic is not None and mimic.master in sizes:
+            ratio = mimic.multiplier * (unit / sizes[mimic.master])
+            mimic = Mimic(mimic.master, ratio, mimic.offset * unit)
+        elif mimic is not None and mimic.master:
+            reason = "is not a joint of this robot"
+            if (master := by_name.get(mimic.master)) is not None:
+                reason = "is fixed" if master.type == "fixed" else "follows another joint itself"
+            message = f"{joint.name!r} follows {mimic.master!r}, which {reason}"
+            report(section.node, section.at("mimic.joint"), message)
         for name in joint.coupling:
-            if name not in variables or name == joint.name:
-                known = ", ".join(other for other in variables if other != joint.name)
+            if name not in sizes or name == joint.name:
+                known = ", ".join(other for other in sizes if other != joint.name)
                 message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-                source.report(nodes[i], f"{key}[{i}].coupling.{name}", message)
-        ratios = {
-            name: ratio * (unit / units.of_joint(by_name[name].type))
-            for name, ratio in joint.coupling.items()
-            if name in variables
-        }
-        resolved.append(replace(joint, coupling=ratios))
-    return resolved
+                report(section.node, section.at(f"coupling.{name}"), message)
+        ratios = {name: ratio * (unit / sizes[name]) for name, ratio in joint.coupling.items() if name in sizes}
+        yield replace(joint, mimic=mimic, coupling=ratios)
 
 
 def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> tuple[BranchJoint, ...]:
@@ -452,38 +492,25 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint], units: Units) -> t
 
     A joint may follow another one outside the chain, or a joint of the chain.
     """
-    node, source = top.get("branches"), top.source
-    if node is None:
-        return ()
-    names = {joint.name for joint in joints}
-    branches, nodes = [], []
-    for i, item in enumerate(source.items(node, "branches", "joints outside the chain")):
-        section = source.section(item, f"branches[{i}]", _BRANCH_KEYS)
-        if section is None:
-            continue
-        section.require("name")
-        joint = _read_joint(section, i, "urdf", units)
-        parent = read_fields(section, {"parent": _text}, units, ["parent"]).get("parent")
-        if joint is None:
-            continue
-        position = 0.0
-        if (place := section.get("position")) is not None and joint.mimic:
+    source, names = top.source, {joint.name for joint in joints}
+    read, _ = _listed_joints(top, "branches", _BRANCH_KEYS, units, "urdf", ("name", "parent"))
+    branches = []
+    for section, joint in read:
+        kinds = {"parent": _text, "position": _length if joint.type == "prismatic" else _angle}
+        values = read_fields(section, kinds, units)
+        parent = values.get("parent", BASE_LINK)
+        if joint.mimic and (place := section.get("position")) is not None:
             message = "a joint that follows another has no position of its own"
             source.report(place, section.at("position"), message)
-        else:
-            kind = _length if joint.type == "prismatic" else _angle
-            position = read_fields(section, {"position": kind}, units).get("position", 0.0)
         if joint.name in names or joint.name == BASE_LINK:
             message = f"{joint.name!r} is already the name of a joint or of the base"
-            source.report(item, section.at("name"), message)
-        if parent not in (None, BASE_LINK) and parent not in names:
+            source.report(section.node, section.at("name"), message)
+        if parent != BASE_LINK and parent not in names:
             message = f"{parent!r} is neither {BASE_LINK} nor a joint in front of it"
-            source.report(item, section.at("parent"), message, f"there are {', '.join(sorted(names))}")
+            source.report(section.node, section.at("parent"), message, f"there are {', '.join(sorted(names))}")
         names.add(joint.name)
-        branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, position))
-        nodes.append(item)
-    _check_count(source, node, "branches", len(branches))
-    beside = _followers(source, [branch.joint for branch in branches], nodes, units, joints, "branches")
+        branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, values.get("position", 0.0)))
+    beside = _followers(read, units, joints)
     return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 
@@ -504,8 +531,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
         raise AssertionError("finish() raises where section() returned None")
     _check_version(top)
     units = read_units(top)
-    node = top.require("convention")
-    convention = node and source.choice(node, "convention", ("standard", "modified", "urdf"))
+    convention = read_fields(top, {"convention": _choice(*_KEYS)}, Units(), ["convention"]).get("convention")
     if units is None or convention is None:
         # Without them the other keys cannot be checked; any problem reported would be false.
         source.finish()
@@ -516,10 +542,9 @@ def parse_robot(document_text: str, file: str) -> Robot:
     if "targets" in values and "tool" in top.values:
         source.report(top.values["targets"], "targets", "cannot be combined with tool", "list the tool as a target")
     for key in ("base", "tool"):
-        values[key], values[f"{key}_tolerance"] = values.get(key, (Frame(), {}))
-    if (campaign := values.get("campaign")) is not None:
-        before = campaign.pop("before", {})
-        values["campaign"] = Campaign(campaign.pop("poses", ()), **before, **campaign)
+        frame = values.get(key, {})
+        values[f"{key}_tolerance"] = frame.pop("tolerance", {})
+        values[key] = Frame(**frame)
     robot = Robot(
         convention=convention,
         joints=joints,
@@ -530,7 +555,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
         **{"name": Path(file).stem, **values},
     )
     if not source.problems:
-        check_likely_units(robot, units, top)
+        _check_likely_units(robot, units, top)
     source.finish()
     return robot
 
@@ -544,9 +569,192 @@ def _check_version(top: YamlSection) -> None:
         top.source.report(node, "robacc", f"expected format version {FORMAT_VERSION}, found {describe(node)}")
 
 
+def _check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
+    """Report a robot without other problems whose numbers were likely written in units other than declared."""
+    source, node = top.source, top.values["units"]
+    if units.angle == 1.0 and limits_likely_degrees(robot.joints):
+        first = next(joint.limits for joint in robot.joints if joint.limits and joint.type == "revolute")
+        message = f"the limits of every joint (the first: {first} rad) are more than two turns"
+        source.report(node, "units.angle", message, "they look like degrees: write angle: deg")
+    parameters = [item for joint in robot.joints for item in joint.parameters.items()]
+    fixed = [value for name, value in parameters if name not in LENGTH_PARAMETERS and name != "offset" and value]
+    angles = [abs(value) / units.angle for value in fixed]
+    right = (math.pi / 2, math.pi)
+    if units.angle != 1.0 and angles and all(min(abs(value - angle) for angle in right) < 1e-3 for value in angles):
+        message = f"the joints' angles ({angles[0]:g} and so on) are multiples of a quarter turn in rad, not in deg"
+        source.report(node, "units.angle", message, "they look like radians: write angle: rad")
+    travels = [value for joint in robot.joints if joint.type == "prismatic" for value in joint.limits or ()]
+    lengths = [value for name, value in parameters if name in LENGTH_PARAMETERS]
+    longest = max(map(abs, (*lengths, *travels)), default=0.0)
+    if units.length != 1.0 and 0 < longest < _MIN_LENGTH:
+        message = f"the longest length of the arm is {longest / units.length:g} mm"
+        source.report(node, "units.length", message, "the lengths look like metres: write length: m")
+
+
 def effect_lines(document_text: str, file: str) -> dict[str, int]:
     """Return the line of each entry of ``effects:`` by its dotted key; :func:`parse_robot` has checked the document."""
     top = Source(file).section(compose(document_text, file), "", _TOP_KEYS)
     node = top and top.get("effects")
     items = node.value if isinstance(node, yaml.SequenceNode) else ()
     return {effect_key(i): item.start_mark.line + 1 for i, item in enumerate(items)}
+
+
+# Robots written as robot files.
+
+
+def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool = False, units: Units = Units()) -> str:
+    """Return the robot file of a robot; reading it gives the same numbers, bit for bit if they are in m and rad.
+
+    Args:
+        robot: Robot to write; its effects are written unchanged.
+        comments: Lines for the top of the file, each written behind a ``#``.
+        rounded: Write estimated numbers with their significant digits only (see
+            :data:`robacc.quantities.SIGNIFICANT_DIGITS`); reading them gives the same numbers to 1e-12 of their size.
+        units: Units of the file.
+
+    Raises:
+        ValueError: The robot's effects are in other units.
+    """
+    document = robot_document(robot, units)
+    if rounded:
+        document = rounded_document(document)
+    head = comment_lines(comments)
+    # default_flow_style None: a list or mapping without a nested one stands on one line.
+    return head + yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def comment_lines(comments: Sequence[str]) -> str:
+    """Return lines of comment for the top of a file."""
+    return "".join(f"# {line}\n" for comment in comments for line in comment.splitlines())
+
+
+def robot_document(robot: Robot, units: Units = Units()) -> dict[str, Any]:
+    """Return the content of a robot file.
+
+    Raises:
+        ValueError: The robot's effects are in units other than ``units``.
+    """
+    if robot.effects and robot.effect_units != (units.length, units.angle):
+        raise ValueError("convert effects to the units of the file before writing them")
+    length, angle = ({size: name for name, size in sizes.items()} for sizes in (_LENGTHS, _ANGLES))
+    types = {joint.name: joint.type for joint in (*robot.joints, *(branch.joint for branch in robot.branches))}
+    targets = {name: _frame(frame, units) for name, frame in robot.targets.items()}
+    payload = robot.payload_com
+    return _given(
+        {
+            "robacc": 1,
+            "name": robot.name,
+            "identity": dict(robot.identity),
+            "fitted_to": list(robot.fitted_to),
+            "convention": robot.convention,
+            "units": {"length": length[units.length], "angle": angle[units.angle]},
+            "gravity": _floats(robot.gravity),
+            "base": _frame(robot.base, units, robot.base_tolerance),
+            "targets": targets,
+            "tool": None if targets else _frame(robot.tool, units, robot.tool_tolerance),
+            "payload": None if payload is None else {"com": _floats(payload, units.length)},
+            "mass_uncertainty": None if robot.mass_uncertainty is None else float(robot.mass_uncertainty),
+            "base_link": robot.base_link,
+            "tip_link": robot.tip_link,
+            "joints": [_joint(joint, robot.convention == "urdf", units, types) for joint in robot.joints],
+            "branches": [_branch(branch, units, types) for branch in robot.branches],
+            "effects": [_plain(effect) for effect in robot.effects],
+            "campaign": None if robot.campaign is None else _campaign_entry(robot.campaign, units),
+            "fit": _plain(robot.fit),
+        }
+    )
+
+
+def _campaign_entry(campaign: Campaign, units: Units) -> dict[str, Any]:
+    before = {
+        "base": campaign.base and _frame(campaign.base, units),
+        "tool": campaign.tool and _frame(campaign.tool, units),
+        "targets": {name: _frame(frame, units) for name, frame in campaign.targets.items()},
+    }
+    entry = {"before": _given(before), "effects": [_plain(effect) for effect in campaign.effects]}
+    return {"poses": list(campaign.poses), **_given(entry)}
+
+
+def _given(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries that are there: neither None nor empty."""
+    return {key: value for key, value in entry.items() if value is not None and value not in ({}, [], "")}
+
+
+def rounded_document(value: Any) -> Any:
+    """Return a document with its numbers rounded to :data:`robacc.quantities.SIGNIFICANT_DIGITS`."""
+    if isinstance(value, dict):
+        return {key: rounded_document(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [rounded_document(item) for item in value]
+    return significant(value) if isinstance(value, float) else value
+
+
+def _frame(frame: Frame, units: Units, tolerance: Mapping[str, float] | None = None) -> dict[str, Any]:
+    entry = {"xyz": _floats(frame.xyz, units.length), "rpy": _floats(frame.rpy, units.angle)}
+    return {**entry, **_given({"tolerance": _sizes(tolerance or {}, LENGTH_PARAMETERS, units)})}
+
+
+def _joint(joint: Joint, is_urdf: bool, units: Units, types: Mapping[str, str]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"name": joint.name, "type": "continuous" if joint.is_continuous else joint.type}
+    lengths = LENGTH_PARAMETERS | ({"offset"} if joint.type == "prismatic" else set())
+    values = _sizes(joint.parameters, lengths, units)
+    if is_urdf:
+        coordinates = [values[name] for name in _COORDINATES]
+        entry["origin"] = {"xyz": coordinates[:3], "rpy": coordinates[3:]}
+        if joint.type != "fixed":
+            entry |= {"axis": _floats(joint.axis), "offset": values.get("offset", 0.0)}
+    else:
+        entry |= {name: value for name, value in values.items() if name != "beta" or value != 0.0}
+    unit = units.of_joint(joint.type)
+    mimic = joint.mimic
+    return entry | _given(
+        {
+            "limits": joint.limits and _floats(joint.limits, unit),
+            "sign": -1 if joint.sign < 0 else None,
+            "gear_ratio": None if joint.gear_ratio is None else float(joint.gear_ratio),
+            "mass": None if joint.mass is None else float(joint.mass),
+            "com": joint.com and _floats(joint.com, units.length),
+            "tolerance": _sizes(joint.tolerance, lengths, units),
+            "link": joint.link,
+            "coupling": {
+                str(name): float(ratio) * (units.of_joint(types[name]) / unit) for name, ratio in joint.coupling.items()
+            },
+            "passive": joint.is_passive or None,
+            "mimic": mimic
+            and {
+                "joint": mimic.master,
+                "multiplier": float(mimic.multiplier) * (units.of_joint(types[mimic.master]) / unit),
+                "offset": mimic.offset / unit,
+            },
+        }
+    )
+
+
+def _branch(branch: BranchJoint, units: Units, types: Mapping[str, str]) -> dict[str, Any]:
+    entry = {
+        "name": branch.joint.name,
+        "parent": branch.parent or BASE_LINK,
+        **_joint(branch.joint, True, units, types),
+    }
+    return entry | _given({"position": branch.position / units.of_joint(branch.joint.type) or None})
+
+
+def _sizes(values: Mapping[str, float], lengths: Collection[str], units: Units) -> dict[str, float]:
+    """Return values by name in the file's units; those of ``lengths`` are lengths, the others angles."""
+    return {
+        str(name): float(value) / (units.length if name in lengths else units.angle) for name, value in values.items()
+    }
+
+
+def _floats(values: Sequence[float], unit: float = 1.0) -> list[float]:
+    return [float(value) / unit for value in values]
+
+
+def _plain(value: Any) -> Any:
+    """Return built-in types with no shared object: NumPy types have no YAML form, shared objects become aliases."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple) or hasattr(value, "tolist"):
+        items = value.tolist() if hasattr(value, "tolist") else value
+        return [_plain(item) for item in items] if isinstance(items, list | tuple) else items
+    return value

@@ -9,7 +9,7 @@ import numpy as np
 from robacc.errors import RobaccError, UsageError
 from robacc.geometry import Array
 from robacc.robots.description import Robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
 MAX_JOINTS = 30

@@ -14,9 +14,17 @@ from numpy.typing import NDArray
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.instrument_place import LineOfSight, Place, first_places, lines_of_sight, neighbours
-from robacc.effects.orders import HIGHEST_OF_ALL, HIGHEST_OF_SLIDE, ORDER_STEP, high_orders, supported_orders
-from robacc.effects.search_forms import PERIODIC, of_order, periodic_joints, searched_order
+from robacc.effects.instrument import LineOfSight, Place, first_places, lines_of_sight, neighbours
+from robacc.effects.periodic import (
+    HIGHEST_OF_ALL,
+    HIGHEST_OF_SLIDE,
+    ORDER_STEP,
+    PERIODIC,
+    high_orders,
+    of_order,
+    searched_order,
+    supported_orders,
+)
 from robacc.effects.step import (
     CHANGE_POINT,
     FEWEST,
@@ -185,7 +193,7 @@ class OrderGrid:
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
     """Yield the usual orders of each joint, and those above."""
     q = commanded(data, PERIODIC)
-    for joint in periodic_joints(arm):
+    for joint in arm.names:
         angle = q[arm.number(joint)]
         largest = HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE
         for is_high, supported in enumerate((supported_orders(angle), high_orders(angle, largest))):

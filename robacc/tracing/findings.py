@@ -17,8 +17,7 @@ from robacc.diagnostics.partial_residuals import PartialResidual, partial_residu
 from robacc.diagnostics.row_loads import unlogged_loads
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect, effect_class
-from robacc.effects.orders import order_tolerance, origin_of
-from robacc.effects.search_forms import orders_of
+from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.step import place_of, place_text
 from robacc.error_model.covariance import ACCEPTED
 from robacc.error_model.structure import ErrorStructure, Repeatability

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.orders import are_separable
-from robacc.effects.search_forms import of_order, orders_of, pose_correction, profile, searched_order
+from robacc.effects.correction import PoseCorrection
+from robacc.effects.periodic import are_separable, of_order, orders_of, profile, searched_order
 from robacc.effects.step import is_step, place_of, same_form
 from robacc.error_model.covariance import (
     ACCEPTED,
@@ -635,7 +635,7 @@ class _Search:
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
             lengths = np.exp(terms["smooth"][1:]) / self.regressors.scale
             evidence = gain(state.noise.without("smooth"))
-            correction = pose_correction(arm, self.data, joints, lengths[moves].tolist())
+            correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
             yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
 

@@ -15,8 +15,7 @@ from robacc.errors import InputError, MissingColumnError
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import format_poses
 from robacc.robots.description import Frame, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 DRIFT = {
     "effect": "frame_drift",

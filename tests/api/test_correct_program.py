@@ -14,11 +14,10 @@ from robacc.api.correct import CorrectedProgram, correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
-from robacc.programs.configuration import joint_window, leaves_configuration
-from robacc.programs.frames import flange_targets
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
-from robacc.programs.writing import joint_target, write_program
+from robacc.programs.targets import flange_targets, joint_window, leaves_configuration
+from robacc.programs.writing import write_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics
@@ -64,7 +63,7 @@ def test_joint_targets_bring_the_real_arm_to_the_nominal_pose(tmp_path: Path) ->
     path = tmp_path / "joints.script"
     result = corrected(
         path,
-        write_program(Dialect.urscript, [joint_target(f"t{i}", q) for i, q in enumerate(Q.T)]),
+        write_program(Dialect.urscript, [(f"t{i}", q) for i, q in enumerate(Q.T)]),
         model=real,
         nominal=nominal,
     )
@@ -317,7 +316,7 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
 def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
     nominal, _ = arms()
     path = tmp_path / "joints.script"
-    result = corrected(path, write_program(Dialect.urscript, [joint_target("t", Q[:, 0])]), model=nominal)
+    result = corrected(path, write_program(Dialect.urscript, [("t", Q[:, 0])]), model=nominal)
     assert any("every correction is zero" in warning for warning in result.warnings)
 
 

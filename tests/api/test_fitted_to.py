@@ -12,8 +12,7 @@ from commands import document, missing, output
 import robacc
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))

@@ -20,8 +20,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
 GEOMETRY = "base_frame,tool_frame,joint_offset,link_geometry"

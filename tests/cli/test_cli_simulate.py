@@ -19,7 +19,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.robots.description import Frame
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
 ROOT = Path(__file__).resolve().parents[2]

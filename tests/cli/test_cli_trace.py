@@ -17,7 +17,7 @@ from commands import in_order, missing, one_line, output, refused, run
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 
 DECLARED = "base_frame,tool_frame,joint_offset"
 

@@ -19,8 +19,7 @@ from slow_parameters import some_fast
 import robacc
 from robacc.correction import Evaluate, JointSolution, length_bound, solve
 from robacc.effects.base import REGISTRY
-from robacc.effects.constants import absorbed
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import absorbed, entry_of
 from robacc.geometry import Array, log_between
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict

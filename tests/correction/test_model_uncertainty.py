@@ -20,8 +20,7 @@ from robacc.prediction.model_uncertainty import coverage, model_uncertainty
 from robacc.render.plots.canvas import as_part
 from robacc.render.plots.catalogue import chart_of
 from robacc.robots.description import Frame, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
 FIT = "base_frame,tool_frame,joint_offset[j2,j3,j4,j5],link_geometry[j1,j2,j3,j4],joint_compliance[j2],backlash[j3]"

@@ -19,7 +19,7 @@ from robacc.geometry import exp_so3, quaternion_from_rotation, rotation_from_qua
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Frame, Robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 

@@ -11,15 +11,14 @@ from arms import arm, circumstances, suited
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, settings_of
-from robacc.effects.catalogue import catalogue
 from robacc.effects.elastic import Elastic
+from robacc.effects.request import catalogue
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.candidates import named_candidates
 
 EFFECTS = tuple(REGISTRY)

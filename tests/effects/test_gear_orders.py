@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, measured, robot, run, target
 
-from robacc.effects.orders import (
+from robacc.effects.periodic import (
     HIGHEST_OF_ALL,
     HIGHEST_ORDER,
     ORDER_STEP,

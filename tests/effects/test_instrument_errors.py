@@ -10,11 +10,9 @@ from independent_arm import DECLARED, Run, link_frames, measured, robot, run, ta
 from scipy import stats
 
 from robacc.effects.base import Effect
-from robacc.effects.instrument_scale import InstrumentScale
-from robacc.effects.joint_warmup import JointWarmup
+from robacc.effects.frames import JointWarmup
+from robacc.effects.instrument import InstrumentScale, TargetDecentre, TrackerError
 from robacc.effects.request import build, parse_requests
-from robacc.effects.target_decentre import TargetDecentre
-from robacc.effects.tracker_error import TrackerError
 from robacc.fitting.solver import Fit, Options, fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -13,7 +13,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
 from robacc.geometry import rotation_about
-from robacc.gravity.torques import gravity_torques
+from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, GRAVITY, TOOL, Matrix, measured, robot, run, target, torques
 
-from robacc.effects.payload_compliance import PayloadCompliance
+from robacc.effects.elastic import PayloadCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit

@@ -10,7 +10,7 @@ import pytest
 from independent_arm import DECLARED, GRAVITY, Matrix, measured, robot, run, target, torques
 
 from robacc.api.reading import read_poses, write_poses
-from robacc.effects.payload_compliance import PayloadCompliance
+from robacc.effects.elastic import PayloadCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.errors import UsageError
 from robacc.fitting.fit_result import Options

@@ -10,8 +10,7 @@ from arms import arm
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.effects.joint_compliance import JointCompliance
-from robacc.effects.joint_hardening import JointHardening
+from robacc.effects.elastic import JointCompliance, JointHardening
 from robacc.effects.request import build, parse_requests
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

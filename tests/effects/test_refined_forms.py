@@ -66,11 +66,12 @@ def test_the_spring_is_the_root_of_its_cubic(share: float) -> None:
     """The column plus the linear spring is the deflection found by bisection, at any torque over the knee."""
     data = run(20, 5)
     torque = np.array([torques(q)[1] for q in data.q.T])
-    effect = REGISTRY["joint_hardening"].from_settings(("j2",), {"knee_nm": KNEE})
     scale = share * LARGEST / np.abs(torque).max()
-    regressor = effect._regressor(scale * torque)  # type: ignore[attr-defined]
+    # A torque and a knee that are both larger have a column that is as much larger.
+    effect = REGISTRY["joint_hardening"].from_settings(("j2",), {"knee_nm": KNEE / scale})
+    (term,) = effect.terms(ARM, Measurements(np.zeros((3, 20)), q=data.q))
     expected = [hardened(value) for value in scale * torque]
-    np.testing.assert_allclose(COMPLIANCE * (regressor + scale * torque), expected, rtol=1e-8, atol=1e-13)
+    np.testing.assert_allclose(COMPLIANCE * scale * (term.parts[0].factor + torque), expected, rtol=1e-8, atol=1e-13)
 
 
 def test_a_harmonic_that_grows_with_the_load_is_found() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, DH, GRAVITY, Matrix, measured, robot, run, target, torques
 
-from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.elastic import JointCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load

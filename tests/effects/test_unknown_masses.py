@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, DH, GRAVITY, link_frames, measured, robot, run, target
 
-from robacc.effects.base_compliance import BaseCompliance
-from robacc.effects.lateral_compliance import LateralCompliance
+from robacc.effects.elastic import BaseCompliance, LateralCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.solver import Options, fit
 from robacc.geometry import rotation_about

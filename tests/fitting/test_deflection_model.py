@@ -27,8 +27,7 @@ from robacc.modelling.model import Model, predict
 from robacc.render.views.elements import draw
 from robacc.render.views.fit import calibration_view, trace_sections
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 

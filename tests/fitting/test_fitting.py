@@ -14,8 +14,8 @@ from scipy import stats
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
+from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import entry_of
-from robacc.effects.transmission_error import TransmissionError
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit

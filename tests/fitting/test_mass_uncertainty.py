@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import mass_warning, with_mass_uncertainty
@@ -19,8 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 JOINTS = ("j2", "j3")
 COMPLIANCE = {"j2": 3e-6, "j3": 8e-6}

@@ -10,7 +10,7 @@ from arms import arm
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
-from robacc.effects.search_forms import profile
+from robacc.effects.periodic import profile
 from robacc.fitting.fit_result import Options
 from robacc.fitting.normal_equations import PoseEquations
 from robacc.fitting.solver import fit

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from robacc import trace
 from robacc.calibration.calibrating import calibrate
-from robacc.effects.link_geometry import LinkGeometry
+from robacc.effects.frames import LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
 from robacc.errors import InputError
@@ -24,8 +24,7 @@ from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ARMS = (
     "ur_description/urdf/ur10_robot.urdf",
@@ -220,6 +219,6 @@ def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw(robots_folder
 
 
 def _base_frame(robot: Robot, data: Measurements):  # type: ignore[no-untyped-def]
-    from robacc.effects.base_frame import BaseFrame
+    from robacc.effects.frames import BaseFrame
 
     return BaseFrame.default(Arm.of(robot), data)

@@ -97,8 +97,7 @@ def _robot(path: str) -> None:
     from robacc.fitting.parameters import absorb_constants
     from robacc.modelling.robot_file import read_robot
     from robacc.robots.arm import build_chain
-    from robacc.robots.yaml_robot import parse_robot
-    from robacc.robots.yaml_writer import robot_to_yaml
+    from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
     robot = read_robot(path)
     chain = build_chain(robot)

@@ -14,15 +14,14 @@ from robacc.effects.request import build, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
-from robacc.gravity.torques import weight_torques
+from robacc.gravity import weight_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.urdf import parse_urdf
 from robacc.robots.urdf_writer import robot_to_urdf
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
 
 # name, parent, origin, axis, mass of the link, its centre of mass

@@ -10,8 +10,18 @@ from arms import arm, circumstances
 
 from robacc.chain import Sweep
 from robacc.geometry import Poses
-from robacc.gravity.loads import Load, combined, own_weight, payload, unit_loads
-from robacc.gravity.torques import Weighted, Weights, bears_weight, force_derivatives, forces, gravity_torques
+from robacc.gravity import (
+    Load,
+    Weighted,
+    bears_weight,
+    combined,
+    force_derivatives,
+    forces,
+    gravity_torques,
+    own_weight,
+    payload,
+    unit_loads,
+)
 from robacc.robots.arm import Arm
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
@@ -20,18 +30,15 @@ STEP = 1e-30
 N = 5
 
 
-def swept(
-    robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]
-) -> tuple[Sweep, Weights, dict[int, Poses]]:
+def swept(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> tuple[Sweep, dict[int, Poses]]:
     counts = sorted({load.after for load in loads})
     sweep = robot_arm.chain.sweep(scalars, N, None, counts)
-    frames = dict(zip(counts, sweep.frames, strict=True))
-    return sweep, Weights.place(loads, frames), frames
+    return sweep, dict(zip(counts, sweep.frames, strict=True))
 
 
 def all_forces(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
     """The force along every motion, in one call."""
-    sweep, _, frames = swept(robot_arm, scalars, loads)
+    sweep, frames = swept(robot_arm, scalars, loads)
     linear, angular = sweep.twists()
     weighted = [Weighted(motion, loads) for motion in range(len(robot_arm.chain.motions))]
     return forces(gravity(robot_arm), weighted, frames, linear, angular)
@@ -59,8 +66,13 @@ def gravity(robot_arm: Arm) -> np.ndarray:
 
 def work(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
     """Minus the potential energy, g . sum m c, from the frames alone."""
-    _, weights, _ = swept(robot_arm, scalars, loads)
-    return sum(gravity(robot_arm) @ moment for moment in weights.first_moments)
+    _, frames = swept(robot_arm, scalars, loads)
+    total = np.zeros((3, N))
+    for load in loads:
+        own_moment = np.array([np.broadcast_to(part, (N,)) for part in load.first_moment])
+        total = total + np.einsum("ijn,jn->in", frames[load.after].rotation, own_moment)
+        total = total + load.mass * frames[load.after].translation
+    return gravity(robot_arm) @ total
 
 
 def stepped(scalars: list[np.ndarray], motion: int) -> list[np.ndarray]:
@@ -84,14 +96,14 @@ def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -
 def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str) -> None:
     robot_arm = arm(name)
     loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
-    sweep, weights, _ = swept(robot_arm, scalars, loads)
+    sweep, frames = swept(robot_arm, scalars, loads)
     linear, angular = sweep.twists()
     wanted = tuple(range(len(robot_arm.chain.motions)))
     expected = np.empty((len(wanted), len(wanted), N))
     for k in wanted:
         expected[:, k] = np.imag(all_forces(robot_arm, stepped(scalars, k), loads)) / STEP
     for motion in wanted:
-        result = force_derivatives(gravity(robot_arm), weights, motion, wanted, linear, angular)
+        result = force_derivatives(gravity(robot_arm), Weighted(motion, loads), frames, wanted, linear, angular)
         np.testing.assert_allclose(result, expected[motion], rtol=1e-11, atol=1e-10)
     # Second derivatives of one energy: the order of the two motions does not matter.
     np.testing.assert_allclose(expected, np.swapaxes(expected, 0, 1), rtol=1e-11, atol=1e-10)
@@ -130,10 +142,11 @@ def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all
 
 
 def test_a_load_in_front_of_the_motion_is_not_moved_by_it() -> None:
-    weights = Weights((3, 5), (np.array(2.0), np.array(4.0)), (np.ones((3, 1)), 3 * np.ones((3, 1))))
-    assert [float(weights.moved_by(motion)[0]) for motion in (2, 3, 4, 5)] == [6.0, 4.0, 4.0, 0.0]
-    np.testing.assert_array_equal(weights.moved_by(2)[1], np.full((3, 1), 4.0))
-    np.testing.assert_array_equal(weights.moved_by(5)[1], np.zeros((3, 1)))
+    robot_arm = arm("puma560")
+    load = own_weight(robot_arm)[0]
+    result = all_forces(robot_arm, start(robot_arm), (load,))
+    assert np.any(result[: load.after])
+    assert not np.any(result[load.after :])
 
 
 def test_loads_with_factors_act_as_their_sum() -> None:

@@ -13,8 +13,7 @@ from robot_files import URDF_LIKE
 from robacc.effects.specification import with_effect_units
 from robacc.modelling.robot_file import model_text, read_robot
 from robacc.robots.description import Campaign, Frame, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_document
+from robacc.robots.yaml_robot import parse_robot, robot_document
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = [ROOT / "configs" / "robots" / f"{name}.yaml" for name in ("panda", "scara")]

@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.programs.frames import flange_targets
 from robacc.programs.program import Program, ProgramTarget
 from robacc.programs.reading import read_program
+from robacc.programs.targets import flange_targets
 from robacc.programs.writing import with_targets, write_program
 
 SAMPLES = Path(__file__).parents[1] / "programs" / "samples" / "val3"

@@ -10,7 +10,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.base import Beyond
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.periodic import TransmissionError
 from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

@@ -10,7 +10,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.effects.joint_offset import JointOffset
+from robacc.effects.frames import JointOffset
 from robacc.errors import InputError
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.registration import registration_fit

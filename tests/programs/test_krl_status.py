@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 from robacc.api.correct import correct_program
 from robacc.geometry import Array
 from robacc.modelling.robot_file import read_robot
-from robacc.programs.configuration import allowed_by_status, joint_window
 from robacc.programs.program import Dialect
+from robacc.programs.targets import allowed_by_status, joint_window
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 

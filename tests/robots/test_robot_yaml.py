@@ -16,8 +16,7 @@ from robot_files import MINIMAL, URDF_LIKE, edit
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))

@@ -21,12 +21,10 @@ from independent_arm import DECLARED, GRAVITY, TOOL, Run, link_frames, measured,
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 
-from robacc.effects.compliance_variation import ComplianceVariation
-from robacc.effects.counterbalance import Counterbalance
-from robacc.effects.joint_compliance import JointCompliance
-from robacc.effects.payload_compliance import PayloadCompliance
-from robacc.effects.rail_errors import RailErrors
-from robacc.effects.read_back import ReadBack
+from robacc.effects.elastic import JointCompliance, PayloadCompliance
+from robacc.effects.frames import RailErrors
+from robacc.effects.instrument import ReadBack
+from robacc.effects.periodic import ComplianceVariation, Counterbalance
 from robacc.effects.request import build, parse_requests
 from robacc.effects.step import Step
 from robacc.fitting.fit_result import Fit, Options

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from robacc.effects.base import effect_class
-from robacc.effects.transmission_error import TransmissionError
+from robacc.effects.periodic import TransmissionError
 from robacc.fitting.parameters import FittedParameter
 from robacc.tracing.findings import Harmonic, fitted_harmonics, periodic_statement
 

@@ -10,7 +10,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.effects.joint_compliance import JointCompliance
+from robacc.effects.elastic import JointCompliance
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
 

@@ -8,9 +8,8 @@ import itertools
 import numpy as np
 from arms import arm
 
-from robacc.effects.orders import are_separable
+from robacc.effects.periodic import are_separable, orders_of
 from robacc.effects.request import build, parse_requests
-from robacc.effects.search_forms import orders_of
 from robacc.modelling.model import Model, predict
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search

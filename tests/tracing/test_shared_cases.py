@@ -21,8 +21,7 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.findings import Finding
 from robacc.tracing.trace import Trace, trace
 

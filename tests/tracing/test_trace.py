@@ -22,8 +22,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.views.fit import _at_tool
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot
-from robacc.robots.yaml_writer import robot_to_yaml
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.refitting import SEARCH, refit
 from robacc.tracing.trace import Trace, trace

@@ -35,7 +35,7 @@ def effects(
     from robacc.cli.output import emit
     from robacc.documents import envelope as results
     from robacc.documents.descriptions import EFFECTS
-    from robacc.effects.catalogue import catalogue
+    from robacc.effects.request import catalogue
     from robacc.errors import UsageError
     from robacc.render.text.console import say_warnings
     from robacc.render.views.elements import draw

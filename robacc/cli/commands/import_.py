@@ -20,7 +20,7 @@ def import_(
     Example: robacc init --from calibration.conf --arm ur10e --output ur10e.yaml
     """
     from robacc.io.files import write_text
-    from robacc.robots.yaml_writer import robot_to_yaml
+    from robacc.robots.yaml_robot import robot_to_yaml
     from robacc.version import __version__
 
     write_text(output, robot_to_yaml(call(), [f"Written by robacc {__version__} import."]))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 
-from robacc.effects.catalogue import CatalogueEntry
+from robacc.effects.request import CatalogueEntry
 from robacc.render.text.console import PLAIN_WIDTH
 from robacc.render.text.layout import IN_DEGREES, IN_MM, table_unit
 from robacc.render.views.elements import Grid, Listing, Section, Text

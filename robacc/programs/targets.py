@@ -1,7 +1,7 @@
-"""Configurations of Cartesian targets as programs write them: which joints they allow.
+"""Targets of a program for an arm: poses of the flange, joints, and the configurations that programs write.
 
 KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn");
-for S see :mod:`robacc.programs.configuration`.
+for S see below.
 RAPID writes ``[cf1,cf4,cf6,cfx]``: the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0
 degrees (ABB, Technical reference manual, "confdata"). Both count the axes of a six-axis arm, so they are not read for
 other chains, such as an arm on a rail. cfx is not read.
@@ -15,14 +15,87 @@ arm and are not read.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array
-from robacc.programs.program import Dialect
+from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.programs.program import Dialect, Program, ProgramFrame
 from robacc.robots.arm import Arm
+
+# Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.
+
+
+@dataclass(frozen=True, slots=True)
+class FlangeTargets:
+    """Cartesian targets of a program whose tool and base are known."""
+
+    numbers: tuple[int, ...]
+    """Index of each in ``Program.targets``."""
+    flange: Poses
+    """Pose of the flange in the robot's base frame, over N."""
+    unknown: tuple[tuple[int, str], ...]
+    """Index of each other Cartesian target, and the reason."""
+
+
+def flange_targets(program: Program) -> FlangeTargets:
+    """Return the flange's poses at the Cartesian targets of a program."""
+    reasons = {
+        i: _unknown(target.tool, "tool") or _unknown(target.base, "base")
+        for i, target in enumerate(program.targets)
+        if target.kind == "cartesian"
+    }
+    numbers = tuple(i for i, reason in reasons.items() if not reason)
+    targets = [program.targets[i] for i in numbers]
+    values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
+    poses = Poses(rotation_from_quaternion(values[3:]), values[:3])
+    base, tool = _poses(target.base for target in targets), _poses(target.tool for target in targets)
+    unknown = tuple((i, reason) for i, reason in reasons.items() if reason)
+    return FlangeTargets(numbers, base @ poses @ tool.inverse(), unknown)
+
+
+def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
+    """Return the values of targets (x, y, z and quaternion) that bring the flange to poses in the robot's base frame.
+
+    Args:
+        program: Program of the targets.
+        numbers: Index of each target, as of :attr:`FlangeTargets.numbers`.
+        flange: Poses over the same targets.
+    """
+    base, tool = _poses(program.targets[i].base for i in numbers), _poses(program.targets[i].tool for i in numbers)
+    poses = base.inverse() @ flange @ tool
+    columns = np.concatenate((poses.translation, quaternion_from_rotation(poses.rotation)))
+    return [tuple(column) for column in columns.T.tolist()]
+
+
+def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
+    """Return the indices of a program's joint targets, and their joint variables ``(J, N)``, rad and m.
+
+    Raises:
+        ValueError: Targets have different numbers of joints.
+    """
+    numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
+    rows = [program.targets[i].values for i in numbers]
+    if len({len(row) for row in rows}) > 1:
+        raise ValueError("the joint targets have different numbers of joints")
+    return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
+
+
+def _unknown(frame: ProgramFrame | None, kind: str) -> str:
+    """Return why a frame is unknown; empty where it is known."""
+    if frame is None:
+        return f"the program names no {kind}, or several, for this target"
+    return f"the {kind} {frame.name} is in none of the files read" if frame.frame is None else ""
+
+
+def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
+    """Return known frames as poses over N."""
+    known = [frame.frame for frame in frames if frame and frame.frame]
+    coordinates = np.array([(frame.xyz, frame.rpy) for frame in known], dtype=float).reshape(-1, 2, 3).T
+    return Poses(rotation_from_rpy(coordinates[:, 1]), coordinates[:, 0])
+
 
 # Status ``S`` of a KRL target: the side of the wrist centre on which a solution of the inverse kinematics lies.
 #
@@ -53,13 +126,10 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
-    sides = _sides(arm, q)
-    if sides is not None:
+    if (sides := _sides(arm, q)) is not None:
         measures += [(0, -sides[0]), (1, sides[1])]
-    result = np.ones(q.shape[1], dtype=bool)
-    for bit, value in measures:
-        result &= (value > -_BESIDE_BORDER) if status >> bit & 1 else (value < _BESIDE_BORDER)
-    return result
+    signed = [value if status >> bit & 1 else -value for bit, value in measures]
+    return np.asarray(np.all(np.array(signed) > -_BESIDE_BORDER, axis=0))
 
 
 def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
@@ -127,8 +197,7 @@ class JointWindow:
     def allows(self, q: Array) -> NDArray[np.bool_]:
         """Return ``(N,)`` whether each column of joints ``(J, N)``, rad, lies in the window."""
         low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
-        result: NDArray[np.bool_] = np.all((q > low) & (q < high), axis=0)
-        return result
+        return np.asarray(np.all((q > low) & (q < high), axis=0))
 
     def turned(self, q: Array, limits: tuple[Array, Array], revolute: NDArray[np.bool_]) -> Array:
         """Return joints ``(J, N)`` with whole turns added where these bring a revolute joint into the window.
@@ -139,10 +208,8 @@ class JointWindow:
             revolute: ``(J,)`` whether a joint turns.
         """
         low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
-        turns = np.maximum(np.ceil((low - q) / (2.0 * np.pi)), 0.0) - np.maximum(
-            np.ceil((q - high) / (2.0 * np.pi)), 0.0
-        )
-        moved = q + 2.0 * np.pi * turns
+        up, down = (np.maximum(np.ceil(gap / (2.0 * np.pi)), 0.0) for gap in (low - q, q - high))
+        moved = q + 2.0 * np.pi * (up - down)
         fits = (moved > low) & (moved < high) & (moved >= limits[0][:, None]) & (moved <= limits[1][:, None])
         return np.where(fits & revolute[:, None], moved, q)
 
@@ -195,15 +262,11 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
         inside = (before > window.low) & (before < window.high)
         if np.any(inside & ((after < window.low) | (after > window.high))):
             return True
-    return (
-        dialect not in _READ_WHOLE and bool(configuration) and before.size == _N_AXES and bool(before[4] * after[4] < 0)
-    )
+    is_flipped = before.size == _N_AXES and before[4] * after[4] < 0
+    return bool(dialect not in _READ_WHOLE and configuration and is_flipped)
 
 
 def _turn_range(turn: int) -> tuple[float, float]:
     """Return the range (rad) of an axis of a turn number; sources differ on turns beyond the first."""
-    if turn == 0:
-        return -np.pi, np.pi
-    first = np.pi if abs(turn) == 1 else 2.0 * np.pi
-    last = 3.0 * np.pi if abs(turn) == 1 else np.inf
-    return (first, last) if turn > 0 else (-last, -first)
+    first, last = {0: (-np.pi, np.pi), 1: (np.pi, 3.0 * np.pi)}.get(abs(turn), (2.0 * np.pi, np.inf))
+    return (first, last) if turn >= 0 else (-last, -first)

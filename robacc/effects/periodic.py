@@ -1,0 +1,466 @@
+"""Periodic errors of joints: their orders, which poses support and gears explain, and the effects that have them."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from robacc.effects.base import (
+    MASSES,
+    About,
+    Beyond,
+    Effect,
+    Over,
+    Part,
+    Term,
+    Traits,
+    driven_by,
+    register,
+    setting,
+)
+from robacc.effects.drivers import Driver
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import FLEXURES, Arm
+
+# Physical origins of a periodic error's order: motor turns, the wave generator of a strain-wave gear, the joint.
+
+TYPICAL_RATIOS = (50, 51, 57, 80, 81, 100, 101, 105, 120, 121, 141, 153, 160, 161, 171)
+"""Usual ratios of strain-wave gears (50 to 161) and of RV reducers (57 to 171), from makers' catalogues."""
+_OF_THE_MOTOR = {
+    1: "once per motor turn: motor encoder, or eccentricity of the input",
+    2: "twice per motor turn: the wave generator of a strain-wave gear, or the motor's shaft",
+    4: "four times per motor turn: the second harmonic of a strain-wave gear's wave generator",
+}
+_OF_THE_JOINT = {
+    1: "once per joint turn: eccentricity of the output gear or of the encoder's disc",
+    2: "twice per joint turn: ovality, or two reading heads",
+}
+_LEAST_TOLERANCE = 0.05
+_LARGEST_TOLERANCE = 0.4
+"""Largest difference from a typical ratio's order: typical ratios are one apart. Over a quarter turn, orders have an
+uncertainty of about 0.3."""
+
+
+def order_tolerance(angle_range: float) -> float:
+    """Return the difference of two orders that poses over ``angle_range`` rad do not distinguish reliably.
+
+    It is a tenth of the spacing at which two harmonics are orthogonal over the range.
+    """
+    return max(_LEAST_TOLERANCE, 0.1 * 2 * math.pi / max(angle_range, 1e-6))
+
+
+def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str | None:
+    """Return the physical origin of an order per joint turn; None if it fits none.
+
+    Where the ratio is unknown, typical ratios are compared, only with the motor's first two orders.
+    """
+    origins = [(float(multiple), tolerance, text) for multiple, text in _OF_THE_JOINT.items()]
+    if gear_ratio:
+        ratio = abs(gear_ratio)
+        origins += [
+            (multiple * ratio, tolerance * multiple, f"{text} (gear_ratio {ratio:g})")
+            for multiple, text in _OF_THE_MOTOR.items()
+        ]
+    else:
+        origins += [
+            (multiple * typical, min(tolerance, _LARGEST_TOLERANCE), f"{_OF_THE_MOTOR[multiple]} ({text})")
+            for multiple in (1, 2)
+            for typical in TYPICAL_RATIOS
+            for text in (f"a typical gear of ratio {typical}; the robot file has no gear_ratio",)
+        ]
+    return next((text for expected, most, text in origins if abs(order - expected) <= most), None)
+
+
+ORDER_STEP = 0.25
+"""Periods per turn between orders that are tried; the best is then improved off this grid."""
+HIGHEST_ORDER = 40.0
+"""Largest order that competes with every candidate."""
+HIGHEST_OF_ALL = 210.0
+"""Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
+HIGHEST_OF_SLIDE = 1000.0
+"""rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""
+_FEWEST = 8
+"""Different angles that an order needs at least."""
+_CLOSEST = 0.1
+"""Quantile of the gaps between angles that sets the highest order they support."""
+
+
+def common_period(orders: Sequence[float]) -> float:
+    """Return the range of a joint (rad) over which poses separate the orders from each other and from a constant.
+
+    It is one period of their smallest difference, the constant being order zero; beyond such a range the sum repeats
+    what the poses showed.
+    """
+    spacing = np.diff(np.sort([0.0, *orders]))
+    return 2.0 * math.pi / float(spacing[spacing > 0].min())
+
+
+def are_separable(first: float, second: float, angle_range: float) -> bool:
+    """Return whether poses over a range of a joint (rad) separate two orders: a quarter period of their beat or more.
+
+    Over less, two waves of opposite phase and any size fit as well as small ones.
+    """
+    return abs(first - second) * angle_range >= 0.5 * math.pi
+
+
+def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | None:
+    """Return the turn of a joint (rad) after which a sum of these orders repeats itself; None if there is none.
+
+    A single order repeats after its own period. Several whole orders repeat after a turn at most; fitted within less
+    than a turn, they also imitate orders between them. The orders of a gear are whole if its ratio is; an unknown ratio
+    counts as whole, as that of strain-wave gears.
+    """
+    if len(orders) == 1:
+        return 2.0 * math.pi / orders[0]
+    if not all(float(number).is_integer() for number in (*orders, gear_ratio or 1.0)):
+        return None
+    return 2.0 * math.pi / math.gcd(*(int(order) for order in orders))
+
+
+def supported_orders(angle: Array) -> Array:
+    """Return the orders between one period over the range of angles and the limit that the spacing of poses sets.
+
+    Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
+    """
+    lowest, highest = _limits(angle)
+    first = math.ceil(max(ORDER_STEP, lowest) / ORDER_STEP) * ORDER_STEP
+    return np.arange(first, min(HIGHEST_ORDER, highest) + 1e-9, ORDER_STEP)
+
+
+def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
+    """Return the orders above :data:`HIGHEST_ORDER`, at most ``largest``, that the spacing of poses supports."""
+    _, highest = _limits(angle)
+    return np.arange(HIGHEST_ORDER + ORDER_STEP, min(largest, highest) + 1e-9, ORDER_STEP)
+
+
+def _limits(angle: Array) -> tuple[float, float]:
+    """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
+    values = np.unique(np.round(angle, 6))
+    if values.size < _FEWEST:
+        return ORDER_STEP, 0.0
+    gap = float(np.quantile(np.diff(values), _CLOSEST))
+    return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
+
+
+def orders_setting(default: tuple[float, ...]) -> Any:
+    """Return the field of an effect that is its orders."""
+    return setting(default, written=True, above=0.0, most=1000.0, different=True)
+
+
+@register
+@dataclass(frozen=True)
+class TransmissionError(Effect):
+    """Joint variable plus cosine and sine of n q_j for each order n, whole or not.
+
+    The order of a slide is 2 pi over the period of its screw, pinion or scale (rad/m).
+
+    With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose standard
+    deviation is estimated, so that a profile is shrunk if the poses determine little of it.
+    """
+
+    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
+    shrunk: bool = setting(False)
+
+    name = "transmission_error"
+    traits = Traits(chart=Over("{joint}"), is_bounded=True, shared_by=())
+    about = About(
+        summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear; "
+        "the pitch of a slide's screw or rack",
+        equation="theta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2, the gear's orders, or orders found in the data; "
+        "d_j of a prismatic joint, n = 2 pi over the period in m",
+        unit="rad (m for a prismatic joint)",
+        usual_size="1e-5 to 1e-3 rad, 1e-5 to 1e-3 m",
+        usual_range=(1e-05, 0.001),
+        needs="q1 … qN; for order n poses closer than 1/(2n) turn somewhere",
+        confused_with="joint_compliance (order 1, axis horizontal), gear_ratio over a narrow range",
+        source="Tuttle 1992 (strain-wave gears); Landgraf et al. 2021 for a UR10",
+        example="{effect: transmission_error, joints: [j2], orders: [1, 12.5], "
+        "values: {j2.cos1: 2e-4, j2.sin12.5: 5e-5}}",
+    )
+
+    @classmethod
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield orders 1, 2, both, and the gear ratio of a joint that turns; a trace searches for other orders."""
+        joint = arm.joint(joints[0])
+        if joint.type == "revolute":
+            of_gear = ((float(joint.gear_ratio),),) if joint.gear_ratio else ()
+            yield from (cls(joints, orders) for orders in ((1.0,), (2.0,), (1.0, 2.0), *of_gear))
+
+    @classmethod
+    def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
+        """Return orders 1 and 2 of ``joints``, or of all that turn: a slide has no orders per turn."""
+        return cls(tuple(filter(arm.is_revolute, arm.names) if joints is None else joints))
+
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself.
+
+        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range. It
+        fades over a quarter of a period of its finest order: so far the poses say something of a profile.
+        """
+        period = exact_period(self.orders, arm.joint(driver).gear_ratio)
+        if self.shrunk and period:
+            return Beyond(False, period, 0.5 * math.pi / max(self.orders))
+        return Beyond(limits[1] - limits[0] < common_period(self.orders), period)
+
+    @property
+    def term_of_covariance(self) -> str | None:
+        """Return the profiles of joints."""
+        return "profile" if self.shrunk else None
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return two terms per joint and order."""
+        # The orders of a profile together are as large as a single order usually is.
+        typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)
+        terms = []
+        for joint in self.joints:
+            group = f"{self.name}.{joint}" if self.shrunk else None
+            waves = _waves(self.orders, driven_by(arm, data, joint, self.name))
+            terms += [self.joint_term(arm, joint, wave, label, typical, group=group) for label, wave in waves]
+        return tuple(terms)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return the periods of a slide's error and where to look; None for joints that turn, which have harmonics."""
+        if any(map(arm.is_revolute, self.joints)):
+            return None
+        periods = ", ".join(f"{1e3 * 2.0 * math.pi / order:.4g}" for order in self.orders)
+        return f"period {periods} mm: compare with the lead of the screw, the pinion's circumference, the scale's pitch"
+
+
+def _waves(orders: tuple[float, ...], angle: Array) -> Iterator[tuple[str, Array]]:
+    """Yield label and values ``(N,)`` of the cosine and the sine of each order of an angle."""
+    labels = (f"{kind}{order:.6g}" for order in orders for kind in ("cos", "sin"))
+    return zip(labels, _cosines_and_sines(orders, angle.tobytes()), strict=True)
+
+
+@functools.lru_cache(maxsize=32)
+def _cosines_and_sines(orders: tuple[float, ...], angle: bytes) -> Array:
+    """Return cosine and sine ``(2 Q, N)`` of each order; fits bind the same poses again and again."""
+    phase = np.multiply.outer(orders, np.frombuffer(angle))
+    waves = np.stack((np.cos(phase), np.sin(phase)), axis=1).reshape(2 * len(orders), -1)
+    waves.flags.writeable = False
+    return waves
+
+
+# Periodic errors of one joint as a search builds them: of one order, or the joint's profile of orders.
+
+PERIODIC = TransmissionError.name
+"""Name of the effect that a search over orders finds."""
+
+
+def of_order(joint: str, order: float) -> Effect:
+    """Return the periodic error of ``joint`` of one order (periods per turn)."""
+    return TransmissionError((joint,), (order,))
+
+
+def profile(joint: str, orders: tuple[float, ...]) -> Effect:
+    """Return the periodic error of ``joint`` of all ``orders``, shrunk by a common prior: an error without a cause."""
+    return TransmissionError((joint,), orders, True)
+
+
+def orders_of(effect: Effect) -> tuple[float, ...]:
+    """Return the orders of a periodic error; none of any other effect."""
+    return effect.orders if isinstance(effect, TransmissionError) else ()
+
+
+def searched_order(effect: Effect) -> float | None:
+    """Return the order of an effect that a search found: a single order that is not 1 or 2."""
+    orders = orders_of(effect)
+    return orders[0] if len(orders) == 1 and not effect.is_profile() and orders[0] not in (1.0, 2.0) else None
+
+
+@register
+@dataclass(frozen=True)
+class ComplianceVariation(Effect):
+    """Joint variable plus gravity's torque times c cos(n q_j) + s sin(n q_j).
+
+    It adds to ``joint_compliance``, the mean over a turn. The torque is that at the commanded pose.
+    """
+
+    orders: tuple[float, ...] = orders_setting((2.0,))
+
+    name = "compliance_variation"
+    traits = Traits(
+        only="revolute",
+        needs=(MASSES,),
+        drivers=("{joint}", "torque_{joint}"),
+        chart=Over("torque_{joint}", is_only=False),
+    )
+    about = About(
+        summary="the joint's spring is softer at some angles: a periodic error that grows with the torque",
+        equation="theta_j + tau_j (c cos(n q_j) + s sin(n q_j)), tau_j the torque of gravity about the axis; "
+        "a trace tries n = 1, 2, and the orders of periodic errors that it has identified",
+        unit="rad/(N m)",
+        usual_size="1e-8 to 1e-6 rad/(N m), a tenth to a third of the joint's compliance",
+        usual_range=(1e-8, 1e-6),
+        needs="mass and com of the links; poses of different torque at the same angle",
+        confused_with="transmission_error where the torque follows the angle, joint_hardening",
+        source="Tuttle and Seering, IEEE Trans. Robotics and Automation 12 (1996) 368: stiffness of strain-wave gears "
+        "over the angle",
+        example="{effect: compliance_variation, joints: [j2], orders: [2], values: {j2.cos2: 2e-7, j2.sin2: 1e-7}}",
+    )
+
+    @classmethod
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield order 1 and order 2."""
+        yield from (cls(joints, (order,)) for order in (1.0, 2.0))
+
+    @classmethod
+    def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield the order of a periodic error that a search has identified: gears err more under load."""
+        order = searched_order(other)
+        if order is not None and set(other.joints) <= set(cls.possible_joints(arm)) and cls.missing(arm, data) is None:
+            yield cls(other.joints, (order,))
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return a cosine and a sine for each order of each joint."""
+        terms = []
+        for joint in self.joints:
+            torque = driven_by(arm, data, f"torque_{joint}", self.name)
+            waves = _waves(self.orders, driven_by(arm, data, joint, self.name))
+            terms += [
+                self.joint_term(arm, joint, torque * wave, label, 1e-6, unit="rad/(N m)") for label, wave in waves
+            ]
+        return tuple(terms)
+
+
+_LOW = 2.5
+"""Order up to which a periodic error is a slow function of the joint's angle."""
+_CENTRES = np.arange(-180.0, 180.0, 15.0)
+"""Centres that a search tries first, degrees: at a centre the spring is longest, or half a turn from it."""
+_RATIOS = (0.3, 0.5, 0.7, 0.85, 0.95)
+_NEARBY = ((10.0, 0.1), (2.0, 0.02))
+"""Largest changes of centre (degrees) and ratio that a search tries near the best, in four steps each way."""
+_RATIO_RANGE = (0.05, 0.99)
+
+
+@register
+@dataclass(frozen=True)
+class Counterbalance(Effect):
+    """Joint variable turned by the torque of a spring between a point of the link before it and a point of its own.
+
+    With the points at radii a and b of the axis, the spring's length is sqrt(a^2 + b^2) sqrt(1 + r cos(q - q_0)),
+    r = 2 a b / (a^2 + b^2). The first coefficient is compliance times k a b; the second, of the other sign, is that
+    times the free length over sqrt(a^2 + b^2).
+    """
+
+    centre: float = setting(0.0, key="centre_deg", written=True)
+    """Angle q_0 of the joint at which the spring is longest, degrees."""
+    ratio: float = setting(0.6, written=True, above=0.0, below=1.0)
+    """r, above 0 and below 1."""
+
+    name = "counterbalance"
+    traits = Traits(only="revolute", is_searched=True, chart=Over("{joint}"), is_bounded=True)
+    about = About(
+        summary="a spring or cylinder across the joint carries a part of the weight, and its torque turns the joint",
+        equation="theta_j + s sin(q_j - q_0) + l sin(q_j - q_0) / sqrt(1 + r cos(q_j - q_0))",
+        unit="rad",
+        usual_size="1e-4 to 1e-2 rad; s and l of opposite signs",
+        usual_range=(1e-4, 1e-2),
+        needs="q1 … qN; a joint that moves by a third of a turn",
+        confused_with="transmission_error of orders 1 and 2, joint_compliance",
+        source="Klimchik, Wu, Dumas, Caro, Furet, Pashkevich, ICRA 2013, 3707: gravity compensator of a heavy robot",
+        example="{effect: counterbalance, joints: [j2], centre_deg: 90, ratio: 0.6, "
+        "values: {j2.spring: 2e-3, j2.length: -1e-3}}",
+    )
+
+    @property
+    def prior_odds(self) -> float:
+        """Prior odds of one place of a spring, of which one in 150 joints has any."""
+        return 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
+
+    @classmethod
+    def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield springs of many places where a periodic error of orders about 1 and 2 only is a finding."""
+        if not other.is_profile() and 0.0 < max(orders_of(other), default=0.0) <= _LOW:
+            yield from (cls(other.joints, float(centre), ratio) for centre in _CENTRES for ratio in _RATIOS)
+
+    def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
+        """Yield springs of nearby places."""
+        for turn, more in _NEARBY:
+            for i, k in itertools.product(range(-4, 5), repeat=2):
+                ratio = round(min(max(self.ratio + more * k / 4, _RATIO_RANGE[0]), _RATIO_RANGE[1]), 4)
+                yield Counterbalance(self.joints, round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4), ratio)
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return two terms per joint."""
+        terms = []
+        for joint in self.joints:
+            angle = driven_by(arm, data, joint, self.name) - math.radians(self.centre)
+            stretched = np.sin(angle)
+            columns = {"spring": stretched, "length": stretched / np.sqrt(1.0 + self.ratio * np.cos(angle))}
+            terms += [self.joint_term(arm, joint, column, label, 1e-3) for label, column in columns.items()]
+        return tuple(terms)
+
+    def statement(
+        self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
+    ) -> str | None:
+        """Return what balances the joint, and what to check."""
+        return (
+            f"a spring or cylinder across {', '.join(self.joints)} carries a part of the weight: it is longest at "
+            f"{self.centre:.0f} degrees; check its pressure or preload if it was serviced"
+        )
+
+
+def _tilt_labels(arm: Arm) -> tuple[str, ...]:
+    """Return the two motions that tilt a joint's axis: alpha and beta of its row, the flexures of a URDF's joint."""
+    return FLEXURES if arm.robot.convention == "urdf" else ("alpha", "beta")
+
+
+@register
+@dataclass(frozen=True)
+class AxisWobble(Effect):
+    """Tilt of a joint's axis: alpha_j and the rotation about y, each plus cosine and sine of n q_j."""
+
+    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
+    tilts: tuple[str, ...] = setting((), choices=("alpha", "beta", *FLEXURES))
+    """Directions that tilt; empty for both."""
+
+    name = "axis_wobble"
+    traits = Traits(only="revolute", chart=Over("{joint}", is_only=False), is_bounded=True, shared_by=())
+    about = About(
+        summary="the joint's axis tilts as it turns: runout or ovality of its bearing",
+        equation="alpha_j and beta_j + c cos(n q_j) + s sin(n q_j), n = 1, 2",
+        unit="rad",
+        usual_size="1e-5 to 1e-3 rad",
+        usual_range=(1e-05, 0.001),
+        needs="q1 … qN over most of a turn",
+        confused_with="transmission_error of neighbouring joints, link_geometry over a narrow range",
+        source="a parameter times a regressor, as every effect here",
+        example="{effect: axis_wobble, joints: [j1], orders: [1, 2], "
+        "values: {j1.alpha_cos1: 1e-4, j1.beta_sin2: -5e-5}}",
+    )
+
+    @classmethod
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield orders 1, 2 and both; in each direction and in both."""
+        tilts = [(label,) for label in _tilt_labels(arm)]
+        yield from (cls(joints, *form) for form in itertools.product(((1.0,), (2.0,), (1.0, 2.0)), (*tilts, ())))
+
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself."""
+        is_held = limits[1] - limits[0] < common_period(self.orders)
+        return Beyond(is_held, exact_period(self.orders, arm.joint(driver).gear_ratio))
+
+    def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
+        """Return the variable of the joint that turns about the tilting axis."""
+        return super().driver(arm, data, self.joints[0])
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        """Return four terms per joint and order."""
+        return tuple(
+            Term(f"{self.name}.{joint}.{tilt}_{label}", "rad", 1e-4, (Part(arm.motion(joint, tilt), wave),))
+            for joint in self.joints
+            for order in self.orders
+            for tilt in _tilt_labels(arm)
+            if not self.tilts or tilt in self.tilts
+            for label, wave in _waves((order,), driven_by(arm, data, joint, self.name))
+        )

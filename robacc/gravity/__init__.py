@@ -1,1 +1,0 @@
-"""Weights of an arm and its payload, and the torques and forces that gravity exerts on the joints."""

@@ -36,7 +36,7 @@ LAYERS = (
     ("robacc.render.text",),
     ("robacc.render.views",),
     ("robacc.render.plots",),
-    ("robacc.render.html",),
+    ("robacc.render.page",),
     ("robacc.render",),
     ("robacc.api",),
     ("robacc.cli",),
@@ -127,7 +127,7 @@ def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.py"
     wrong.write_text("def f():\n    from robacc.cli import main\n", encoding="utf-8")
     assert imports(wrong, modules()) == {"robacc.cli.main"}
-    assert layer("robacc.cli.main") > layer("robacc.render.text.console") > layer("robacc.chain")
+    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.chain")
 
 
 def test_only_io_opens_files() -> None:

@@ -74,8 +74,8 @@ class Estimate(Result, EstimateResult):
     def draw(self, stream: TextIO) -> None:
         """Write the short report."""
         from robacc.documents.estimate import payload
+        from robacc.render.views.accuracy import estimate_view
         from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import estimate_view
 
         draw(estimate_view(payload(self), self.named("poses"), self.named("robot"), "short"), stream)
 

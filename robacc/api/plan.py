@@ -180,7 +180,7 @@ class Planned(Result, CampaignPlan):
     def csv(self) -> str:
         """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         from robacc.poses.csv_file import format_poses
-        from robacc.render.views.plan import plan_comments
+        from robacc.render.views.expected import plan_comments
 
         head = "".join(f"# {line}\n" for line in plan_comments(self))
         return head + format_poses(self.visits(), attained=False)

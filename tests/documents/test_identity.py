@@ -9,7 +9,7 @@ import pytest
 import robacc
 from robacc.documents.identity import IDENTITY, read_identity
 from robacc.errors import InputError, UsageError
-from robacc.render.html.page import identity_rows
+from robacc.render.page import identity_rows
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 

@@ -25,7 +25,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.views.elements import draw
-from robacc.render.views.fit import calibration_view, trace_sections
+from robacc.render.views.fit import fit_view
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc.robots.yaml_writer import robot_to_yaml
@@ -184,7 +184,7 @@ def test_table_and_document_say_which_form_and_why(form: str, compliance: float,
     found, data = calibrated(form, compliance), measured(form, compliance)
     payload = calibration_payload(found, data, arm("puma560").robot, baseline=DECLARED)
     stream = StringIO()
-    draw(calibration_view(payload, "poses.csv", "robot.yaml", "full"), stream)
+    draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
     assert said in " ".join(stream.getvalue().split())
     document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document
@@ -225,7 +225,7 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
-    draw(trace_sections(payload), stream)
+    draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 

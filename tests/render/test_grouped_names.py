@@ -8,7 +8,7 @@ import pytest
 
 import robacc
 from robacc.modelling.robot_file import read_robot
-from robacc.render.text.layout import grouped
+from robacc.render.text import grouped
 from robacc.robots.library import find_arm
 from robacc.simulation.simulate import Plan, simulate
 

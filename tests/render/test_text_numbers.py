@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from robacc.render.text.layout import (
+from robacc.render.text import (
     decimals,
     effect_label,
     fixed,

@@ -75,8 +75,8 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     from robacc.errors import Note, UsageError
     from robacc.io.files import write_bytes
     from robacc.render.plots.canvas import as_file, need
-    from robacc.render.plots.catalogue import chart_of, charts_of, kinds_of
-    from robacc.render.text.console import say_warnings
+    from robacc.render.plots.results import chart_of, charts_of, kinds_of
+    from robacc.render.text import say_warnings
 
     form = PurePath(output).suffix.lower()
     if form not in _PICTURES:
@@ -87,7 +87,7 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     stored = read_result(results[0])
     with understood(stored.name, stored.command):
         chart = chart_of(stored.document, kind, number)
-        image = as_file(chart.draw, chart.size, form.removeprefix("."))
+        image = as_file(chart, form.removeprefix("."))
     write_bytes(output, image)
     if not kind:
         others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"

@@ -11,7 +11,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
-from robacc.render.text.layout import Document
+from robacc.render.text import Document
 from robacc.render.views.elements import Grid
 
 if TYPE_CHECKING:
@@ -85,11 +85,6 @@ DARK: Final = {
     "fourth": "#e09cc4",
     "limit": "#e6e9ec",
 }
-
-
-def css_variables(colours: dict[str, str]) -> str:
-    """Return the declarations ``--c-ink: …; …``."""
-    return " ".join(f"--c-{role}: {value};" for role, value in colours.items())
 
 
 # What a chart is.
@@ -407,12 +402,6 @@ def vectors(rows: Iterable[Any]) -> Array:
     return np.array(list(rows), dtype=np.float64).reshape(-1, 3)
 
 
-def lengths(rows: Array) -> Array:
-    """Return the lengths ``(N,)`` of vectors ``(N, 3)``."""
-    result: Array = np.sqrt(np.sum(np.square(rows), axis=1))
-    return result
-
-
 def root_mean_square(values: Any) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -481,12 +470,12 @@ _STYLE: dict[str, Any] = {
 _WHITE = {"figure.facecolor": "white"}
 
 
-def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str) -> str:
+def as_part(chart: Chart, salt: str) -> str:
     """Return the chart as an ``<svg>`` element that uses the colours and the font of the page.
 
     ``salt`` makes its ids unique on the page.
     """
-    text = _saved(draw, size, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
+    text = _saved(chart, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
     text = text[text.index("<svg") :].strip()
     for pattern, new in (
         (r"(?s)<metadata>.*?</metadata>\s*", ""),
@@ -502,27 +491,27 @@ def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str
     return text
 
 
-def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
+def as_file(chart: Chart, form: str) -> bytes:
     """Return the chart as a file with a white background: ``svg``, ``png`` or ``pdf``."""
-    return _saved(draw, size, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
+    return _saved(chart, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
 
 
-def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
+def as_figure(chart: Chart) -> Figure:
     """Return the chart as a figure with a white background."""
-    with _drawn(draw, size, _WHITE) as figure:
+    with _drawn(chart, _WHITE) as figure:
         return figure
 
 
-def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: Mapping[str, Any]) -> bytes:
+def _saved(chart: Chart, form: str, overrides: Mapping[str, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _drawn(draw, size, overrides) as figure:
+    with _drawn(chart, overrides) as figure:
         figure.savefig(buffer, format=form, metadata=dates.get(form))
     return buffer.getvalue()
 
 
 @contextmanager
-def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any]) -> Iterator[Figure]:
+def _drawn(chart: Chart, overrides: Mapping[str, Any]) -> Iterator[Figure]:
     """Yield the drawn chart, within the style."""
     import matplotlib
     from matplotlib.figure import Figure
@@ -533,6 +522,6 @@ def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], overrides:
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
-        draw(figure)
+        figure = Figure(figsize=chart.size, layout="constrained", dpi=_DOTS_PER_INCH)
+        chart.draw(figure)
         yield figure

@@ -1,4 +1,4 @@
-"""A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
+"""A robot as tables in mm and degrees, the arms of the package, the catalogue of effects, and the poses of a cube."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from robacc.effects.catalogue import CatalogueEntry
-from robacc.render.text.console import PLAIN_WIDTH
-from robacc.render.text.layout import IN_DEGREES, IN_MM, table_unit
+from robacc.iso_9283.cube import Proposal
+from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, fixed, unit_of
 from robacc.render.views.elements import Grid, Listing, Section, Text
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Summary
@@ -17,8 +17,6 @@ _CHAINS = {
     "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
     "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
 }
-
-
 _GAP = 3
 """Blanks between columns."""
 _TEXTS = ("joint", "type", "follows", "axis")
@@ -34,8 +32,36 @@ def robot_view(summary: Summary) -> Iterator[Section]:
     count = len(robot.variables)
     yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
     yield from _geometry(robot)
-    yield _drives(robot)
-    yield _links(robot)
+    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
+    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
+    drives = [
+        (
+            joint.name,
+            joint.type,
+            *(["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]),
+            unit,
+            f"{joint.sign:+d}",
+            "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
+            _drive_rule(joint),
+        )[: len(header)]
+        for joint in robot.joints
+        if joint.type != "fixed"
+        for factor, unit in [unit_of("m" if joint.type == "prismatic" else "rad")]
+    ]
+    yield _table("Drives", header, drives)
+    links = [(joint.name, joint) for joint in robot.joints]
+    for branch in robot.branches:
+        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
+        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
+    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
+    masses = [
+        (name, "-", "", "", "")
+        if joint.mass is None
+        else (name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0)))
+        for name, joint in links
+        if has_masses
+    ]
+    yield _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses)
     yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary)])
 
 
@@ -58,7 +84,7 @@ def _geometry(robot: Robot) -> Iterator[Section]:
     if is_urdf:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = [joint.name for joint in robot.joints]
-    width = sum(max(map(len, cells)) + _GAP for cells in (["joint", *names], *([h, *c] for h, c in columns.items())))
+    width = sum(max(map(len, [head, *cells])) + _GAP for head, cells in {"joint": names, **columns}.items())
     tables = {"Geometry": [*columns]}
     if width > PLAIN_WIDTH:
         lengths = [head for head in columns if head.removesuffix(" mm") in LENGTH_PARAMETERS]
@@ -73,26 +99,6 @@ def _axis(axis: Sequence[float]) -> str:
     return next(named, _numbers(axis, 1.0))
 
 
-def _drives(robot: Robot) -> Section:
-    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
-    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
-    rows = [
-        (
-            joint.name,
-            joint.type,
-            *(["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]),
-            unit,
-            f"{joint.sign:+d}",
-            "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
-            _drive_rule(joint),
-        )[: len(header)]
-        for joint in robot.joints
-        if joint.type != "fixed"
-        for factor, unit in [table_unit("m" if joint.type == "prismatic" else "rad")]
-    ]
-    return _table("Drives", header, rows)
-
-
 def _drive_rule(joint: Joint) -> str:
     """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
     if joint.mimic is not None:
@@ -102,22 +108,6 @@ def _drive_rule(joint: Joint) -> str:
         factor = "" if abs(ratio) == 1 else f"{_number(abs(ratio))} "
         text += f" {'-' if ratio < 0 else '+'} {factor}{name}"
     return text.strip().removeprefix("+ ")
-
-
-def _links(robot: Robot) -> Section:
-    links = [(joint.name, joint) for joint in robot.joints]
-    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
-    for branch in robot.branches:
-        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
-        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
-    rows = [
-        (name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0)))
-        if joint.mass is not None
-        else (name, "-", "", "", "")
-        for name, joint in links
-        if has_masses
-    ]
-    return _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), rows)
 
 
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
@@ -179,23 +169,21 @@ def _numbers(values: Sequence[float], factor: float) -> str:
 
 def _number(value: float) -> str:
     """Return up to four decimals (0.1 µm, 0.0001°) without trailing zeros."""
-    text = f"{value:.4f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
+    return fixed(value, 4).rstrip("0").rstrip(".")
 
 
 # The arms that come with the package, as a table.
-
-_USE = (
-    "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init NAME "
-    "writes a copy to which you add the tool or several targets"
-)
 
 
 def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
     """Return a line per arm, and how to use them."""
     rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
     yield Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))])
-    yield Section("", [Listing([_USE])])
+    use = (
+        "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
+        "NAME writes a copy to which you add the tool or several targets"
+    )
+    yield Section("", [Listing([use])])
 
 
 # The catalogue of effects as text to read.
@@ -238,3 +226,41 @@ def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
         facts["this robot"] = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
         facts["coefficients"] = ", ".join(names[:_COEFFICIENTS_SHOWN]) + more
     return facts
+
+
+# The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
+
+
+def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+    """Return the comment lines above the columns: cube, plane and tool orientation."""
+    return [
+        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
+        *_cube_facts(proposal),
+        *proposal.notes,
+    ]
+
+
+def proposal_view(proposal: Proposal, robot: Robot) -> Iterator[Section]:
+    """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
+    yield Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))])
+    places = proposal.poses.translation.T * IN_MM
+    rows = [(f"P{i}", *(fixed(float(value), 2) for value in place)) for i, place in enumerate(places, 1)]
+    units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
+    names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    joints = [
+        (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
+        for i, q in enumerate(proposal.q.T, 1)
+    ]
+    yield Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)])
+    yield Section("Limitations", [Listing(proposal.notes)])
+
+
+def _cube_facts(proposal: Proposal) -> list[str]:
+    x, y, z = (float(value) * IN_MM for value in proposal.centre)
+    return [
+        f"cube with an edge of {proposal.edge * IN_MM:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in "
+        "the base frame",
+        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
+        f"{proposal.orientation_text}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its range to "
+        "each limit",
+    ]

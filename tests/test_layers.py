@@ -48,8 +48,7 @@ READS_PACKAGE_DATA = {"robacc.accuracy.grade", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.gate",
-    "robacc.documents.identity",
-    "robacc.documents.estimate",
+    "robacc.documents.accuracy",
     "robacc.documents.read_result",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",

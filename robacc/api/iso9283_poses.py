@@ -36,7 +36,7 @@ class Iso9283Poses(Result):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.iso9283 import ISO9283_POSES
+        from robacc.documents.accuracy import ISO9283_POSES
 
         return ISO9283_POSES.write(self.proposal, file_sha256=sha256(self.csv().encode()).hexdigest())
 

@@ -253,9 +253,9 @@ class Planned(Result, CampaignPlan):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.plan import payload
+        from robacc.documents.expected import PLAN
 
-        return payload(self, self.csv())
+        return PLAN.write(self)
 
 
 @call

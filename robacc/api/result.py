@@ -209,7 +209,7 @@ class Result(ABC):
             InputError: A file cannot be read or written.
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
-        from robacc.documents.identity import read_identity
+        from robacc.documents.read_result import read_identity
         from robacc.io.files import write_text
         from robacc.render.page import render
 

@@ -346,8 +346,8 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
     """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
     from robacc.api.result import RECORDED_APART
+    from robacc.documents.accuracy import many_pieces
     from robacc.documents.envelope import InputFile, envelope
-    from robacc.documents.estimate import many_pieces
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
 

@@ -278,12 +278,12 @@ def write_plan(
 
 def table_of(result: Estimate, path: str, robot: str | None, full: bool) -> Callable[[TextIO], None]:
     """Return what draws an estimate onto a stream, in one screen unless ``full``."""
-    from robacc.documents.estimate import payload
+    from robacc.documents.accuracy import ESTIMATE_ITSELF
     from robacc.render.views.accuracy import estimate_view
     from robacc.render.views.elements import Form, draw
 
     form: Form = "full" if full else "short"
-    return lambda stream: draw(estimate_view(payload(result), path, robot, form), stream)
+    return lambda stream: draw(estimate_view(ESTIMATE_ITSELF.write(result), path, robot, form), stream)
 
 
 def page_text(table: Callable[[TextIO], None]) -> str:

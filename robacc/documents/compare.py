@@ -21,7 +21,7 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.documents.parts import FIGURES, WARNINGS, rounded
+from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded
 
 if TYPE_CHECKING:
     from robacc.comparison.comparing import ResultComparison
@@ -37,11 +37,7 @@ _DIFFERENCE = {
     "method": Key(text | None, "Method of the test.", "interval.method"),
     "why": Key(text | None, "Reason why there is no test, or null.", "interval.why"),
 }
-DIFFERENCE = part(
-    _DIFFERENCE,
-    "difference",
-    "Difference of two results in one figure.",
-)
+DIFFERENCE = part(_DIFFERENCE, "difference", "Difference of two results in one figure.")
 
 _VALUE_KEYS = {
     "value": Key(number, "Value in the unit."),
@@ -54,20 +50,9 @@ _ROW = part(
     {
         "key": Key(text, "Key of the figure, as in position.rms."),
         "unit": Key(text, "m, rad or 1."),
-        "values": Key(
-            array(part({"name": Key(text, "Name of the result."), **_VALUE_KEYS})),
-            "Value of each result.",
-        ),
+        "values": Key(array(part({"name": Key(text, "Name of the result."), **_VALUE_KEYS})), "Value of each result."),
         "differences": Key(
-            array(
-                part(
-                    {
-                        "name": Key(text, "Name of the result."),
-                        **_DIFFERENCE,
-                    }
-                )
-            ),
-            "Differences to the baseline.",
+            array(part({"name": Key(text, "Name of the result."), **_DIFFERENCE})), "Differences to the baseline."
         ),
     }
 )
@@ -133,11 +118,7 @@ COMPARE = part(
             ),
             "Match of each result's poses with those of the baseline.",
         ),
-        "statistics": Key(
-            array(_ROW),
-            "Figures that all results have.",
-            _rows,
-        ),
+        "statistics": Key(array(_ROW), "Figures that all results have.", _rows),
         "ranking": Key(
             part(
                 {
@@ -224,14 +205,10 @@ COMPARE = part(
                                     "probability": Key(share | None, "Probability that the limits are truly met."),
                                     "position_m": Key(size | None, "Statistic of the scale, m.", "position.value"),
                                     "position_upper_bound_m": Key(
-                                        size | None,
-                                        "Upper bound of the statistic, m.",
-                                        "position.interval.upper_bound",
+                                        size | None, "Upper bound of the statistic, m.", "position.interval.upper_bound"
                                     ),
                                     "orientation_rad": Key(
-                                        size | None,
-                                        "Statistic of the scale or limit, rad.",
-                                        "orientation.value",
+                                        size | None, "Statistic of the scale or limit, rad.", "orientation.value"
                                     ),
                                     "orientation_upper_bound_rad": Key(
                                         size | None,
@@ -254,7 +231,7 @@ COMPARE = part(
             "Status of the results against the required grade; null without one.",
             lambda comparison: None if comparison.scale is None else comparison,
         ),
-        "notes": Key(array(text), "Notes on the figures: assumptions and limitations."),
+        **NOTES,
         **WARNINGS,
         "gate": GATE_KEY,
     },
@@ -264,16 +241,8 @@ COMPARE = part(
 COMPARE_PAIRED = part(
     {
         "n_targets": Key(count, "Number of targets that both files have.", lambda result: len(result.names)),
-        "before": Key(
-            FIGURES["m"],
-            "Position errors before the correction.",
-            "metrics_before",
-        ),
-        "after": Key(
-            FIGURES["m"],
-            "Position errors after the correction.",
-            "metrics_after",
-        ),
+        "before": Key(FIGURES["m"], "Position errors before the correction.", "metrics_before"),
+        "after": Key(FIGURES["m"], "Position errors after the correction.", "metrics_after"),
         "gain": Key(
             part(
                 {

@@ -23,8 +23,6 @@ from robacc.version import __version__
 _LARGEST_EXACT_POWER = 22
 """10^22 is the largest power of ten that a double holds exactly."""
 _POWERS = 10.0 ** np.arange(_LARGEST_EXACT_POWER + 1)
-_ROWS = 4096
-"""Rows that are rounded at a time: their working arrays stay in the cache."""
 
 
 def significant_document(value: Any) -> Any:
@@ -34,15 +32,13 @@ def significant_document(value: Any) -> Any:
         return significant(float(value))
     if isinstance(value, str | int | None):
         return value
-    if isinstance(value, np.ndarray):
-        return _significant_array(value) if value.dtype.kind == "f" else value
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f":
+        return _significant_array(value)
     if isinstance(value, Later):
         return value.map(significant_document)
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
-    if isinstance(value, Sequence):
-        return [significant_document(item) for item in value]
-    return value
+    return [significant_document(item) for item in value] if isinstance(value, Sequence) else value
 
 
 def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
@@ -52,19 +48,15 @@ def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
     """
     values = np.asarray(array, dtype=np.float64)
-    result = np.empty_like(values)
-    for start in range(0, len(values), _ROWS):
-        part = values[start : start + _ROWS]
-        size = np.abs(np.where(np.isfinite(part), part, 0.0))
-        with np.errstate(divide="ignore"):
-            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
-        rounded = np.where(exact, np.rint(part * power) / power, part) + 0.0
-        inexact = ~exact & (size > 0.0)
-        rounded[inexact] = [significant(value) for value in part[inexact].tolist()]
-        result[start : start + _ROWS] = rounded
-    return result
+    size = np.abs(np.where(np.isfinite(values), values, 0.0))
+    with np.errstate(divide="ignore"):
+        places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+    exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+    power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+    rounded: NDArray[np.float64] = np.where(exact, np.rint(values * power) / power, values) + 0.0
+    inexact = ~exact & (size > 0.0)
+    rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
+    return rounded
 
 
 # CSV text from columns.
@@ -111,9 +103,9 @@ class InputFile:
 
     def document(self) -> dict[str, Any]:
         """Return the record as it stands in a result."""
-        reading = {"reading": dict(self.reading)} if self.reading else {}
-        identity = {"identity": dict(self.identity)} if self.identity else {}
-        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **reading, **identity}
+        stated = {"reading": self.reading, "identity": self.identity}
+        own = {key: dict(texts) for key, texts in stated.items() if texts}
+        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **own}
 
 
 def schema_version(command: str) -> int:
@@ -158,15 +150,15 @@ MODULES = {
     "check": "gate",
     "compare": "compare",
     "compare-paired": "compare",
-    "correct": "correct",
+    "correct": "expected",
     "effects": "descriptions",
-    "estimate": "estimate",
-    "estimate-many": "estimate",
+    "estimate": "accuracy",
+    "estimate-many": "accuracy",
     "export": "descriptions",
-    "iso9283": "iso9283",
-    "iso9283-poses": "iso9283",
-    "plan": "plan",
-    "predict": "predict",
+    "iso9283": "accuracy",
+    "iso9283-poses": "accuracy",
+    "plan": "expected",
+    "predict": "expected",
     "robots": "descriptions",
     "show": "descriptions",
     "simulate": "descriptions",

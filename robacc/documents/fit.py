@@ -187,14 +187,7 @@ _DECLARED = part(
         "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
         "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
         "left_out": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "why": Key(text, "The reason."),
-                    }
-                )
-            ),
+            array(part({"effect": Key(text, "Name of the effect."), "why": Key(text, "The reason.")})),
             "Effects of every arm that the poses do not support.",
             lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
         ),
@@ -246,11 +239,7 @@ _FIT = {
         count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
     ),
     "parameters": Key(array(PARAMETER), "All coefficients of the extended model."),
-    "parameter_covariance": Key(
-        COVARIANCE,
-        "Covariance of the coefficients that have a standard error.",
-        "covariance",
-    ),
+    "parameter_covariance": Key(COVARIANCE, "Covariance of the coefficients that have a standard error.", "covariance"),
     "priors": Key(
         array(
             part(
@@ -306,23 +295,11 @@ _FIT = {
             "compared."
         ),
     ),
-    "outliers": Key(
-        array(
-            part(
-                {
-                    "line": Key(count, "Line of the file."),
-                }
-            )
-        ),
-        "Outliers, which the fit leaves out.",
-    ),
+    "outliers": Key(array(part({"line": Key(count, "Line of the file.")})), "Outliers, which the fit leaves out."),
     **WARNINGS,
     "robot": Key(ROBOT | None),
     "poses": Key(FITTED_POSES),
-    "poses_apart": Key(
-        FITTED_POSES | None,
-        "Poses of the holdout file; null without such a file.",
-    ),
+    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file."),
 }
 
 CALIBRATE = part(
@@ -331,10 +308,7 @@ CALIBRATE = part(
         "effects": Key(
             array(
                 part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "joints": Key(array(text), "Joints of the effect."),
-                    },
+                    {"effect": Key(text, "Name of the effect."), "joints": Key(array(text), "Joints of the effect.")},
                     has_others=True,
                 )
             ),
@@ -474,17 +448,12 @@ FINDING = part(
                 part(
                     {
                         "effect": Key(text, "Name of the effect."),
-                        "joints": Key(
-                            array(text),
-                            "Joints of the effect; empty if it acts on no particular joint.",
-                        ),
+                        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
                         "similarity": Key(
-                            share,
-                            "Cosine between the contributions of the two effects on these poses, 0 to 1.",
+                            share, "Cosine between the contributions of the two effects on these poses, 0 to 1."
                         ),
                         "evidence_difference": Key(
-                            number | None,
-                            "Evidence (log Bayes factor) of the finding minus that of the alternative.",
+                            number | None, "Evidence (log Bayes factor) of the finding minus that of the alternative."
                         ),
                         "settings": Key(table(), "Settings of the effect, if it has any."),
                     }
@@ -498,9 +467,7 @@ FINDING = part(
             lambda finding: finite(finding.p_value),
         ),
         "evidence": Key(
-            number | None,
-            "Evidence (log Bayes factor) for the finding.",
-            lambda finding: finite(finding.evidence),
+            number | None, "Evidence (log Bayes factor) for the finding.", lambda finding: finite(finding.evidence)
         ),
         "size_at_tool_m": Key(
             size | None,
@@ -543,10 +510,7 @@ FINDING = part(
             optional=True,
         ),
         "largest_turn_at_tool_rad": Key(
-            size | None,
-            "Largest such angle, rad.",
-            lambda finding: finding.turn_at_tool[1],
-            optional=True,
+            size | None, "Largest such angle, rad.", lambda finding: finding.turn_at_tool[1], optional=True
         ),
         "parameters": Key(array(PARAMETER), "Coefficients of the finding."),
         "harmonics": Key(
@@ -562,8 +526,7 @@ FINDING = part(
                         "phase_rad": Key(number, "Phase, rad, -pi to pi."),
                         "phase_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
                         "origin": Key(
-                            text | None,
-                            "Physical origin that the order agrees with; null if there is none.",
+                            text | None, "Physical origin that the order agrees with; null if there is none."
                         ),
                         "aliases": Key(array(number), "Other orders that the poses do not distinguish from it."),
                     }
@@ -603,8 +566,7 @@ FINDING = part(
         ),
         "partial_residuals": Key(array(CURVE), "Residual over the driver of the effect."),
         "implausible": Key(
-            text | None,
-            "Reason if coefficients are beyond what the effect can be; null if they are plausible.",
+            text | None, "Reason if coefficients are beyond what the effect can be; null if they are plausible."
         ),
         "warnings": Key(array(text), "Warnings about the finding."),
     }
@@ -658,10 +620,7 @@ TRACE = part(
             "What the verdict presumes where the measurement noise is known from the residual alone; else null.",
         ),
         **_FIT,
-        "findings": Key(
-            array(FINDING),
-            "Identified effects, in the order in which they were added.",
-        ),
+        "findings": Key(array(FINDING), "Identified effects, in the order in which they were added."),
         "undeclared_load": Key(
             part(
                 {

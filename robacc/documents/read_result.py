@@ -1,11 +1,12 @@
-"""Read a stored result, with a check of its values by the declarations of its keys, and its poses as columns."""
+"""Read a stored result, with a check of its values by the declarations of its keys, its poses, and an identity."""
 
 from __future__ import annotations
 
 import json
 import math
+import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,8 +16,10 @@ from numpy.typing import NDArray
 
 from robacc.documents.envelope import InputFile, result_kind, schema_version
 from robacc.documents.keys import shortened
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, UsageError
 from robacc.io.files import read_text, sha256_of
+from robacc.robots.description import IDENTITY
+from robacc.robots.description import read_identity as read_section
 
 RESULT_LIMIT = 256 * 2**20
 """Largest result in bytes: enough for an estimate of half a million poses at some 480 bytes each."""
@@ -193,3 +196,37 @@ def _vector(pattern: str, rows: object) -> Columns:
     if rows is None:
         return {}
     return {pattern.format(axis): values for axis, values in zip("xyz", np.asarray(rows, dtype=float).T, strict=True)}
+
+
+# Identity of what was tested, for a report: the arm's serial number, the instrument, who measured where and when.
+
+
+def read_identity(sources: Sequence[str]) -> dict[str, str]:
+    """Return the identity of YAML files and of texts ``key=value``; a later source replaces a key of an earlier one.
+
+    Raises:
+        InputError: A file cannot be read, has an unknown key or a value that is not one line of text.
+        UsageError: A text has an unknown key.
+    """
+    from robacc.io.yaml_nodes import Source, compose, nearest
+
+    identity: dict[str, str] = {}
+    for source in sources:
+        key, sign, value = (word.strip() for word in source.partition("="))
+        if not sign or os.path.isfile(source):
+            file = Source(source)
+            top = file.section(compose(read_text(source), source), "", tuple(IDENTITY))
+            stated = {} if top is None else read_section(top)
+            file.finish()
+            if not stated:
+                fix = f"write at least one of {', '.join(IDENTITY)}"
+                raise InputError(Problem("names nothing of what was tested", source, fix=fix))
+            identity |= stated
+        elif key not in IDENTITY:
+            fix = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
+            raise UsageError(f"`identity`: unknown key {key!r}; {fix}")
+        elif not value or not value.isprintable():
+            raise UsageError(f"`identity`: expected one line of text for {key}, found {value!r}")
+        else:
+            identity[key] = value
+    return {key: identity[key] for key in IDENTITY if key in identity}

@@ -50,8 +50,7 @@ def report(
     Example: robacc report result.json --identity cell7.yaml --output report.html
     """
     from robacc.cli.output import page_of_results, write
-    from robacc.documents.identity import read_identity
-    from robacc.documents.read_result import read_result
+    from robacc.documents.read_result import read_identity, read_result
     from robacc.errors import UsageError
     from robacc.render.plots.canvas import need
 

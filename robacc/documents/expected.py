@@ -1,0 +1,1236 @@
+"""What to expect: ``robacc.predict/1``, ``robacc.plan/1`` and ``robacc.correct/1`` in m and rad; their poses as CSV."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robacc.documents.envelope import csv_text
+from robacc.documents.gate import GATE_KEY
+from robacc.documents.keys import (
+    Document,
+    Key,
+    Kind,
+    array,
+    choice,
+    constant,
+    count,
+    flag,
+    integer,
+    matrix3,
+    number,
+    ordinal,
+    part,
+    rows3,
+    share,
+    size,
+    table,
+    text,
+    vector3,
+)
+from robacc.documents.parts import (
+    NOTES,
+    OUTSIDE_KEY,
+    QUANTITIES,
+    REGISTERED_PARAMETER,
+    ROBOT,
+    robot_document,
+    rounded,
+    texts,
+)
+from robacc.geometry import quaternion_from_rotation
+from robacc.planning.candidates import targets_in_base
+from robacc.prediction.predicting import warranty_map
+from robacc.robots.arm import build_chain
+from robacc.robots.description import Frame
+
+if TYPE_CHECKING:
+    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.correction.correction import Correction, ExpectedErrors
+    from robacc.geometry import Array, Poses
+    from robacc.measurements import Measurements
+    from robacc.planning.campaign import CampaignPlan
+    from robacc.prediction.comparison import MeasuredComparison
+    from robacc.prediction.model_uncertainty import Coverage
+    from robacc.prediction.predicting import Allocation, Prediction
+    from robacc.robots.description import Robot
+
+# A prediction.
+
+COVERED = part(
+    {
+        "n_poses": Key(ordinal, "Measured poses."),
+        "n_inside": Key(count, "Measured poses within their bounds."),
+        "share": Key(share, "Share of the measured poses within their bounds."),
+        "noise_source": Key(
+            choice("given", "file", "fit"),
+            "Source of the measurement noise in the bounds: given, columns of the file, or the fit of the model.",
+        ),
+    },
+    "covered",
+    "Measured poses within their bounds.",
+)
+
+CHI_SQUARE = part(
+    {
+        "statistic": Key(size, "Sum of squares over their predicted variances."),
+        "dof": Key(count, "Degrees of freedom."),
+        "lower": Key(size, "Lower limit of the 95 % range of the statistic."),
+        "upper": Key(size, "Upper limit of the 95 % range of the statistic."),
+        "p_value": Key(share, "Two-sided p-value."),
+        "ratio": Key(size, "Statistic over degrees of freedom."),
+    },
+    "chi_square",
+    "Normalised squared error; null if it is not available.",
+)
+
+PERCENTILES = part(
+    {
+        "p5": Key(size, "5th percentile."),
+        "p25": Key(size, "25th percentile."),
+        "p50": Key(size, "50th percentile."),
+        "p75": Key(size, "75th percentile."),
+        "p95": Key(size, "95th percentile."),
+    },
+    "percentiles",
+    "Percentiles over poses.",
+)
+
+_SHARE = part(
+    {
+        "name": Key(text, "Name of the joint or kind."),
+        "share_position": Key(share, "Share of the position variance; all shares sum to 1.", "position"),
+        "share_orientation": Key(share, "Share of the orientation variance; all shares sum to 1.", "orientation"),
+    },
+    "share",
+    "Contribution of one source to the predicted variance.",
+)
+
+_ERRORS = {
+    unit: part(
+        {
+            f"rms_{unit}": Key(size, f"Rms over robots and poses, {unit}."),
+            f"mean_error_{unit}": Key(size, f"Mean length over robots and poses, {unit}."),
+            f"p95_{unit}": Key(size, f"95th percentile over robots and poses, {unit}."),
+            f"max_radius95_{unit}": Key(size, f"Largest of the poses' 95 % radii, {unit}.", "max"),
+            f"mean_covariance_{unit}2": Key(matrix3, f"Mean covariance over poses, {unit}²."),
+            "percentiles_over_poses": Key(
+                part(
+                    {
+                        f"rms_{unit}": Key(
+                            PERCENTILES,
+                            source=lambda it: {f"p{percent}": rms for percent, (rms, _) in it.percentiles().items()},
+                        ),
+                        f"radius95_{unit}": Key(
+                            PERCENTILES,
+                            source=lambda it: {
+                                f"p{percent}": radius for percent, (_, radius) in it.percentiles().items()
+                            },
+                        ),
+                    }
+                ),
+                "Percentiles over poses.",
+                "",
+            ),
+            "worst": Key(
+                part(
+                    {
+                        "pose": Key(count, "Number of the pose, from 0.", "index"),
+                        "label": Key(text, "Label of the pose."),
+                        "q": Key(array(number), "Joint variables, rad or m."),
+                        f"rms_{unit}": Key(size, f"Rms {name} error, {unit}."),
+                        f"radius95_{unit}": Key(size, f"Radius that contains 95 % of the errors at this pose, {unit}."),
+                        "direction": Key(vector3, "Direction of the largest error: unit vector in the tool frame."),
+                        f"sd_{unit}": Key(size, f"Standard deviation along the direction, {unit}."),
+                    }
+                ),
+                "The pose with the largest predicted rms.",
+            ),
+            f"covariance_{unit}2": Key(
+                array(matrix3),
+                f"Covariance at each pose, {unit}²: equations (7), (8).",
+                lambda errors: np.moveaxis(errors.covariance, -1, 0),
+            ),
+            f"pose_rms_{unit}": Key(array(size), f"Rms at each pose, {unit}."),
+            f"pose_radius95_{unit}": Key(array(size), f"Radius that contains 95 % of the errors at each pose, {unit}."),
+        }
+    )
+    for unit, name in QUANTITIES
+}
+"""Predicted errors by unit."""
+_PREDICTION = part(
+    {
+        "n_poses": Key(count, "Number of configurations.", "configurations.n"),
+        "frame": Key(choice("tool"), "Axes of the covariances.", lambda _: "tool"),
+        "configurations": Key(text, "Source of the configurations.", "configurations.source"),
+        "tolerances": Key(
+            part(
+                {
+                    "meaning": Key(text, "Conversion of a tolerance to a variance."),
+                    "parameters": Key(
+                        array(
+                            part(
+                                {
+                                    "parameter": Key(text, "Parameter, as joint.kind.", "name"),
+                                    "joint": Key(text | None, "Joint; null for base and tool."),
+                                    "kind": Key(text, "Kind of parameter: theta, d, a, alpha …"),
+                                    "sd": Key(size, "Standard deviation, in the unit."),
+                                    "unit": Key(text, "m or rad."),
+                                }
+                            )
+                        ),
+                        "All parameters with a tolerance.",
+                    ),
+                }
+            ),
+            "Tolerances behind the prediction.",
+            "",
+        ),
+        "position": Key(_ERRORS["m"], "Predicted position errors, m, tool frame."),
+        "orientation": Key(_ERRORS["rad"], "Predicted orientation errors, rad, tool frame."),
+        "budget": Key(
+            array(
+                part(
+                    {
+                        "parameter": Key(text, "Parameter, as joint.kind.", "name"),
+                        "joint": Key(text | None, "Joint; null for base and tool."),
+                        "kind": Key(text | None, "Kind of parameter: theta, d, a, alpha …"),
+                        "sd": Key(size | None, "Standard deviation, in the unit.", "tolerance"),
+                        "unit": Key(text | None, "m or rad."),
+                        "share_position": Key(share, "Share of the position variance.", "position"),
+                        "share_orientation": Key(share, "Share of the orientation variance.", "orientation"),
+                    }
+                )
+            ),
+            "Error budget by parameter, the largest share of position first; shares sum to 1.",
+        ),
+        "budget_by_joint": Key(array(_SHARE), "Error budget by joint.", "by_joint"),
+        "budget_by_kind": Key(array(_SHARE), "Error budget by kind of parameter.", "by_kind"),
+        "grade": Key(
+            part(
+                {
+                    "grade": Key(text, "Grade by the predicted statistic."),
+                    "scale": Key(text, "Name of the scale.", "scale.name"),
+                    "statistic": Key(
+                        choice("rms", "mean_error", "p95", "max"),
+                        "Statistic that the limits apply to.",
+                        "scale.statistic",
+                    ),
+                    "position": Key(text, "Grade of position alone."),
+                    "orientation": Key(text, "Grade of orientation alone."),
+                    "limited_by": Key(array(text), "Quantities that prevent a better grade."),
+                    "demonstrated": Key(
+                        constant(False), "Always false: a prediction is not a measurement.", lambda _: False
+                    ),
+                    "share_of_poses_meeting": Key(
+                        table(share), "Share of poses that meet each grade.", lambda grade: dict(grade.meeting)
+                    ),
+                }
+            ),
+            "Grade of the prediction.",
+        ),
+        "allocation": Key(
+            part(
+                {
+                    "grade": Key(text, "Required grade."),
+                    "met": Key(flag, "True if the allocated tolerances reach the grade."),
+                    "uniform_factor": Key(size, "Common factor for all tolerances that would reach the grade."),
+                    "tolerances": Key(
+                        array(
+                            part(
+                                {
+                                    "parameter": Key(text, "Parameter, as joint.kind.", "parameter.name"),
+                                    "joint": Key(text | None, "Joint, or null.", "parameter.joint"),
+                                    "given_sd": Key(
+                                        size, "Given tolerance, one standard deviation, in the unit.", "parameter.sd"
+                                    ),
+                                    "needed_sd": Key(
+                                        size, "Needed tolerance, one standard deviation, in the unit.", "needed"
+                                    ),
+                                    "factor": Key(size, "Needed over given tolerance."),
+                                    "unit": Key(text, "m or rad.", "parameter.unit"),
+                                }
+                            )
+                        ),
+                        "Tolerance of each parameter.",
+                        "needed",
+                    ),
+                    "verified": Key(
+                        part(
+                            {
+                                "grade": Key(text, "Reached grade.", "grade.grade"),
+                                "position": Key(
+                                    part(
+                                        {
+                                            "rms_m": Key(size, "Rms position error, m."),
+                                            "p95_m": Key(size, "95th percentile of the position error, m."),
+                                        }
+                                    )
+                                ),
+                                "orientation": Key(
+                                    part(
+                                        {
+                                            "rms_rad": Key(size, "Rms orientation error, rad."),
+                                            "p95_rad": Key(size, "95th percentile of the orientation error, rad."),
+                                        }
+                                    )
+                                ),
+                            }
+                        ),
+                        "Prediction with the allocated tolerances.",
+                    ),
+                }
+            )
+            | None,
+            "Tolerances that would reach the required grade; null without one.",
+        ),
+        "against": Key(
+            part(
+                {
+                    "n_poses": Key(count, "Measured poses."),
+                    "measured": Key(
+                        part(
+                            {
+                                "position_rms_m": Key(size, "Rms position error, m."),
+                                "orientation_rms_rad": Key(size | None, "Rms orientation error, rad, or null."),
+                            }
+                        ),
+                        "Measured errors after the registration.",
+                        "",
+                    ),
+                    "alignment": Key(
+                        part(
+                            {
+                                "what": Key(
+                                    array(text), "Fitted frames: base_frame, tool_frame or both.", "alignment.effects"
+                                ),
+                                "degrees_of_freedom": Key(
+                                    count, "Degrees of freedom of the registration.", "statistics.n_aligned"
+                                ),
+                                "parameters": Key(
+                                    array(REGISTERED_PARAMETER), "Fitted coefficients.", "alignment.parameters"
+                                ),
+                            }
+                        )
+                        | None,
+                        "Frames registered to the poses; null without a registration.",
+                        lambda comparison: None if comparison.alignment is None else comparison,
+                    ),
+                    "noise": Key(
+                        part(
+                            {
+                                "position_m": Key(size | None, "Standard deviation along an axis, m."),
+                                "orientation_rad": Key(size | None, "Standard deviation about an axis, rad, or null."),
+                                "source_position": Key(text, "Source of the value."),
+                                "source_orientation": Key(text | None, "Source of the value."),
+                            }
+                        ),
+                        "Measurement noise along and about an axis.",
+                        "statistics.noise",
+                    ),
+                    "verdict": Key(text, "Verdict on the consistency.", "consistency.verdict"),
+                    "hint": Key(text | None, "Likely cause of errors that are too large for any tolerance."),
+                    "normalised_squared_error": Key(
+                        part(
+                            {
+                                "total": Key(CHI_SQUARE | None),
+                                "parameters": Key(CHI_SQUARE | None),
+                                "noise": Key(CHI_SQUARE | None),
+                            }
+                        ),
+                        (
+                            "Normalised squared error of all numbers, of the directions that the parameters affect, "
+                            "and of the other directions."
+                        ),
+                        "consistency",
+                    ),
+                    "likelihood_ratio": Key(
+                        part(
+                            {
+                                "factor": Key(size, "Estimated scale of all tolerances: 1 as predicted."),
+                                "statistic": Key(number, "Statistic of the test."),
+                                "p_value": Key(share, "p-value from draws of the prediction."),
+                                "p_value_asymptotic": Key(
+                                    share, "p-value from a chi-square distribution, for comparison."
+                                ),
+                                "draws": Key(count, "Number of draws."),
+                            }
+                        )
+                        | None,
+                        (
+                            "Likelihood-ratio test of a common scale of all tolerances; null if no parameter is "
+                            "identifiable."
+                        ),
+                        "consistency.scale",
+                    ),
+                    "variance_components": Key(
+                        part(
+                            {
+                                "confidence": Key(share, "Confidence of the intervals."),
+                                "components": Key(
+                                    array(
+                                        part(
+                                            {
+                                                "name": Key(text, "Kind of parameter: theta, d, a, alpha …"),
+                                                "n_parameters": Key(count, "Number of parameters of the kind."),
+                                                "unit": Key(text, "m or rad."),
+                                                "predicted": Key(size, "Rms standard deviation, in the unit."),
+                                                "factor": Key(size, "Estimated over predicted standard deviation."),
+                                                "estimate": Key(size, "Estimate in the unit."),
+                                                "lower": Key(size | None, "Lower limit of factor."),
+                                                "upper": Key(
+                                                    size | None, "Upper limit of factor; null if there is none."
+                                                ),
+                                                "dof": Key(size | None, "Effective degrees of freedom."),
+                                                "likelihood_ratio": Key(
+                                                    number | None, "Likelihood ratio of the prediction for this kind."
+                                                ),
+                                                "why": Key(
+                                                    text | None, "Reason why the kind is not identifiable, or null."
+                                                ),
+                                            }
+                                        )
+                                    ),
+                                    "Components by kind.",
+                                ),
+                                "notes": Key(array(text), "Notes on the components."),
+                            }
+                        )
+                        | None,
+                        "Estimated tolerance of each kind; null if none is identifiable.",
+                        "components",
+                    ),
+                    "one_draw": Key(text, "Limitation: the poses come from one robot."),
+                }
+            )
+            | None,
+            "Comparison of the prediction with measured poses; null without them.",
+        ),
+        "coverage": Key(
+            part(
+                {
+                    "probability": Key(share, "Probability of the bound."),
+                    "registered": Key(
+                        array(text),
+                        (
+                            "Frames fitted to one half of the measured poses for the errors of the other half; empty "
+                            "without."
+                        ),
+                    ),
+                    "position": Key(COVERED, "Positions within their bounds."),
+                    "orientation": Key(
+                        COVERED | None, "Orientations within their bounds; null where the poses or the fit have none."
+                    ),
+                }
+            )
+            | None,
+            "Measured poses within the bound of their error; null without them, and for tolerances.",
+        ),
+        **NOTES,
+    }
+)
+"""Keys of the prediction itself."""
+_CHARTS = part(
+    {
+        "warranty_map": Key(
+            part(
+                {
+                    "voxel_m": Key(Kind({"type": "number", "exclusiveMinimum": 0}), "Edge of a voxel, m.", "edge"),
+                    "centre_m": Key(
+                        rows3, "Centre of each voxel in the measuring frame, m.", lambda voxels: rounded(voxels.centre)
+                    ),
+                    "configurations": Key(array(ordinal), "Number of configurations in each voxel.", "count"),
+                    "bound95_m": Key(
+                        array(size), "Largest 95 % bound of position in each voxel, m.", lambda voxels: voxels.bound[0]
+                    ),
+                    "bound95_rad": Key(
+                        array(size),
+                        "Largest 95 % bound of orientation in each voxel, rad.",
+                        lambda voxels: voxels.bound[1],
+                    ),
+                    "grade": Key(array(text), "Grade that every configuration of each voxel meets.", "grades"),
+                }
+            )
+            | None,
+            "Grade by voxel of the workspace, of a prediction from the fit of a model; else null.",
+        ),
+        "robot": Key(ROBOT | None),
+        "poses": Key(
+            part(
+                {
+                    "label": Key(array(text), "Label of each pose."),
+                    "q": Key(array(array(number)), "Joint variables, rad or m."),
+                    "commanded_m": Key(rows3, "Position of the target in the measuring frame, m."),
+                }
+            ),
+            "Poses of the prediction.",
+        ),
+    }
+)
+"""Keys for charts."""
+PREDICT = part(
+    {**(_PREDICTION.keys or {}), **(_CHARTS.keys or {}), "outside_validity": OUTSIDE_KEY, "gate": GATE_KEY},
+    about="Covariances, error budget and grade predicted from parameter tolerances.",
+)
+
+
+def prediction_document(
+    prediction: Prediction,
+    allocation: Allocation | None = None,
+    comparison: MeasuredComparison | None = None,
+    coverage: Sequence[Coverage] = (),
+) -> Document:
+    """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
+    covered: Document | None = None
+    if coverage:
+        covered = {"probability": coverage[0].probability, "registered": coverage[0].registered, "orientation": None}
+        covered |= {item.quantity: COVERED.write(item) for item in coverage}
+    return _PREDICTION.write(prediction, allocation=allocation, against=comparison, coverage=covered)
+
+
+def prediction_charts(prediction: Prediction, robot: Robot) -> Document:
+    """Return the keys for charts: the robot's outline, and the poses of the prediction."""
+    configurations = prediction.configurations
+    reached = build_chain(robot).poses(configurations.scalars, configurations.n)
+    return _CHARTS.write(
+        {
+            "warranty_map": warranty_map(prediction, reached.translation) if prediction.is_calibrated else None,
+            "robot": robot_document(robot, configurations.q),
+            "poses": {
+                "label": [configurations.label(i) for i in range(configurations.n)],
+                "q": rounded(configurations.q),
+                "commanded_m": rounded(reached.translation),
+            },
+        }
+    )
+
+
+def prediction_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
+    """Return a CSV row for each pose: its label, joint variables and predicted errors (m, rad, tool frame)."""
+    configurations = prediction.configurations
+    columns: dict[str, Iterable[Any] | None] = {"pose": map(configurations.label, range(configurations.n))}
+    columns |= dict(zip(joint_names, configurations.q, strict=True))
+    for errors in (prediction.position, prediction.orientation):
+        unit = errors.unit
+        columns |= {f"rms_{unit}": errors.pose_rms, f"radius95_{unit}": errors.pose_radius95}
+        for i, j in zip(*np.triu_indices(3), strict=True):
+            columns[f"v_{'xyz'[i]}{'xyz'[j]}_{unit}2"] = errors.covariance[i, j]
+    return csv_text(columns)
+
+
+# A plan of a measurement.
+
+_POINT = part(
+    {
+        "n_poses": Key(ordinal, "Number of poses.", "n"),
+        "rms_m": Key(size, "Root mean variance over the region, from the uncertainty of the coefficients, m."),
+        "worst_m": Key(size, "The same at the worst task pose, m."),
+        "total_rms_m": Key(
+            size, "The same with repeatability and unexplained error, which no fit removes, m.", "total"
+        ),
+        "random_rms_m": Key(
+            size | None,
+            "Mean of rms_m over draws of as many random feasible poses, m; null where they do not identify the model.",
+        ),
+    }
+)
+"""Predicted accuracy for a number of poses."""
+
+
+def _visits(plan: CampaignPlan) -> Document:
+    visits = plan.visits()
+    return {
+        "pose": texts(visits.pose),
+        "role": list(plan.route.roles),
+        "q": rounded(plan.q),
+        "direction": None if visits.direction is None else visits.direction.T.astype(int),
+        "speed": rounded(visits.speed),
+        "payload_kg": plan.payload_kg,
+        "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
+    }
+
+
+PLAN = part(
+    {
+        "purpose": Key(
+            choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement.", "settings.purpose"
+        ),
+        "criterion": Key(
+            choice("I", "G", "D", "A") | None,
+            (
+                "Criterion of the choice: mean (I) or worst (G) predicted error, determinant (D) or sum of variances "
+                "(A) of the coefficients; null where the purpose sets it."
+            ),
+            lambda plan: plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
+        ),
+        "n_poses": Key(ordinal, "Number of different poses.", lambda plan: int(plan.chosen.size)),
+        "n_visits": Key(
+            ordinal, "Number of visits, with repeats and drift checks.", lambda plan: len(plan.route.roles)
+        ),
+        "fit": Key(text, "Effects that the fit leaves free.", "settings.fit"),
+        "candidates": Key(
+            part(
+                {
+                    "source": Key(text, "Origin of the candidates."),
+                    "drawn": Key(count, "Number of candidates before the filters.", "n_drawn"),
+                    "feasible": Key(count, "Number of feasible candidates that were chosen from.", "n_poses"),
+                    "excluded": Key(
+                        array(
+                            part(
+                                {
+                                    "reason": Key(text, "Reason."),
+                                    "count": Key(count, "Candidates that the reason excludes."),
+                                    "alone": Key(count, "Candidates that no other reason excludes."),
+                                }
+                            )
+                        ),
+                        "Candidates excluded, by reason, the largest first.",
+                    ),
+                }
+            ),
+            "Poses that were chosen from.",
+        ),
+        "collisions": Key(
+            part(
+                {
+                    "pairs": Key(array(array(text)), "Links of each pair that was checked."),
+                    "overlapping": Key(
+                        array(array(text)),
+                        "Links of each pair that was not checked, because they touch at nearly all poses.",
+                    ),
+                }
+            )
+            | None,
+            "Pairs of links that were checked for collisions; null without a check of collisions.",
+            "settings.constraints.collisions",
+        ),
+        "noise": Key(
+            part(
+                {
+                    "position_m": Key(size, "Instrument along each axis, m.", "noise.position"),
+                    "orientation_rad": Key(
+                        size | None,
+                        "Instrument about each axis, rad; null where orientation is not measured.",
+                        "noise.orientation",
+                    ),
+                    "repeatability_joints": Key(
+                        array(number), "Repeatability of each joint, rad or m.", "noise.joints"
+                    ),
+                    "repeatability_m": Key(size, "Repeatability of the target along each axis, m rms over the task."),
+                    "unexplained_m": Key(
+                        size,
+                        "Error of the model that stays the same at a pose, along each axis, m.",
+                        "noise.unexplained",
+                    ),
+                    "source": Key(text, "Origin of the figures.", "noise.source"),
+                }
+            ),
+            "Errors that no model predicts, standard deviations.",
+            "",
+        ),
+        "visits": Key(
+            part(
+                {
+                    "pose": Key(array(text), "Name of the pose."),
+                    "role": Key(
+                        array(choice("pose", "repeat", "check")),
+                        "pose, repeat (a second visit) or check (drift check).",
+                    ),
+                    "q": Key(array(array(number)), "Joint variables, rad or m."),
+                    "direction": Key(array(array(integer)), "Direction of approach of each joint: -1, 0 or 1."),
+                    "speed": Key(array(array(number)), "Last speed of each joint as a fraction of full speed, signed."),
+                    "payload_kg": Key(
+                        array(number) | None, "Payload at each visit, kg; null where no payload was given."
+                    ),
+                    "target_in_base_m": Key(
+                        array(array(number)),
+                        "Nominal position of the target in the base frame, m; the mean of several targets.",
+                    ),
+                }
+            ),
+            "Visits in order; each list has an entry for each visit.",
+            _visits,
+        ),
+        "route": Key(
+            part(
+                {
+                    "passes": Key(ordinal, "Number of passes through the workspace."),
+                    "length": Key(
+                        size, "Sum over all moves of the largest joint move, in ranges of the planned poses."
+                    ),
+                    "random_length": Key(size, "The same in a random order."),
+                    "rarer_direction_share": Key(
+                        array(number),
+                        "Share of the rarer direction among the approaches of each joint; 0.5 is balanced.",
+                        "direction_share",
+                    ),
+                    "speed_std": Key(
+                        array(number), "Standard deviation of the size of each joint's relative last speed."
+                    ),
+                    "drift_share": Key(
+                        size, "Share of a drift linear in time that a linear function of the joints explains."
+                    ),
+                    "repeats": Key(count, "Number of second visits.", lambda it: it.roles.count("repeat")),
+                    "checks": Key(
+                        count, "Number of visits of the drift check pose.", lambda it: it.roles.count("check")
+                    ),
+                }
+            ),
+            "Figures of the order.",
+        ),
+        "payloads": Key(
+            array(
+                part(
+                    {
+                        "payload_kg": Key(size, "Payload, kg.", "payload"),
+                        "first_visit": Key(ordinal, "Number of the first visit, from 1.", "first"),
+                        "n_visits": Key(ordinal, "Number of visits."),
+                        "n_poses": Key(ordinal, "Number of different poses."),
+                    }
+                )
+            ),
+            "Payloads in the order in which they are mounted; empty where no payload was given.",
+            "payload_blocks",
+        ),
+        "validation": Key(
+            part(
+                {
+                    "q": Key(
+                        array(array(number)),
+                        "Joint variables of each pose, rad or m.",
+                        lambda plan: rounded(plan.validation),
+                    ),
+                    "payload_kg": Key(
+                        array(number) | None,
+                        "Payload of each pose, kg; null where no payload was given.",
+                        "validation_payload",
+                    ),
+                    "target_in_base_m": Key(
+                        array(array(number)),
+                        "Nominal position of the target in the base frame, m; the mean of several targets.",
+                        lambda plan: rounded(targets_in_base(plan.robot, plan.validation)),
+                    ),
+                }
+            )
+            | None,
+            "Validation poses in order; null without.",
+            lambda plan: None if plan.validation is None else plan,
+        ),
+        "instrument_in_base_m": Key(
+            array(number) | None,
+            "Position of the instrument in the base frame, m; null if it was not given.",
+            "settings.constraints.sight.position",
+        ),
+        "robot": Key(
+            ROBOT,
+            "Robot, with its outline in the base frame.",
+            lambda plan: robot_document(dataclasses.replace(plan.robot, base=Frame()), plan.q),
+        ),
+        "coefficients": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name, effect.joint.term."),
+                        "unit": Key(text, "Unit."),
+                        "std": Key(size | None, "Predicted standard error; null if it is not identifiable."),
+                        "prior_std": Key(size | None, "Prior standard deviation in the choice of poses."),
+                        "why": Key(text | None, "Reason if std is null."),
+                    }
+                )
+            ),
+            "Coefficients of the fit.",
+        ),
+        "correlations": Key(
+            array(
+                part(
+                    {
+                        "first": Key(text, "Name of a coefficient."),
+                        "second": Key(text, "Name of the other."),
+                        "value": Key(number, "Correlation."),
+                    }
+                )
+            ),
+            "Pairs of coefficients whose estimates will be strongly correlated.",
+        ),
+        "accuracy": Key(
+            part(
+                {
+                    "planned": Key(_POINT | None, "The planned poses; null where they do not identify the model."),
+                    "curve": Key(array(_POINT), "Over the number of poses.", "points"),
+                    "knee": Key(
+                        integer | None,
+                        (
+                            "Number of poses from which ten more reduce the error by less than a tenth; null beyond "
+                            "the curve."
+                        ),
+                    ),
+                }
+            )
+            | None,
+            "Predicted accuracy after calibration; null for other purposes.",
+        ),
+        "worth": Key(
+            part(
+                {
+                    "new_poses_rms_m": Key(number | None, "Twice as many poses, m.", "new_poses"),
+                    "repeated_poses_rms_m": Key(number | None, "Every pose visited twice, m.", "repeated_poses"),
+                    "readings_rms_m": Key(number | None, "Every pose read twice at one visit, m.", "readings"),
+                    "verdict": Key(text, "Comparison in words."),
+                }
+            )
+            | None,
+            "Predicted error for the same number of measurements, spent in different ways; null for other purposes.",
+        ),
+        "detection_limits": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Name of the effect."),
+                        "joints": Key(array(text), "Joints."),
+                        "settings": Key(table(), "Settings of the form."),
+                        "limit": Key(
+                            number | None, "Size found with probability 1/2; null if no plausible size is found."
+                        ),
+                        "unit": Key(text, "Unit of limit and usual_size."),
+                        "usual_size": Key(size, "Geometric mean of the catalogue's usual sizes.", "usual"),
+                        "power": Key(share, "Probability that an effect of the usual size is found."),
+                        "rms_m": Key(
+                            number | None,
+                            "Displacement of the target by an effect of the limit's size, m rms over the visits.",
+                        ),
+                    }
+                )
+            )
+            | None,
+            "Detection limit of every form of an effect; null for acceptance.",
+            "detectability.limits",
+        ),
+        "inseparable": Key(
+            array(
+                part(
+                    {
+                        "first": Key(text, "An effect of its usual size."),
+                        "second": Key(text, "The effect that explains it."),
+                        "similarity": Key(share, "Largest cosine between their columns."),
+                        "evidence": Key(size, "Expected difference in evidence (log Bayes factor)."),
+                    }
+                )
+            )
+            | None,
+            "Pairs of detectable effects of which the second explains the first within the noise; null for acceptance.",
+            "detectability.pairs",
+        ),
+        "not_testable": Key(
+            table() | None,
+            "Reason why an effect cannot be tested on these poses, by effect; null for acceptance.",
+            "detectability.missing",
+        ),
+        "power": Key(
+            part(
+                {
+                    "found": Key(share, "Probability that a coefficient is found.", "power.detected"),
+                    "separated": Key(
+                        share,
+                        "Probability that it is found and distinguished from the most similar effect.",
+                        "power.separated",
+                    ),
+                    "random_found": Key(
+                        share, "found, for random candidates in the same number.", "random_power.detected"
+                    ),
+                    "random_separated": Key(
+                        share, "separated, for random candidates in the same number.", "random_power.separated"
+                    ),
+                }
+            )
+            | None,
+            (
+                "Mean probabilities over the coefficients of the catalogue at their usual sizes, before repeats and "
+                "checks; null unless the purpose is trace."
+            ),
+            lambda plan: None if plan.power is None or plan.random_power is None else plan,
+        ),
+        "needed_poses": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the criterion or grade.", "demand.label"),
+                        "statistic": Key(
+                            choice("rms", "mean_error", "p95", "max"),
+                            "Statistic of the position error.",
+                            "demand.statistic",
+                        ),
+                        "limit_m": Key(size, "Limit, m.", "demand.limit"),
+                        "confidence": Key(share, "Confidence of the bound.", "demand.confidence"),
+                        "true_over_limit": Key(size, "True value over the limit that the number is for.", "ratio"),
+                        "n_poses": Key(
+                            integer | None, "Poses that decide with probability 0.9; null if too many.", "poses"
+                        ),
+                        "by_ratio": Key(
+                            array(
+                                part(
+                                    {
+                                        "true_over_limit": Key(size, "True value over the limit."),
+                                        "n_poses": Key(integer | None, "Poses that decide; null if too many."),
+                                    }
+                                )
+                            ),
+                            "The same for other true values.",
+                            lambda entry: [
+                                {"true_over_limit": ratio, "n_poses": number} for ratio, number in entry.by_ratio
+                            ],
+                        ),
+                    }
+                )
+            ),
+            "Numbers of poses that decide the limits of an acceptance test.",
+            "needed",
+        ),
+        "sufficiency": Key(
+            part(
+                {
+                    "n_already": Key(count, "Number of poses measured already, or of the model's fit.", "n"),
+                    "enough": Key(flag, "Whether they are enough."),
+                    "why": Key(text, "Reason."),
+                    "now_m": Key(number | None, "Predicted error now, with repeatability, m rms."),
+                    "later_m": Key(number | None, "The same with the next poses, m rms."),
+                    "of_model": Key(
+                        flag,
+                        "Whether the poses are those that the model was fitted to, in place of poses measured already.",
+                    ),
+                }
+            )
+            | None,
+            "Answer to whether the poses measured already are enough; null without such poses.",
+        ),
+        "file_sha256": Key(
+            text, "SHA-256 of the CSV of the visits.", lambda plan: sha256(plan.csv().encode()).hexdigest()
+        ),
+    },
+    about="Plan of a measurement: visits in order, and the expected result.",
+)
+
+
+# A correction.
+
+
+def _orientation_rms(errors: ExpectedErrors) -> Array | None:
+    return errors.orientation_rms if errors.orientation_is_known else None
+
+
+_EXPECTED = part(
+    {
+        "position": Key(
+            part(
+                {
+                    "rms_m": Key(size, "Rms of the predicted error, m."),
+                    "max_m": Key(size, "Largest predicted error, m."),
+                    "expected_rms_m": Key(
+                        size, "Rms error to expect: predicted error and uncertainty of the model, m."
+                    ),
+                    "largest_bound95_m": Key(
+                        size | None,
+                        "Largest bound of 95 % of the errors of any target, m; null if the model has no uncertainty.",
+                    ),
+                }
+            )
+            | None,
+            "Position errors; null without a corrected target.",
+        ),
+        "orientation": Key(
+            part(
+                {
+                    "rms_rad": Key(size, "Rms of the predicted error, rad."),
+                    "max_rad": Key(size, "Largest predicted error, rad."),
+                    "expected_rms_rad": Key(
+                        size | None,
+                        (
+                            "Rms error to expect: predicted error and uncertainty of the model, rad; null if the "
+                            "model was fitted to positions alone."
+                        ),
+                    ),
+                    "largest_bound95_rad": Key(
+                        size | None,
+                        "Largest bound of 95 % of the errors of any target, rad; null if the model has no uncertainty.",
+                    ),
+                }
+            )
+            | None,
+            "Orientation errors; null if only positions are wanted.",
+        ),
+        "grades": Key(table(count) | None, "Number of targets of each grade by their bounds; null without bounds."),
+    }
+)
+"""Expected errors of the corrected targets together."""
+_BOUNDS = part(
+    {
+        "rms_m": Key(
+            array(number),
+            "Rms position error to expect: predicted error and uncertainty of the model, m.",
+            "position_rms",
+        ),
+        "rms_rad": Key(
+            array(number) | None,
+            "Rms orientation error to expect, rad; null if the model was fitted to positions alone.",
+            _orientation_rms,
+        ),
+        "bound95_m": Key(
+            array(number) | None, "Bound of 95 % of the position errors, m; null without uncertainty.", "position_bound"
+        ),
+        "bound95_rad": Key(
+            array(number) | None,
+            "Bound of 95 % of the orientation errors, rad; null without uncertainty.",
+            "orientation_bound",
+        ),
+        "grade": Key(array(text) | None, "Grade by the bounds; null without bounds.", "grades"),
+    }
+)
+"""Expected error of each target."""
+_CORRECTED = part(
+    {
+        "line": Key(array(integer), "Line of the file."),
+        "pose": Key(array(text) | None, "Name; null without a column pose."),
+        "target": Key(array(text) | None, "Measured target; null without a column target."),
+        "corrected": Key(array(flag), "Whether the target is corrected.", "is_corrected"),
+        "cause": Key(
+            array(text | None),
+            "Cause of the refusal; null for a corrected target.",
+            lambda targets: [None if refusal is None else refusal.cause.value for refusal in targets.refusals],
+        ),
+        "reason": Key(
+            array(text | None),
+            "Reason of the refusal as a sentence; null for a corrected target.",
+            lambda targets: [None if refusal is None else refusal.reason for refusal in targets.refusals],
+        ),
+        "q_nominal": Key(
+            array(array(number)), "Joints without a correction, rad or m.", lambda targets: rounded(targets.wanted.q)
+        ),
+        "q": Key(array(array(number)), "Joints to command, rad or m.", lambda targets: rounded(targets.q)),
+        "wanted_m": Key(array(array(number, 3)), "Wanted position, m."),
+        "wanted_quaternion": Key(array(array(number, 4)), "Wanted orientation, w x y z."),
+        "command_m": Key(
+            array(array(number, 3)), "Position to command to a controller that takes Cartesian targets, m."
+        ),
+        "command_quaternion": Key(array(array(number, 4)), "Orientation to command, w x y z."),
+        "correction_m": Key(
+            array(array(number, 3)),
+            "Command less wanted position, measuring frame, m.",
+            lambda targets: rounded(targets.correction[:3]),
+        ),
+        "correction_rad": Key(
+            array(array(number, 3)),
+            "Rotation vector from the wanted to the command orientation, measuring frame, rad.",
+            lambda targets: rounded(targets.correction[3:]),
+        ),
+        "error_before_m": Key(
+            array(array(number, 3)),
+            "Predicted position error without a correction, measuring frame, m.",
+            lambda targets: rounded(targets.error_before[:3]),
+        ),
+        "error_before_rad": Key(
+            array(array(number, 3)),
+            "Predicted orientation error without a correction, rad.",
+            lambda targets: rounded(targets.error_before[3:]),
+        ),
+        "error_after_m": Key(
+            array(array(number, 3)),
+            "Predicted position error with the correction, measuring frame, m.",
+            lambda targets: rounded(targets.error_after[:3]),
+        ),
+        "error_after_rad": Key(
+            array(array(number, 3)),
+            "Predicted orientation error with the correction, rad.",
+            lambda targets: rounded(targets.error_after[3:]),
+        ),
+        "before": Key(_BOUNDS, "Expected errors and bounds without a correction."),
+        "after": Key(_BOUNDS, "Expected errors and bounds with the correction."),
+    }
+)
+"""Columns with an entry for each target."""
+CORRECT = part(
+    {
+        "n_targets": Key(count, "Number of targets."),
+        "n_corrected": Key(count, "Number of corrected targets."),
+        "n_refused": Key(
+            count,
+            "Number of targets that keep their nominal command.",
+            lambda result: result.n_targets - result.n_corrected,
+        ),
+        "refused": Key(
+            table(count),
+            "Number of refused targets by cause.",
+            lambda result: {cause.value: count for cause, count in result.causes.items()},
+        ),
+        "frame": Key(
+            choice("measuring", "base"),
+            "Frame of wanted and command poses: the measuring frame, or the robot's base.",
+            "targets.pair.frame",
+        ),
+        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
+        "model": Key(text, "Name of the model."),
+        "joints": Key(
+            array(part({"name": Key(text, "Name of the joint."), "type": Key(text, "revolute or prismatic.")})),
+            "Joints in chain order.",
+        ),
+        "limit": Key(
+            part(
+                {
+                    "position_m": Key(number | None, "m; null without a limit.", "limits.position"),
+                    "orientation_rad": Key(number | None, "rad; null without a limit.", "limits.orientation"),
+                    "source": Key(choice("option", "model", "none"), "Source of the limit.", "limits_source"),
+                }
+            ),
+            "Largest correction.",
+            "",
+        ),
+        "weight_m_per_rad": Key(
+            number | None, "Weight of orientation against position, m per rad; null for arms with six axes or more."
+        ),
+        "correction": Key(
+            part(
+                {
+                    "position": Key(
+                        part({"rms_m": Key(size, "Rms length, m."), "max_m": Key(size, "Largest length, m.")}) | None,
+                        "Position; null without a corrected target.",
+                    ),
+                    "orientation": Key(
+                        part({"rms_rad": Key(size, "Rms length, rad."), "max_rad": Key(size, "Largest length, rad.")})
+                        | None,
+                        "Orientation; null if only positions are wanted.",
+                    ),
+                }
+            ),
+            "Command less wanted pose, over the corrected targets.",
+        ),
+        "expected": Key(
+            part(
+                {
+                    "before": Key(_EXPECTED, "At the nominal commands."),
+                    "after": Key(_EXPECTED, "At the corrected commands."),
+                }
+            ),
+            "Expected errors of the corrected targets.",
+        ),
+        "scale": Key(text, "Name of the grade scale.", "scale.name"),
+        "targets": Key(_CORRECTED, "Columns with an entry for each target."),
+        "notes": Key(array(text), "Assumptions and limitations."),
+    },
+    about="Commands that make the real arm reach its targets, and the expected errors before and after.",
+)
+
+
+def correction_document(result: Correction, given: Measurements, model: Robot) -> Document:
+    """Return the keys of a correction; arrays stay arrays, with targets first."""
+    targets, oriented = result.targets, result.targets.wanted.oriented
+    metrics = result.correction_metrics
+    wanted, command = framed_poses(result)
+    return CORRECT.write(
+        result,
+        model=model.name,
+        joints=model.variables,
+        weight_m_per_rad=result.limits.weight if len(model.variables) < 6 and oriented else None,
+        correction={
+            "position": _extent(metrics.position, "m"),
+            "orientation": _extent(metrics.orientation, "rad") if oriented else None,
+        },
+        expected={"before": _expected(result, result.before), "after": _expected(result, result.after)},
+        targets=_CORRECTED.write(
+            targets,
+            line=[given.line(i) for i in range(given.n)],
+            pose=texts(given.pose),
+            target=texts(given.target),
+            wanted_m=rounded(wanted.translation),
+            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
+            command_m=rounded(command.translation),
+            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
+            before=result.before,
+            after=result.after,
+        ),
+    )
+
+
+def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
+    """Return RMS and largest length; None without any."""
+    if metrics is None or math.isnan(metrics.max):
+        return None
+    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+
+
+def _expected(result: Correction, errors: ExpectedErrors) -> Document:
+    """Return the expected errors of the corrected targets together."""
+    document: Document = {"position": None, "orientation": None, "grades": None}
+    for name, unit, length, rms, bound in (
+        ("position", "m", errors.position, errors.position_rms, errors.position_bound),
+        ("orientation", "rad", errors.orientation, _orientation_rms(errors), errors.orientation_bound),
+    )[: 2 if result.targets.wanted.oriented else 1]:
+        if (extent := _extent(result.metrics(length), unit)) is not None:
+            document[name] = {
+                **extent,
+                f"expected_rms_{unit}": None if rms is None else result.metrics(rms).rms,
+                f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
+            }
+    if errors.grades is not None:
+        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        # The best grade first.
+        names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
+        document["grades"] = {name: counts[name] for name in names}
+    return document
+
+
+def framed_poses(result: Correction) -> tuple[Poses, Poses]:
+    """Return wanted and commanded poses in the frame of the Cartesian targets."""
+    pair = result.targets.pair
+    return pair.from_measuring(result.targets.wanted.poses), pair.from_measuring(result.targets.command)
+
+
+def corrected_poses(result: Correction, given: Measurements) -> Measurements:
+    """Return the targets with their corrected joints, and the wanted poses as commanded poses."""
+    wanted, _ = framed_poses(result)
+    return dataclasses.replace(
+        given,
+        position=np.zeros((3, given.n)),
+        rotation=None,
+        q=result.targets.q,
+        commanded_position=wanted.translation,
+        commanded_rotation=wanted.rotation if result.targets.wanted.oriented else None,
+        sigma_position=None,
+        sigma_rotation=None,
+        payload=result.targets.data.payload,
+        temperature=result.targets.data.temperature,
+        time=result.targets.data.time,
+    )
+
+
+def per_target_csv(result: Correction, given: Measurements) -> str:
+    """Return a CSV row for each target: its line and ids, the command, the correction and the expected errors."""
+    targets, (_, command) = result.targets, framed_poses(result)
+    stages = {"before": result.before, "after": result.after}
+    columns: dict[str, Iterable[Any] | None] = {
+        "line": map(given.line, range(given.n)),
+        "pose": given.pose,
+        "target": given.target,
+        "corrected": ["yes" if refusal is None else "no" for refusal in targets.refusals],
+    }
+    for names, values in (
+        ("command_x_m command_y_m command_z_m", command.translation),
+        ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
+        ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", targets.correction),
+    ):
+        columns |= dict(zip(names.split(), values, strict=True))
+    for stage, errors in stages.items():
+        columns |= {
+            f"{stage}_m": errors.position,
+            f"{stage}_rad": errors.orientation,
+            f"{stage}_rms_m": errors.position_rms,
+            f"{stage}_rms_rad": _orientation_rms(errors),
+            f"{stage}_bound95_m": errors.position_bound,
+            f"{stage}_bound95_rad": errors.orientation_bound,
+        }
+    columns |= {f"{stage}_grade": errors.grades for stage, errors in stages.items()}
+    columns["reason"] = ["" if refusal is None else refusal.reason for refusal in targets.refusals]
+    return csv_text(columns)

@@ -145,31 +145,25 @@ def identity_rows(
 # The section about reproducing a result: command line, version, and hashes of the inputs.
 
 _SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
-_FLAGS = {"purpose": "--for"}
-"""Options whose flag has another name than the parameter."""
-_REPEATED = {"outside", "half_space"}
-"""Options that are given once for each value."""
-_FIRST = {"predict": "robot", "plan": "robot"}
-"""Kind of the input that follows the command's name; poses for the others."""
 
 
 def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
     files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
-    leading = (_FIRST.get(document["command"], "poses"), "result")
+    leading = ({"predict": "robot", "plan": "robot"}.get(document["command"], "poses"), "result")
     arguments = ["robacc", document["command"]]
     arguments += [record["name"] for record in document["inputs"] if record["kind"] in leading]
     for kind, name in files.items():
         arguments += [] if kind in leading else [f"--{kind}", name]
     for name, value in document["options"].items():
-        flag = _FLAGS.get(name, f"--{name.replace('_', '-')}")
+        flag = {"purpose": "--for"}.get(name, f"--{name.replace('_', '-')}")
         if name in files or value in (None, [], ""):
             continue
         if name in NEGATIVE_OPTIONS:
             arguments += [] if value else [NEGATIVE_OPTIONS[name]]
         elif isinstance(value, bool):
             arguments += [flag] * value
-        elif name in _REPEATED:
+        elif name in {"outside", "half_space"}:
             arguments += [word for each in value for word in (flag, str(each))]
         else:
             arguments += [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
@@ -185,8 +179,6 @@ def command_line(document: Document) -> str:
 
 
 # Several results in one table, one column per result.
-
-_SAME = ("poses", "robot", "holdout")
 
 
 def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
@@ -204,7 +196,7 @@ def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadl
     rows["call"] = [command_line(document) for document in documents]
     warnings = [
         f"the results were not made from the same {kind} file"
-        for kind in _SAME
+        for kind in ("poses", "robot", "holdout")
         if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
     ]
     if len({document["robacc"] for document in documents}) > 1:

@@ -58,8 +58,6 @@ is_quiet = False
 """Whether notes are left out; the command line sets it."""
 PLAIN_WIDTH = 80
 """Columns of a table written to a file or a pipe; fits a mail, a ticket and a printed page."""
-_WIDEST = 100
-"""Upper limit of text columns; longer lines are hard to read."""
 
 
 def say(text: str, style: Style = "") -> None:
@@ -102,8 +100,8 @@ def warnings_below(warnings: Iterable[str]) -> Iterator[None]:
 
 
 def width_of(stream: TextIO) -> int:
-    """Return the columns for text: the terminal's up to 100, :data:`PLAIN_WIDTH` without a terminal."""
-    return min(shutil.get_terminal_size().columns, _WIDEST) if stream.isatty() else PLAIN_WIDTH
+    """Return the columns for text: a terminal's up to 100, beyond which reading is hard; else :data:`PLAIN_WIDTH`."""
+    return min(shutil.get_terminal_size().columns, 100) if stream.isatty() else PLAIN_WIDTH
 
 
 def write_lines(lines: Iterable[tuple[str, Style]], stream: TextIO) -> None:
@@ -122,13 +120,10 @@ def write_lines(lines: Iterable[tuple[str, Style]], stream: TextIO) -> None:
 
 # Numbers as text: as many digits as the uncertainty supports.
 
-_MOST_DECIMALS = 9
 _DIGITS_OF_UNCERTAINTY = 2
 """Digits of an interval's half width (JCGM 100:2008, 7.2.6)."""
 _DIGITS_WITHOUT = 3
 """Digits of a number of unknown uncertainty."""
-_MAX_EXPONENT = 700.0
-"""Beyond it the exponential overflows."""
 
 
 def decimals(value: float, lower: float | None, upper: float | None) -> int:
@@ -140,7 +135,7 @@ def decimals(value: float, lower: float | None, upper: float | None) -> int:
         return _DIGITS_WITHOUT
     # Rounding first makes 0.0996 count as 0.10.
     exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
-    return min(max(digits - 1 - exponent, 0), _MOST_DECIMALS)
+    return min(max(digits - 1 - exponent, 0), 9)
 
 
 def fixed(value: float | None, places: int) -> str:
@@ -194,7 +189,8 @@ def chance(probability: float) -> str:
 
 def odds(difference: float) -> str:
     """Return the odds of an alternative whose evidence is lower by ``difference`` (log Bayes factor)."""
-    ratio = f"{math.exp(min(abs(difference), _MAX_EXPONENT)):.3g}"
+    # Beyond 700 the exponential overflows.
+    ratio = f"{math.exp(min(abs(difference), 700.0)):.3g}"
     return f"{ratio} to 1" if difference < 0 and ratio != "1" else f"1 to {ratio}"
 
 

@@ -145,8 +145,6 @@ class Panel:
 
 Scene = dict[str, Any]
 """A view that turns: ``traces`` of plotly, whose colours are written as ``role:before``, titles ``axes``, ``note``."""
-WIDE = (4.9, 3.2)
-"""Inches; fills half of a page on a screen and stays readable on a phone."""
 CUBE = (4.9, 4.3)
 SPACE = Axis("x, m"), Axis("y, m"), Axis("z, m")
 
@@ -165,7 +163,8 @@ class Chart:
     panels: Sequence[Panel | None]
     """Row by row; None leaves a place empty."""
     table: Grid
-    size: tuple[float, float] = WIDE
+    size: tuple[float, float] = (4.9, 3.2)
+    """Inches; fills half of a page on a screen and stays readable on a phone."""
     columns: int = 1
     scale: str = ""
     """Label of the colours of cells."""
@@ -187,19 +186,9 @@ class Chart:
             label: handle for axes in drawn for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
         if named:
-            ncols = len(named) if sum(map(len, named)) + 7 * len(named) < _LEGEND else -(-len(named) // 2)
+            # 70 characters stand in one row, with a mark and a gap for each entry.
+            ncols = len(named) if sum(map(len, named)) + 7 * len(named) < 70 else -(-len(named) // 2)
             figure.legend([*named.values()], [*named], loc="outside upper center", ncols=ncols, columnspacing=1.2)
-
-
-_LEGEND = 70
-"""Characters of a legend in one row, with a mark and a gap for each entry."""
-_SIGNS = ("+", "x", "|", "_")
-"""Marks without an inside."""
-_DASHED = (0, (3, 2))
-_STEPS = 7
-"""Colours of cells."""
-_MAX_DECADES = 1000.0
-"""Range of a logarithmic scale from which its labels at 2 and 5 would overlap."""
 
 
 def _draw_panel(axes: Any, panel: Panel) -> None:
@@ -214,7 +203,8 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         elif series.kind == "cells":
             _draw_cells(axes, series)
         else:
-            outlined = series.hollow or series.marker in _SIGNS
+            # These marks have no inside.
+            outlined = series.hollow or series.marker in ("+", "x", "|", "_")
             axes.plot(
                 *series.at,
                 marker=series.marker,
@@ -245,7 +235,8 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     line.set_label_text(axis.title)
     if axis.is_log:
         getattr(axes, f"set_{name}scale")("log")
-        is_long = bool(axis.low and axis.high and axis.high / axis.low > _MAX_DECADES)
+        # In a wider range, labels at 2 and 5 would overlap.
+        is_long = bool(axis.low and axis.high and axis.high / axis.low > 1000.0)
         line.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 2.0, 5.0)))
         # The style does not parse formulas, so labels are plain numbers.
         line.set_major_formatter("{x:g}")
@@ -255,7 +246,8 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
         limit(axis.low, axis.high)
     if axis.names:
         count = len(axis.names)
-        is_tilted = name == "x" and count * max(map(len, axis.names)) > _TICK_SIGNS
+        # No more than 50 characters stand side by side.
+        is_tilted = name == "x" and count * max(map(len, axis.names)) > 50
         line.set_ticks(range(axis.first, axis.first + count), axis.names, rotation=60 if is_tilted else 0)
         line.set_tick_params(length=0)
         axes.grid(visible=False, axis=name)
@@ -268,7 +260,7 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
                 "x": (axes.axvline, (value, 1.0), (0, 3), "center"),
                 "y": (axes.axhline, (1.0, value), (0, 2), "right"),
             }[name]
-            rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=_DASHED)
+            rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=(0, (3, 2)))
             axes.annotate(
                 short(label, 24),
                 place,
@@ -280,10 +272,6 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
                 ha=side,
                 va="bottom",
             )
-
-
-_TICK_SIGNS = 50
-"""Characters that stand side by side below an axis."""
 
 
 def _draw_cells(axes: Any, series: Series) -> None:
@@ -301,14 +289,10 @@ def _draw_cells(axes: Any, series: Series) -> None:
         reduce_C_function=root_mean_square,
         gridsize=(max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))),
         cmap="cividis",
-        norm=BoundaryNorm(MaxNLocator(_STEPS).tick_values(values.min(), values.max()), 256),
+        norm=BoundaryNorm(MaxNLocator(7).tick_values(values.min(), values.max()), 256),
         linewidths=0.2,
     )
     axes.grid(visible=False)
-
-
-_MIN_EXTENT = 1e-3
-"""m; the extent of the view if all points coincide."""
 
 
 def _fit_box(axes: Any, panel: Panel) -> None:
@@ -317,8 +301,8 @@ def _fit_box(axes: Any, panel: Panel) -> None:
 
     points = np.hstack([np.array(series.at) for series in panel.series])
     low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
-    # Points on a line, in a plane or at one place need a margin too.
-    size = np.maximum(high - low, 0.05 * float((high - low).max()) or _MIN_EXTENT)
+    # Points on a line, in a plane or at one place need a margin too; m.
+    size = np.maximum(high - low, 0.05 * float((high - low).max()) or 1e-3)
     axes.set_box_aspect(tuple(size), zoom=0.9)
     axes.tick_params(labelsize=7.5, pad=-2)
     for name, described, centre, extent in zip("xyz", panel.axes, 0.5 * (low + high), size, strict=True):
@@ -437,7 +421,6 @@ def limits_of(document: Document, unit: str) -> list[tuple[str, str, float]]:
 
 FONT = "DejaVu Sans"
 """Part of matplotlib, so that text has the same size on every machine."""
-_DOTS_PER_INCH = 220
 _STYLE: dict[str, Any] = {
     "font.family": [FONT],
     "font.size": 9.0,
@@ -522,6 +505,6 @@ def _drawn(chart: Chart, overrides: Mapping[str, Any]) -> Iterator[Figure]:
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        figure = Figure(figsize=chart.size, layout="constrained", dpi=_DOTS_PER_INCH)
+        figure = Figure(figsize=chart.size, layout="constrained", dpi=220)
         chart.draw(figure)
         yield figure

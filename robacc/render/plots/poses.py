@@ -72,8 +72,7 @@ def stages_of(document: Document, unit: str) -> Stages | None:
     if (columns := poses[f"errors_{unit}"]) is None:
         return None
     held_out = columns["held_out_after"] is not None
-    key = "held_out_" * held_out
-    stages = [(role, label, vectors(columns[f"{key}{role}"])) for role, _, label in fit_stages(document)]
+    stages = [(role, label, vectors(columns["held_out_" * held_out + role])) for role, _, label in fit_stages(document)]
     used = np.array(poses["used"] or [True] * len(columns["nominal"]), dtype=bool)
     return Stages(poses, used, stages, held_out or is_apart)
 
@@ -82,19 +81,17 @@ def stages_of(document: Document, unit: str) -> Stages | None:
 
 SHARES = ((0.5, 1.538172), (0.95, 2.795483))
 """Shares of a Gaussian, and the square roots of the chi-square quantiles of three degrees of freedom."""
-_ELLIPSOID_POINTS = 500
 _FRAMES = {
     "tool": ("in the tool frame", "errors fixed to the tool keep their direction in this frame"),
     "base": ("in the measuring frame", "errors of the base or the instrument keep their direction in this frame"),
 }
-_PLANES = ((0, 1), (0, 2), (1, 2))
 
 
 def ellipsoid_charts(document: Document) -> Iterator[Chart]:
     """Return a chart for each frame; for a prediction, the mean covariance in the tool frame."""
     for frame, part in (document.get("position_by_frame") or {}).items():
-        mean = numbers(part["mean_m"])
-        yield _ellipsoids_chart(frame, part, vectors(part["errors_m"]), mean, "centred_covariance_m2")
+        own = vectors(part["errors_m"]), numbers(part["mean_m"])
+        yield _ellipsoids_chart(frame, part, *own, "centred_covariance_m2")
     if document["command"] == "predict":
         yield _ellipsoids_chart("tool", document["position"], np.zeros((0, 3)), np.zeros(3), "mean_covariance_m2")
 
@@ -105,7 +102,7 @@ def _ellipsoids_chart(frame: str, part: Document, errors: Array, mean: Array, ke
     largest = float(np.abs(errors).max(initial=0.0))
     unit = unit_of("m", max(largest, float(SHARES[1][1] * sd[0])))
     (where, meaning), is_measured = _FRAMES[frame], len(errors) > 0
-    rows = thinned(_ELLIPSOID_POINTS, *errors.T) if is_measured else np.zeros(0, dtype=np.int64)
+    rows = thinned(500, *errors.T) if is_measured else np.zeros(0, dtype=np.int64)
     subject = f"{'Predicted errors' if key.startswith('mean') else 'Errors'} {where}"
     cloud = "each pose's error as a point" if is_measured else "the mean covariance over the poses"
     axes = ", ".join(unit.text(float(value)) for value in sd)
@@ -114,7 +111,7 @@ def _ellipsoids_chart(frame: str, part: Document, errors: Array, mean: Array, ke
     drawn = (errors[rows] * unit.factor, mean * unit.factor, covariance * unit.factor**2)
     panels = [
         Panel([Axis(f"{'xyz'[k]}, {unit.name}", -reach, reach) for k in plane], _cloud(*drawn, plane), equal=True)
-        for plane in _PLANES
+        for plane in ((0, 1), (0, 2), (1, 2))
     ]
     labels = {"covariance_m2": "about zero", "centred_covariance_m2": "about the mean", "mean_covariance_m2": "mean"}
     listed = [
@@ -173,10 +170,6 @@ STAGE_MEANINGS = {
     "trace": "Baseline: declared effects fitted; extended model: findings added. ",
     "calibrate": "Baseline: base and tool fitted; calibrated: all named effects fitted. ",
 }
-_STEPS = 400
-_QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
-_WIDE_RANGE = 12.0
-"""Ratio of the largest error to the smallest median from which the scale is logarithmic."""
 
 
 def distribution_charts(document: Document) -> Iterator[Chart]:
@@ -207,7 +200,7 @@ def _distribution_chart(document: Document, name: str, si_unit: str, curves: Seq
     series = []
     for role, label, sizes in curves:
         ordered, share = np.sort(sizes) * unit.factor, np.arange(1, sizes.size + 1) / sizes.size
-        pick = thinned(_STEPS, ordered)
+        pick = thinned(400, ordered)
         # The corners of the steps, from no pose up.
         x, y = np.repeat(ordered[pick], 2), 100 * np.repeat(np.append(0.0, share[pick]), 2)[1:-1]
         series.append(Series((x, y), role, label, line=_DASHES[role], width=1.6))
@@ -228,7 +221,7 @@ def _distribution_chart(document: Document, name: str, si_unit: str, curves: Seq
             ("share of poses", *(label for _, label, _ in curves)),
             [
                 [f"{100 * share:.0f} %", *(unit.text(float(np.quantile(sizes, share))) for _, _, sizes in curves)]
-                for share in _QUANTILES
+                for share in (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
             ],
         ),
     )
@@ -237,15 +230,13 @@ def _distribution_chart(document: Document, name: str, si_unit: str, curves: Seq
 def error_axis(title: str, curves: Sequence[Array]) -> Axis:
     """Return an axis from zero, or a logarithmic axis if the sizes of errors have a wide range."""
     top, low = max(float(sizes.max()) for sizes in curves), min(float(np.median(sizes)) for sizes in curves)
-    if low <= 0 or top / low <= _WIDE_RANGE:
+    if low <= 0 or top / low <= 12:
         return Axis(title, 0, top * 1.04 or 1.0)
     smallest = min(float(np.quantile(sizes, 0.02)) for sizes in curves)
     return Axis(title, max(smallest, low / 30) / 1.3, top * 1.3, is_log=True)
 
 
 # Errors over time or row order, which show a drift, a step change or a warm-up.
-
-_TIME_POINTS = 700
 
 
 def error_over_time_charts(document: Document) -> Iterator[Chart]:
@@ -259,7 +250,7 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     stages = [stage for stage in errors.sizes() if stage[0] != "nominal"]
     labels, sizes = [label for _, label, _ in stages], [own for _, _, own in stages]
     last, used = sizes[-1], errors.used
-    rows, listed = thinned(_TIME_POINTS, x, *sizes), thinned(_LISTED, x, last)
+    rows, listed = thinned(700, x, *sizes), thinned(_LISTED, x, last)
     unit = unit_of("m", float(np.max(sizes)))
     over = "time, s" if timed else "line of the file"
     order = "" if timed else " The order of the lines is the order of time only if the file was written so."
@@ -296,9 +287,6 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
 
 # Maps of the errors over the workspace.
 
-_MIN_POSES = 80
-"""Smallest number of poses for a map without too many empty cells."""
-
 
 def workspace_charts(document: Document) -> Iterator[Chart]:
     """Return the map in side view (distance from the vertical axis, height) and top view."""
@@ -311,7 +299,8 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         _, stage, values = errors.sizes(errors.used)[-1]
         at = vectors(errors.poses["commanded_m"])[errors.used]
         label += f", {stage}," * (len(errors.errors) > 1)
-    if values.size < _MIN_POSES:
+    # Fewer poses leave too many cells empty.
+    if values.size < 80:
         return
     unit, quantity = unit_of("m", float(values.max())), label.rstrip(",")
     worst, (x, y, z), radius = int(np.argmax(values)), at.T, np.hypot(at[:, 0], at[:, 1])
@@ -350,11 +339,6 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
 
 # The poses in space with magnified error vectors, as a still chart and an interactive view.
 
-_STILL = 220
-_TURNED = 900
-_VECTOR = 0.12
-"""Length of a large error vector in the chart, as a share of the poses' extent."""
-
 
 def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     """Return the chart of a result with poses and errors in the measuring frame."""
@@ -377,8 +361,10 @@ def correction_charts(document: Document) -> Iterator[Chart]:
         (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
         for role, name in (("before", "nominal"), ("after", "corrected"))
     ]
-    count = f"{sum(targets['corrected'])} of {len(targets['corrected'])} targets are corrected"
-    start = f"Wanted positions and the error that the model predicts there; {count}, the others keep their error"
+    start = (
+        f"Wanted positions and the error that the model predicts there; {sum(targets['corrected'])} of "
+        f"{len(targets['corrected'])} targets are corrected, the others keep their error"
+    )
     yield _errors_in_space(document, targets, "wanted_m", stages, "corrections", "Corrections in space", start)
 
 
@@ -400,7 +386,7 @@ def _errors_in_space(
     sizes, labels = [np.linalg.norm(errors, axis=1) for *_, errors in stages], [label for _, label, _ in stages]
     unit = unit_of("m", float(np.max(sizes)))
     scale = _magnification(at, sizes[0])
-    still, turned = thinned(_STILL, *sizes), thinned(_TURNED, *sizes)
+    still, turned = thinned(220, *sizes), thinned(900, *sizes)
     order = np.argsort(-sizes[-1], kind="stable")[:_LISTED]
     largest = unit.text(float(sizes[-1].max()))
     texts = [
@@ -464,25 +450,24 @@ def _magnification(at: Array, sizes: Array) -> float:
     large = float(np.quantile(sizes, 0.95))
     if large <= 0:
         return 1.0
-    wanted = _VECTOR * extent / large
+    # Such an error is drawn in 12 % of the extent.
+    wanted = 0.12 * extent / large
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
 
 
 def _arm(document: Document) -> list[Series]:
     """Return the line of the arm at a typical pose, if the result has it."""
-    outline = (document.get("robot") or {}).get("outline")
-    if outline is None:
+    if (outline := (document.get("robot") or {}).get("outline")) is None:
         return []
-    looks: dict[str, Any] = {"marker": "o", "line": "-", "size": 3.4, "width": 2.2, "alpha": 0.8}
-    return [Series(vectors(outline["line_m"]).T, "nominal", "arm, at one pose", **looks)]
+    line = vectors(outline["line_m"]).T
+    return [Series(line, "nominal", "arm, at one pose", marker="o", line="-", size=3.4, width=2.2, alpha=0.8)]
 
 
 # Map of the grade that a calibrated arm holds in each part of its workspace, in space.
 
 _LOOKS = (("after", "s"), ("third", "o"), ("fourth", "D"), ("before", "^"))
 """Colour and mark from the best grade; the last stands for all wider grades too."""
-_DRAWN = 1500
 
 
 def warranty_charts(document: Document) -> Iterator[Chart]:
@@ -497,7 +482,7 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     unit, edge = unit_of("m", float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
     order = np.argsort(-bound, kind="stable")[:_LISTED]
     x, y, z = at[order[0]]
-    rows, series = thinned(_DRAWN, bound), []
+    rows, series = thinned(1500, bound), []
     for number, name in enumerate(present):
         role, marker = _LOOKS[min(number, len(_LOOKS) - 1)]
         own = rows[grades[rows] == name]

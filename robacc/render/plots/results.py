@@ -38,10 +38,6 @@ from robacc.render.views.elements import Grid, effect_families
 
 # The residual along each effect over its driver.
 
-_POINTS = 700
-_EFFECT_ROWS = 60
-_MAX_RELATIVE_STD = 4.0
-"""Poses with a standard deviation above this multiple of the median are not plotted."""
 _DRIVER_LABELS = {
     "torque": "gravity torque on {joint}",
     "direction": "direction of approach of {joint}",
@@ -74,9 +70,10 @@ def effect_charts(document: Document) -> Iterator[Chart]:
 def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
     columns = [numbers(curve[key]) for key in ("residual_before", "effect", "residual_after", "sd")]
     x, (before, _, after, sd) = numbers(curve["x"]), columns
-    usable = np.flatnonzero(np.isfinite(sd) & (sd <= _MAX_RELATIVE_STD * np.nanmedian(sd)))
-    rows = usable[thinned(_POINTS, x[usable], before[usable])]
-    listed = usable[thinned(_EFFECT_ROWS, x[usable], before[usable])]
+    # Poses that determine the error too weakly are not plotted.
+    usable = np.flatnonzero(np.isfinite(sd) & (sd <= 4.0 * np.nanmedian(sd)))
+    rows = usable[thinned(700, x[usable], before[usable])]
+    listed = usable[thinned(60, x[usable], before[usable])]
     listed = listed[np.argsort(x[listed], kind="stable")]
     unit = unit_of(curve["unit"], float(np.quantile(np.abs(before[usable]), 0.99)) if usable.size else 0.0)
     x_unit = Unit(1.0, "m") if curve["driver_unit"] == "m" else unit_of(curve["driver_unit"])
@@ -207,9 +204,8 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
     names, evidence = [*ranked], [candidate["evidence"] for candidate in ranked.values()]
     count = min(len(names), _BARS)
     runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
-    outcome = "No effect was added."
-    if chosen is not None:
-        outcome = f"{'It' if chosen == names[0] else f'{chosen}, which has a higher prior,'} was added to the model."
+    added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
+    outcome = "No effect was added." if chosen is None else f"{added} was added to the model."
     bars = [
         Series(
             ([max(evidence[i], 0.0) for i in own], own),
@@ -245,8 +241,6 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
 
 # The error budget of a prediction.
 
-_SHARES = 10
-
 
 def budget_charts(document: Document) -> Iterator[Chart]:
     """Return the shares by parameter and by joint."""
@@ -257,7 +251,7 @@ def budget_charts(document: Document) -> Iterator[Chart]:
 
 
 def _budget_chart(kind: str, shares: Sequence[Document], name: str, label: str) -> Chart:
-    first, toleranced, top = shares[0], label == "parameter", shares[:_SHARES]
+    first, toleranced, top = shares[0], label == "parameter", shares[:10]
     omitted = f" The table has the {len(shares) - len(top)} smaller shares." if len(shares) > len(top) else ""
     rows = np.arange(len(top))
     position, turn = (100 * numbers(share[f"share_{key}"] for share in top) for key in ("position", "orientation"))
@@ -298,8 +292,6 @@ def _budget_chart(kind: str, shares: Sequence[Document], name: str, label: str) 
 
 # A statistic of several results with its intervals.
 
-_MAX_RESULTS = 30
-
 
 def comparison_charts(document: Document) -> Iterator[Chart]:
     """Return a chart for each statistic with intervals, except those of stages; the ranking statistic comes first."""
@@ -308,7 +300,7 @@ def comparison_charts(document: Document) -> Iterator[Chart]:
     by = (document.get("ranking") or {}).get("by")
     for statistic in sorted(document["statistics"], key=lambda statistic: statistic["key"] != by):
         key = statistic["key"]
-        values = [value for value in statistic["values"] if value["value"] is not None][:_MAX_RESULTS]
+        values = [value for value in statistic["values"] if value["value"] is not None][:30]
         is_shown = statistic["unit"] in ("m", "rad") and (key == by or key.count(".") == 1)
         if is_shown and len(values) > 1 and any(value["lower"] is not None for value in values):
             yield _comparison_chart(statistic, values, document["baseline"], key == by)
@@ -375,8 +367,6 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
 
 # Operating curves of a gate: the probability to pass over the true value.
 
-_ROWS = 25
-
 
 def operating_curve_charts(document: Document) -> Iterator[Chart]:
     """Return the operating curve of each criterion that has one."""
@@ -389,7 +379,7 @@ def _gate_chart(criterion: Document) -> Chart:
     limit, value = float(criterion["limit"]), float(criterion["value"])
     unit = unit_of(criterion["unit"], limit, value)
     curve = np.array(criterion["operating_curve"], dtype=np.float64)
-    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), _ROWS)).round().astype(int))
+    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), 25)).round().astype(int))
     count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
     by_share = criterion["operating_curve_over"] == "share_within_limit"
     if by_share:
@@ -440,8 +430,6 @@ def _gate_chart(criterion: Document) -> Chart:
 
 # An ISO 9283 evaluation: accuracy and repeatability by pose, and the visits of each pose.
 
-_CLOUDS = 12
-_VISITS = 200
 _LISTED_VISITS = 60
 _CRITERIA = {
     "AP": ("AP, pose accuracy", "before", "o"),
@@ -457,7 +445,7 @@ def iso9283_charts(document: Document) -> Iterator[Chart]:
     criteria = {key: document["iso9283"][key] for key in _CRITERIA if document["iso9283"][key]["poses"]}
     if criteria:
         yield _overview(criteria)
-    for visits in document["visits"][:_CLOUDS]:
+    for visits in document["visits"][:12]:
         if visits["n"] > 1:
             yield _cloud(document, visits)
 
@@ -516,7 +504,7 @@ def _cloud(document: Document, visits: Document) -> Chart:
     radius = next(own, None)
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
     unit = unit_of("m", reach)
-    rows, limit = thinned(_VISITS, *offsets.T), 1.08 * reach * unit.factor or 1.0
+    rows, limit = thinned(200, *offsets.T), 1.08 * reach * unit.factor or 1.0
     zero = "the commanded pose" if is_known else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""
     around, shown = np.linspace(0.0, 2 * np.pi, 97), offsets[rows] * unit.factor
@@ -574,12 +562,12 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         ("random_rms_m", "random poses", "before", "--", "^"),
         ("rms_m", "planned poses", "after", "-", "o"),
     ):
-        y = unit.factor * numbers(point[key] for point in points)
-        series.append(Series((n, y), role, label, marker=marker, line=line, size=3.4))
+        at = (n, unit.factor * numbers(point[key] for point in points))
+        series.append(Series(at, role, label, marker=marker, line=line, size=3.4))
     if planned is not None:
         at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
-        at = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
-        series.append(Series(at, "ink", "this plan", marker="o", size=8, hollow=True))
+        here = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
+        series.append(Series(here, "ink", "this plan", marker="o", size=8, hollow=True))
     yield Chart(
         "expected-accuracy",
         "Predicted error over the number of poses",

@@ -43,9 +43,6 @@ from robacc.render.views.elements import (
 from robacc.render.views.gate import LOOKS, annotation_lines, sentence, title
 from robacc.statistics.confidence_curves import ASSURANCE
 
-_MIN_PROBABILITY = 0.005
-"""Less probable grades are not listed."""
-_MAX_WORST = 3
 _FRAMES = {
     "tool": "components along the axes of the commanded target (frame tool)",
     "base": "components along the axes of the measuring frame (frame base)",
@@ -66,8 +63,7 @@ def estimate_headline(document: Document) -> ReportHeadline:
     """Return the first screen of an estimate."""
     grade, robot = document["grade"], document.get("robot") or {}
     confirmed, (why, *reasons) = _confirmed(grade), grade["reason"].split(". ")
-    is_modelled = robot.get("effects") or robot.get("fitted_to")
-    reference = "model's predictions" if is_modelled else "commanded positions"
+    reference = "model's predictions" if robot.get("effects") or robot.get("fitted_to") else "commanded positions"
     files = {record["kind"]: record["name"] for record in document["inputs"]}
     ahead = "state the robot with `robot`, and let robacc trace find the causes of the error"
     if "robot" in files:
@@ -120,8 +116,7 @@ def estimate_view(
         yield Section(heading, [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)])
     is_met = grade["grade"] in [step["grade"] for step in grade["steps"]]
     met = _confirmed(grade) if is_met else "no step of the scale is met"
-    first, *others = grade["reason"].split(". ")
-    heading = f"Grade {grade['grade']}, {met} (scale: {grade['scale']})"
+    heading, (first, *others) = f"Grade {grade['grade']}, {met} (scale: {grade['scale']})", grade["reason"].split(". ")
     style: Style = "green" if grade["demonstrated"] else "bold yellow"
     subject, confirming = "it" if form == "short" else f"grade {grade['grade']}", []
     if (total := grade["poses_to_demonstrate"]) is not None:
@@ -151,15 +146,15 @@ def estimate_view(
     shares = ", ".join(
         f"{entry['grade']} {chance(entry['probability'])}"
         for entry in grade["probabilities"]
-        if entry["probability"] >= _MIN_PROBABILITY or entry["grade"] == grade["grade"]
+        if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
     known = [f"probability of each grade, given these poses: {shares}"] * (grade["probability"] is not None)
     steps = [
         [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
         for step in grade["steps"]
     ]
-    header = (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °")
-    yield Section(heading, [Listing([first, *others, *known, *confirming]), Grid(header, steps)], style)
+    table = Grid((f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"), steps)
+    yield Section(heading, [Listing([first, *others, *known, *confirming]), table], style)
     methods: dict[tuple[str, ...], list[str]] = {}
     for part, name, unit, sign, factor in quantities:
         yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, name, sign, unit, factor))
@@ -193,7 +188,7 @@ def _ending(document: Document, poses: str, robot: str | None) -> list[Block]:
     """Return the largest errors, and what to do next."""
     worst = ", ".join(
         f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
-        for pose in document["worst_poses"]["by_position"][:_MAX_WORST]
+        for pose in document["worst_poses"]["by_position"][:3]
         for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
     )
     more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
@@ -301,9 +296,6 @@ def _methods(part: Document, unit: str) -> tuple[str, ...]:
 
 # Several files in one table: one line per file, in the order given.
 
-_LEVELS = {4: "error", 5: "warning"}
-"""Level of an annotation by the exit status of a gate."""
-
 
 def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None) -> Iterator[Section]:
     """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
@@ -327,9 +319,8 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         )
         for outcome in outcomes
     ]
-    sizes = ("rms", "95th pct.", "max", *(["rms, °"] * has_turn))
-    heads = ("position error, mm", "poses", *sizes, "grade", "confirmed", *(["gate"] * has_gate))
-    yield Section("", [Grid(heads, rows)])
+    heads = ("poses", "rms", "95th pct.", "max", *(["rms, °"] * has_turn), "grade", "confirmed", *(["gate"] * has_gate))
+    yield Section("", [Grid(("position error, mm", *heads), rows)])
     notes = [
         f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
         for outcome in outcomes
@@ -366,7 +357,7 @@ def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
             f"grade {done.grade}, {'confirmed' if done.demonstrated else 'not confirmed'}",
             *([] if outcome.gate is None else [title(outcome.gate)]),
         ]
-        entries.append((_LEVELS.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
+        entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
     return annotation_lines(entries)
 
 
@@ -432,12 +423,10 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
     In short, one table of the criteria; ``robot`` is the file's name.
     """
     confidence, protocol = document["confidence"], document["protocol"]
-    entries = document["iso9283"].values()
-    parts = [part for entry in entries for part in ([entry] if "symbol" in entry else entry.values())]
+    parts = [p for entry in document["iso9283"].values() for p in ([entry] if "symbol" in entry else entry.values())]
     criteria = {part["symbol"]: part for part in parts}
     if form != "page":
-        facts = [Text(fact, wraps=False) for fact in _facts(document, robot)]
-        yield Section("Pose criteria of ISO 9283:1998", facts)
+        yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in _facts(document, robot)])
     if form == "short":
         known = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
         counts = Counter(_STATUS[condition["status"]] for condition in protocol)
@@ -467,8 +456,8 @@ def _facts(document: Document, robot: str | None) -> Iterator[str]:
     several = ", robot by robot" * (len(document["files"]) > 1)
     poses = f"{' and '.join(map(str, files))} commanded pose{'s' * ([*files] != [1])}{several}"
     yield f"{', '.join(document['files'])}: {poses}, {each}"
-    source = f"the model {robot or ''}" if document["commanded"] == "robot" else "cmd_ columns"
-    yield "no commanded poses" if document["commanded"] is None else f"commanded poses from {source}"
+    sources = {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}
+    yield sources.get(document["commanded"], "commanded poses from cmd_ columns")
     yield f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered"
     if document["unaligned"] is not None:
         unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])

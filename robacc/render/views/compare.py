@@ -43,12 +43,8 @@ _VERDICTS = {"demonstrated": "confirmed", "met_not_demonstrated": "met, not conf
 _ROUNDING = 1e-12
 """m or rad; smaller values are rounding errors."""
 _ISO9283 = "iso9283."
-_WITHOUT_ERRORS = ("iso9283", "predict")
-"""Commands whose results have no error of each pose."""
 _LISTED = ("rms", "mean_error", "p95")
 """Statistics whose differences a text lists for more than two results; the page and the JSON result have all."""
-_MAX_COLUMNS = 4
-"""Largest number of results that stand side by side; more stand in rows."""
 _MAX_NAME = 24
 """Largest number of columns for a result's name."""
 
@@ -117,7 +113,7 @@ def _results(document: Document) -> Grid:
     rows = [
         (
             *(_short(str(result[key] or "–")) for key in ("name", "command", "robot", "n_poses", "grade")),
-            "" if result["command"] in _WITHOUT_ERRORS else paired.get(result["name"], ""),
+            "" if result["command"] in ("iso9283", "predict") else paired.get(result["name"], ""),
         )
         for result in document["results"]
     ]
@@ -184,7 +180,7 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
         return Section(title, [Grid(("", *names, "difference", interval_head, ""), table)])
     statistics, every = [split_key(row["key"])[1] for row in rows], range(len(rows))
     listed: Sequence[int] = [i for i in every if complete or statistics[i] in _LISTED] or every
-    if len(names) <= _MAX_COLUMNS:
+    if len(names) <= 4:
         grid = Grid(("", *names), [[label, *own] for label, own in zip(labels, figures, strict=True)])
     else:
         shown = [i for i in every if complete or statistics[i] in (*_LISTED, "max")] or every[:4]

@@ -247,6 +247,11 @@ def with_unit(value: float, unit: str = "m") -> Number:
     return Number(unit_of(unit).text(value), value)
 
 
+def first_of(texts: Sequence[str], most: int, others: str) -> list[str]:
+    """Return the first texts, and how many ``others`` there are."""
+    return [*texts[:most], *([f"and {len(texts) - most} {others}"] if len(texts) > most else [])]
+
+
 def percent(confidence: float) -> str:
     """Return ``95 % interval``, the head of a column."""
     return f"{100 * confidence:g} % interval"

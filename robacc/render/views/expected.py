@@ -47,8 +47,6 @@ _CRITERIA = {
 _LISTED = 12
 """Parameters of the budget in the table; the page and the JSON result have all of them."""
 _BAR = 14
-_UNCHANGED = 0.9995
-"""Smallest factor that rounds to one with three decimals."""
 _NOISE_SOURCES = {
     "file": "from the file",
     "given": "given by the user",
@@ -60,15 +58,16 @@ _NOISE_SOURCES = {
 def predict_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``predict``."""
     position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
-    source = "The tolerances give" if document["tolerances"]["parameters"] else "The fit of the model gives"
     rms, p95 = amount(position["rms_m"]), amount(position["p95_m"])
     summary = (
-        f"{source} an expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: "
-        f"grade {grade['grade']}."
+        f"{'The tolerances give' if document['tolerances']['parameters'] else 'The fit of the model gives'} an "
+        f"expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: grade "
+        f"{grade['grade']}."
     )
     for first in document["budget"][:1]:
-        share = f"{100 * first['share_position']:.0f} %"
-        summary += f" The largest share of the variance, {share}, is from {first['parameter']}."
+        summary += (
+            f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        )
     facts = [
         ("Configurations", document["configurations"]),
         ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
@@ -83,8 +82,8 @@ def predict_headline(document: Document) -> ReportHeadline:
         Tile("position, 95th percentile", p95, "over robots and poses"),
         Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
     ]
-    badges = [(f"grade {grade['grade']}, expected", "plain")]
-    return ReportHeadline(f"Predicted accuracy{of_robot(document)}", summary, tiles, badges, facts)
+    title, badge = f"Predicted accuracy{of_robot(document)}", f"grade {grade['grade']}, expected"
+    return ReportHeadline(title, summary, tiles, [(badge, "plain")], facts)
 
 
 def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
@@ -146,8 +145,8 @@ def _errors(document: Document) -> list[Block]:
         for part, unit, factor in errors
         for value in (part["worst"][f"rms_{unit}"], part[f"max_radius95_{unit}"])
     ]
-    header = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
-    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(header, [*percentiles, ("largest", *largest)])]
+    heads = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
+    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(heads, [*percentiles, ("largest", *largest)])]
 
 
 def _worst(document: Document, name: str, unit: str) -> str:
@@ -214,7 +213,7 @@ def _allocation(allocation: Document, statistic: str) -> Section:
             f"{tolerance['factor']:.3f}",
         )
         for tolerance in sorted(tolerances, key=lambda tolerance: round(tolerance["factor"], 9))
-        if tolerance["factor"] < _UNCHANGED
+        if round(tolerance["factor"], 3) < 1.0
     ]
     verified = ((allocation["verified"][name].get(f"{statistic}_{unit}"), unit) for name, unit, *_ in QUANTITIES)
     sizes = ", ".join(str(with_unit(value, unit)) for value, unit in verified if value is not None)
@@ -223,8 +222,9 @@ def _allocation(allocation: Document, statistic: str) -> Section:
         f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
         f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
     )
-    others = Text(f"the other {len(tolerances) - len(rows)} tolerances need no change")
-    return Section(title, [Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows), others, Text(text)])
+    table = Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
+    others = f"the other {len(tolerances) - len(rows)} tolerances need no change"
+    return Section(title, [table, Text(others), Text(text)])
 
 
 def _against(comparison: Document, source: str) -> Iterator[Section]:
@@ -264,13 +264,12 @@ def _against(comparison: Document, source: str) -> Iterator[Section]:
             f"from {scaled['draws']} simulated data sets."
         )
         blocks.append(Text(text))
-    of_source = f" of {source}" if source else ""
-    yield Section(f"Compared with {comparison['n_poses']} measured poses{of_source}", blocks)
+    yield Section(f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}", blocks)
     if (components := comparison["variance_components"]) is not None:
-        header = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-        dof = "dof: effective number of independent parameter errors in the estimate"
-        table = Grid(header, [*map(_component, components["components"])])
-        yield Section("Variance components (one standard deviation)", [table, Listing([dof, *components["notes"]])])
+        heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
+        notes = ["dof: effective number of independent parameter errors in the estimate", *components["notes"]]
+        blocks = [Grid(heads, [*map(_component, components["components"])]), Listing(notes)]
+        yield Section("Variance components (one standard deviation)", blocks)
     yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
 
 
@@ -292,11 +291,11 @@ def _coverage(coverage: Document) -> Section:
     parts = {name: coverage[name] for name, *_ in QUANTITIES if coverage.get(name) is not None}
     rows = [(name, f"{part['n_inside']} of {part['n_poses']}", _percent(part["share"])) for name, part in parts.items()]
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
-    texts = [f"the bound contains the measurement noise, {sources}"]
-    if registered := coverage["registered"]:
-        texts.append(f"{' and '.join(registered)} fitted to one half of the poses for the errors of the other")
+    registered = " and ".join(coverage["registered"])
+    halves = [f"{registered} fitted to one half of the poses for the errors of the other"] * bool(registered)
+    notes = Listing([f"the bound contains the measurement noise, {sources}", *halves])
     title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
-    return Section(title, [Grid(("", "poses", "share"), rows), Listing(texts)])
+    return Section(title, [Grid(("", "poses", "share"), rows), notes])
 
 
 # A plan of a measurement: route, feasible poses, what to expect of the fit or a trace; and the comments of its CSV.
@@ -314,9 +313,6 @@ _COMMANDS = {
     "health": ("calibrate", "--fit"),
 }
 """What evaluates the measured poses, by purpose, and its option for what was planned for."""
-_LISTED_PAIRS = {"full": 8, "page": 20}
-_FINDS_MOST = 0.5
-"""Mean probability from which more effects of the usual size are found than missed."""
 _VISITS = 200
 """Visits that the page lists."""
 
@@ -395,9 +391,9 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         ahead = Text(f"next: {_next_step(document, robot, output)}")
         yield Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])
         return
-    most = _LISTED_PAIRS[form]
+    most = {"full": 8, "page": 20}[form]
     if purpose in ("calibrate", "health"):
-        rows_of_errors = [
+        errors = [
             (each["name"], number(each["std"], factor), unit)
             for each in document["coefficients"]
             if each["std"] is not None
@@ -405,16 +401,15 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         ]
         missing = ", ".join(each["name"] for each in document["coefficients"] if each["std"] is None)
         note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
-        table = Grid(("coefficient", "standard error", "unit"), rows_of_errors)
-        yield Section("Predicted standard errors", [table, note])
+        yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
     if purpose == "calibrate":
         pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
         yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
     if document["detection_limits"] is not None:
         yield Section("Effects that a trace of these poses can find", _detectability(document, most))
     texts = _inseparable(document["inseparable"] or ())
-    more_pairs = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
-    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), more_pairs])
+    others = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
+    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), others])
     if form == "page":
         yield _visits(document)
 
@@ -437,10 +432,8 @@ def _sufficiency(sufficiency: Document) -> Iterator[str]:
     if None not in (sufficiency["now_m"], sufficiency["later_m"]):
         now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
         yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
-    counted, new = (
-        ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    )
-    yield f"this counts the {sufficiency['n_already']} {counted}: fit them together with the new {new}"
+    own = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    yield "this counts the {} {}: fit them together with the new {}".format(sufficiency["n_already"], *own)
 
 
 def _route_facts(document: Document, full: bool) -> Iterator[str]:
@@ -451,8 +444,7 @@ def _route_facts(document: Document, full: bool) -> Iterator[str]:
     with_each = " with each payload" if len(blocks) > 1 else ""
     yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
     repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
-    again = f", {repeats} of them a second time" if repeats else ""
-    checks = n_visits - n_poses - repeats
+    again, checks = f", {repeats} of them a second time" if repeats else "", n_visits - n_poses - repeats
     check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
     yield f"{n_visits} visits: each of the {n_poses} poses once{again}{check}"
     turn = noise["orientation_rad"]
@@ -474,8 +466,10 @@ def _route_facts(document: Document, full: bool) -> Iterator[str]:
     else:
         pairs = ", ".join(" and ".join(pair) for pair in collisions["overlapping"])
         unchecked = f"; not checked, as they touch at nearly all poses: {pairs}" * bool(pairs)
-        count = len(collisions["pairs"])
-        yield f"{count} pairs of links checked for collisions, without tool, payload and cables{unchecked}"
+        yield (
+            f"{len(collisions['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
+            f"{unchecked}"
+        )
     if blocks:
         yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}"
     if document["validation"] is not None:
@@ -496,7 +490,7 @@ def _payloads(blocks: Sequence[tuple[float, ...]], payloads: Sequence[float]) ->
 
 
 def _needed(entries: Sequence[Document]) -> Section:
-    header = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
+    heads = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
     rows: list[Sequence[Cell]] = [
         (
             f"{entry['name']} ({entry['statistic']})",
@@ -510,9 +504,9 @@ def _needed(entries: Sequence[Document]) -> Section:
         f"{100 * entry['true_over_limit']:.2g} % of the limit"
         for entry in entries
     ]
-    texts.append("the nearer the true value to the limit, the more poses; `expected` states the value that you expect")
+    hint = "the nearer the true value to the limit, the more poses; `expected` states the value that you expect"
     title = "Poses to decide with a probability of 90 %, by true value in % of the limit"
-    return Section(title, [Grid(header, rows), Listing(texts)])
+    return Section(title, [Grid(heads, rows), Listing([*texts, hint])])
 
 
 def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
@@ -525,11 +519,11 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
         n = point["n_poses"]
         is_planned = planned is not None and n == planned["n_poses"]
         marks = ["planned"] * is_planned + ["enough"] * (n == enough and not is_addition)
-        values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms"))
         if is_curve or marks:
+            values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms"))
             rows.append((str(n), *values, ", ".join(marks)))
-    first = "more poses" if is_addition else "poses"
-    yield Grid((first, "to expect, rms", "model, rms", "model, worst", "model, random", "remark"), rows)
+    heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
+    yield Grid(("more poses" if is_addition else "poses", *heads), rows)
     if planned is None:
         advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
     elif enough is None:
@@ -566,7 +560,7 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
     notes = _found(document["power"])
     notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")
     if hidden:
-        more = f" and {len(hidden) - most} more" if len(hidden) > most else ""
+        more = f" and {len(hidden) - most} more" * (len(hidden) > most)
         notes.append(f"never found on these poses: {', '.join([*hidden][:most])}{more}")
     untested = document["not_testable"] or {}
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
@@ -584,7 +578,7 @@ def _found(power: Document | None) -> list[str]:
         f"a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
         f"{random_found}), and distinguishes it from the most similar cause with {separated} ({random_separated})",
         "this is good: more causes of their usual size are found than missed"
-        if power["found"] >= _FINDS_MOST
+        if power["found"] >= 0.5
         else "this is low: most causes are found only if they are larger than usual; a better instrument "
         "(`noise` states it) raises it, more poses (`poses`) a little",
     ]
@@ -672,8 +666,8 @@ def correction_text(
         for part in parts
         for name, unit, _, factor in QUANTITIES
     ):
-        count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
-        yield Section(f"{title}: {count}", [Text(f"The commands are in {output}.", wraps=False)])
+        title += f": {sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
+        yield Section(title, [Text(f"The commands are in {output}.", wraps=False)])
         for part in parts:
             yield from _errors_to_expect(part)
         ahead = (
@@ -704,7 +698,7 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
         rows = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
         rows.append(_row("change of the command", correction, "rms", "max"))
         columns = 5 if correction["orientation"] is not None else 3
-        header = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
+        heads = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
         grades = [
             f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
             for stage, part in expected.items()
@@ -716,10 +710,11 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
             f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
             "nominal arm best, which robacc calibrate and a registered estimate take",
         ]
-        kind = "joint" if document["given"] == "joints" else "Cartesian"
-        count = f"{document['n_corrected']} corrected {kind} target{'s' * (document['n_corrected'] > 1)}"
-        table = Grid(header[:columns], [row[:columns] for row in rows])
-        yield Section(f"Errors to expect at {count}", [table, Listing(texts)])
+        kind = (
+            f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (document['n_corrected'] > 1)}"
+        )
+        table = Grid(heads[:columns], [row[:columns] for row in rows])
+        yield Section(f"Errors to expect at {document['n_corrected']} corrected {kind}", [table, Listing(texts)])
     refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
     yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
 

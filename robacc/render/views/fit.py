@@ -36,9 +36,11 @@ from robacc.render.views.elements import (
     amount,
     coefficients,
     effect_families,
+    first_of,
     number,
     of_robot,
     parameter_tables,
+    percent,
     statistics_cells,
     tile,
     with_error,
@@ -74,8 +76,6 @@ _VERDICTS = {
     "unexplained": ("unexplained", "bad", "unexplained: the residual is structured and no candidate explains it"),
 }
 """Name, tone and sentence of a verdict."""
-_UNSTRUCTURED = "the remaining error has no structure"
-"""The text does not say noise: the size of the noise may be unknown."""
 _PARTS = {
     "noise_m": "noise",
     "scatter_m": "scatter of the joints",
@@ -86,22 +86,8 @@ _MORE = {
     True: "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits",
     False: "`full=True` adds coefficients, errors before and after, and the quality of the fit",
 }
-_NOTABLE = 0.01
-"""Least share of the error of a cause that is listed."""
-_CONVINCING = 0.01
-_WORTH_CORRECTING = 0.9
-"""Ratio of the errors after and before from which a model is not worth its use."""
-_INDISTINGUISHABLE = 0.9999
-"""Similarity from which two effects predict the same on the poses."""
-_IN_HEADLINE = 3
-_MAX_CAUSES = 8
-_MAX_HINTS = 3
-_MAX_CANDIDATES = 5
-_MAX_PARAMETERS = 8
-_MAX_COEFFICIENTS = 60
-_MAX_NAMES = 6
-_MAX_DROPPED = 3
-_MAX_PAIRS = 8
+_LISTED = 60
+"""Coefficients in the table of a text."""
 
 
 def fit_stages(document: Document) -> Sequence[tuple[str, str, str]]:
@@ -112,9 +98,8 @@ def fit_stages(document: Document) -> Sequence[tuple[str, str, str]]:
 
 def _pose_set(document: Document) -> str:
     """Return the key of the poses whose errors lead: held-out ones if there are any, without outliers."""
-    stages = [document[_nominal(document)], document["after"]]
     leading = ("held_out_inliers", "held_out", "fitted_inliers", "fitted")
-    return next(key for key in leading if all(stage.get(key) is not None for stage in stages))
+    return next(k for k in leading if document[_nominal(document)].get(k) and document["after"].get(k))
 
 
 def _nominal(document: Document) -> str:
@@ -160,7 +145,8 @@ def fit_headline(document: Document) -> ReportHeadline:
         return ReportHeadline(f"Calibration{of_robot(document)}", summary, tiles, (), facts)
     label, tone, _ = _VERDICTS[document["verdict"]]
     unexplained = document["unexplained"]
-    end = _UNSTRUCTURED
+    # The text does not say noise: the size of the noise may be unknown.
+    end = "the remaining error has no structure"
     if unexplained["structured"]:
         end = "the remaining error has a structure that no candidate explains"
         facts.insert(1, ("Remaining error", f"{amount(unexplained['rms_m'])}, structured"))
@@ -186,19 +172,19 @@ def fit_headline(document: Document) -> ReportHeadline:
 
 
 def _is_worth_it(document: Document) -> bool:
-    """Return whether the model is better than the nominal arm by so much that it is worth its use."""
-    return _rms(document, "after") <= _WORTH_CORRECTING * _rms(document, _nominal(document))
+    """Return whether the model is better than the nominal arm by so much, a tenth, that it is worth its use."""
+    return _rms(document, "after") <= 0.9 * _rms(document, _nominal(document))
 
 
 def next_step(document: Document, model: str | None = None) -> str:
     """Return what to do after a trace or a calibration; ``model`` is the file of the model if it was written."""
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
-    if not _is_worth_it(document):
-        registered = " with base and tool registered" if _nominal(document) == "nominal" else ""
-        return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
-    start = "" if model else "write the model (`write_model`), then "
-    return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
+    if _is_worth_it(document):
+        start = "" if model else "write the model (`write_model`), then "
+        return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
+    registered = " with base and tool registered" if _nominal(document) == "nominal" else ""
+    return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
 
 
 # The text and the page.
@@ -233,11 +219,15 @@ def fit_view(
         yield Section("", _causes(document, 6, short=True))
         yield Section("", [Listing([*_doubts(document)]), Text(_MORE[is_trace], is_note=True), ahead])
         return
-    yield Section("Causes", _causes(document, None if form == "page" else _MAX_CAUSES))
+    yield Section("Causes", _causes(document, None if form == "page" else 8))
     if not is_trace:
         yield Section("Before and after", _stage_blocks(document))
         if form == "full":
-            yield Section("Coefficients", _leading_coefficients(document["parameters"]))
+            estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
+            more = Text(
+                f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
+            )
+            yield Section("Coefficients", [coefficients(estimated[:_LISTED]), more, *map(Text, masses)])
         yield Section("Quality of the fit", [Listing([*_quality(document)])])
     for place, section in enumerate(_trace_sections(document) if is_trace else (), 1):
         yield section if form == "page" else replace(section, title=f"{place}. {section.title}")
@@ -268,10 +258,8 @@ def _doubts(document: Document) -> Iterator[str]:
     for finding in document.get("findings", ()):
         yield from (f"{_label(finding)}: {_alternative(rival)}" for rival in finding["alternatives"])
     if (unexplained := document.get("unexplained")) is not None:
-        hints = unexplained["hints"]
         yield f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}"
-        yield from hints[:_MAX_HINTS]
-        yield from [f"and {len(hints) - _MAX_HINTS} more hints"] * (len(hints) > _MAX_HINTS)
+        yield from first_of(unexplained["hints"], 3, "more hints")
 
 
 def _label(effect: Document) -> str:
@@ -295,13 +283,6 @@ def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], lis
     ]
 
 
-def _leading_coefficients(parameters: Sequence[Document]) -> list[Block]:
-    estimated, masses = _without_masses(p for p in parameters if p["std"] is not None)
-    others = len(estimated) - _MAX_COEFFICIENTS
-    more = f"and {others} more; the JSON result has all of them" * (others > 0)
-    return [coefficients(estimated[:_MAX_COEFFICIENTS]), Text(more), *map(Text, masses)]
-
-
 # Parts of calibration and trace: causes, stages, repeatability, deflection.
 
 
@@ -312,12 +293,9 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> Ite
     """
     causes, of_poses = document.get("causes", ()), _POSE_SETS[_pose_set(document)]
     before, after = (with_unit(_rms(document, stage)) for stage in (_nominal(document), "after"))
-    notable = [
-        cause for cause in causes if cause["share"] is None or cause["share"] >= _NOTABLE or not cause["declared"]
-    ]
-    named = ", ".join(map(_label, notable[:_IN_HEADLINE])) or "no single cause"
-    others = " and others" if len(notable) > _IN_HEADLINE else ""
-    yield Text(f"{before} rms before, {after} rms after, on {of_poses}: {named}{others}")
+    notable = [cause for cause in causes if cause["share"] is None or cause["share"] >= 0.01 or not cause["declared"]]
+    named = ", ".join(map(_label, notable[:3])) or "no single cause"
+    yield Text(f"{before} rms before, {after} rms after, on {of_poses}: {named}{' and others' * (len(notable) > 3)}")
     # Effects that were found come before declared ones where there is no room for all.
     first = sorted(notable, key=lambda cause: cause["declared"])[:most]
     shown = causes if most is None else [cause for cause in notable if cause in first]
@@ -335,8 +313,8 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> Ite
         )
         for cause in shown
     ]
-    heads = ("effect", "coefficient", "moves, mm", "95 % interval", *([] if short else ["without it, mm"]), "share")
-    yield Grid(heads, rows)
+    without_it = [] if short else ["without it, mm"]
+    yield Grid(("effect", "coefficient", "moves, mm", "95 % interval", *without_it, "share"), rows)
     if hidden := len(causes) - len(shown):
         yield Text(f"and {hidden} of a smaller share; the JSON result has all of them", is_note=True)
     without = "" if short else "without it: rms error that no other effect can describe; "
@@ -370,10 +348,11 @@ def _stage_blocks(document: Document) -> Iterator[Block]:
             yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
     if (gain := document["gain_m"]) is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
-        share = f"{100 * gain['confidence']:.0f} %"
-        yield Text(f"rms reduction on held-out poses: {value} mm ({share} interval {low} to {high} mm)", wraps=False)
-    note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
-    yield Text(note * ("findings" in document), is_note=True)
+        interval = f"{percent(gain['confidence'])} {low} to {high} mm"
+        yield Text(f"rms reduction on held-out poses: {value} mm ({interval})", wraps=False)
+    if "findings" in document:
+        note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
+        yield Text(note, is_note=True)
 
 
 def _repeatability(document: Document) -> Iterator[str]:
@@ -382,8 +361,10 @@ def _repeatability(document: Document) -> Iterator[str]:
         return
     units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
     sizes = [f"{name} {units[name].text(std)}" for name, std in repeatability["joints"].items() if std is not None]
-    known = ", ".join(sizes) or "not identifiable joint by joint"
-    yield f"intrinsic repeatability: {with_unit(repeatability['position_m'])} rms at the target ({known})"
+    yield (
+        f"intrinsic repeatability: {with_unit(repeatability['position_m'])} rms at the target "
+        f"({', '.join(sizes) or 'not identifiable joint by joint'})"
+    )
     if repeatability["source"] == "residual":
         yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
 
@@ -406,20 +387,23 @@ def _deflection(choice: Document | None) -> Iterator[str]:
 
 
 def _quality(document: Document) -> Iterator[str]:
-    noise, identifiability, pairs = document["noise"], document["identifiability"], document["correlations"]
+    noise, identifiability = document["noise"], document["identifiability"]
     axes = noise["along_axes_m"]
     sizes = ", ".join(three_digits(std * IN_MM) for std in axes or [noise["position_m"]])
-    source = _NOISE_SOURCES.get(noise["source"], "estimated from the residual")
-    along = "each axis" if axes is None else "x, y, z"
-    yield f"measurement noise {sizes} mm along {along} (standard deviation), {source}"
+    yield (
+        f"measurement noise {sizes} mm along {'each axis' if axes is None else 'x, y, z'} (standard deviation), "
+        f"{_NOISE_SOURCES.get(noise['source'], 'estimated from the residual')}"
+    )
     if noise["lack_of_fit_p_value"] is not None:
         # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
         yield (
             f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test "
             f"{p_value(noise['lack_of_fit_p_value'])}"
         )
-        freedom = f"{document['degrees_of_freedom']:.1f} degrees of freedom"
-        yield f"weighted chi-square {document['chi_square']:.4g} on {freedom}"
+        yield (
+            f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
+            "freedom"
+        )
     indices = ", ".join(f"{name} {value:.3g}" for name, value in identifiability["observability"].items())
     yield f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}"
     yield from _repeatability(document)
@@ -428,17 +412,17 @@ def _quality(document: Document) -> Iterator[str]:
         yield "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
     yield from _deflection(document["deflection"])
     yield from _not_identifiable(identifiability["not_identifiable"])
-    for pair in pairs[:_MAX_PAIRS]:
-        yield f"correlation {pair['correlation']:+.3f} between {pair['first']} and {pair['second']}"
-    if len(pairs) > _MAX_PAIRS:
-        yield f"and {len(pairs) - _MAX_PAIRS} more pairs with a correlation above 0.9"
+    pairs = [
+        f"correlation {p['correlation']:+.3f} between {p['first']} and {p['second']}" for p in document["correlations"]
+    ]
+    yield from first_of(pairs, 8, "more pairs with a correlation above 0.9")
     for row in document["leverage"][:5]:
         yield f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
 
 
 def _not_identifiable(dropped: Sequence[Document]) -> Iterator[str]:
     """Yield what the poses do not determine: a few coefficients each with its reason, many by reason."""
-    if len(dropped) <= _MAX_DROPPED:
+    if len(dropped) <= 3:
         yield from (f"not identifiable: {each['why']}" for each in dropped)
         return
     for has_partners, reason, end in (
@@ -458,10 +442,10 @@ def _shrinkage(kind: Document) -> str:
     differing = [constant["name"] for constant in kind["constants"] if constant["probability"] > 0.5]
     if not differing:
         return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
-    listed = ", ".join(differing[:_MAX_NAMES]) + " …" * (len(differing) > _MAX_NAMES)
     return (
-        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: {listed}; the "
-        "others are shrunk to nominal as far as the poses allow"
+        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: "
+        f"{', '.join(differing[:6])}{' …' * (len(differing) > 6)}; the others are shrunk to nominal as far as the "
+        "poses allow"
     )
 
 
@@ -495,8 +479,7 @@ def _candidates(document: Document) -> Iterator[Block]:
     for ranked in first["ranking"]:
         best.setdefault((ranked["effect"], *ranked["joints"]), ranked)
     rows = [
-        (_label(ranked), f"{ranked['evidence']:.1f}", p_value(ranked["p_value"]))
-        for ranked in [*best.values()][:_MAX_CANDIDATES]
+        (_label(ranked), f"{ranked['evidence']:.1f}", p_value(ranked["p_value"])) for ranked in [*best.values()][:5]
     ]
     yield Grid(("best candidates, first step", "evidence", "significance"), rows)
     yield Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True)
@@ -505,8 +488,7 @@ def _candidates(document: Document) -> Iterator[Block]:
 
 
 def _findings(document: Document) -> Iterator[Block]:
-    findings, held_out = document["findings"], document["before"]["held_out"]
-    rms = None if held_out is None else held_out["position"]["rms_m"]
+    findings, rms = document["findings"], ((document["before"]["held_out"] or {}).get("position") or {}).get("rms_m")
     yield Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings))
     for place, finding in enumerate(findings, 1):
         joints, settings = f" on {', '.join(finding['joints'])}" * bool(finding["joints"]), finding["settings"]
@@ -525,8 +507,7 @@ def _findings(document: Document) -> Iterator[Block]:
         yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
         yield Listing(finding["warnings"], "warning")
     if any(finding["harmonics"] for finding in findings):
-        text = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
-        yield Text(text, is_note=True)
+        yield Text("a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle", is_note=True)
     if findings:
         yield Text(
             "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
@@ -549,9 +530,7 @@ def _details(finding: Document) -> Iterator[str]:
         yield "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn)
     if not finding["harmonics"]:
         parameters, masses = _without_masses(finding["parameters"])
-        yield from map(_parameter, parameters[:_MAX_PARAMETERS])
-        if len(parameters) > _MAX_PARAMETERS:
-            yield f"and {len(parameters) - _MAX_PARAMETERS} more coefficients"
+        yield from first_of([*map(_parameter, parameters)], 8, "more coefficients")
         yield from masses
     yield from map(_alternative, finding["alternatives"])
 
@@ -581,7 +560,7 @@ def _parameter(parameter: Document) -> str:
 
 def _alternative(alternative: Document) -> str:
     said = "same predictions"
-    if alternative["similarity"] <= _INDISTINGUISHABLE:
+    if alternative["similarity"] <= 0.9999:
         said = (
             f"predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
             f"{odds(alternative['evidence_difference'])}"
@@ -604,13 +583,14 @@ def _remaining_error(document: Document) -> Iterator[str]:
     shown = p_value(unexplained["p_value"])
     if unexplained["structured"]:
         # The p-value stands where it is what shows the structure.
-        yield f"structured: not noise alone{f' ({shown})' if unexplained['p_value'] < _CONVINCING else ''}"
+        yield f"structured: not noise alone{f' ({shown})' if unexplained['p_value'] < 0.01 else ''}"
     else:
         yield f"no structure that any candidate explains ({shown})"
     if document["explained_share"] is not None and document["findings"]:
-        floor = "noise" if document["repeatability"] is None else "noise and repeatability"
-        share = f"{100 * document['explained_share']:.0f} %"
-        yield f"{share} of the explainable error is explained (held-out variance above {floor})"
+        yield (
+            f"{100 * document['explained_share']:.0f} % of the explainable error is explained (held-out variance above "
+            f"noise{'' if document['repeatability'] is None else ' and repeatability'})"
+        )
     if parts := _parts_of(unexplained):
         yield f"its parts{parts}"
     yield from (*_repeatability(document), *unexplained["hints"])

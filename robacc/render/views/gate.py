@@ -98,8 +98,8 @@ def _bounds(criterion: Document) -> str | None:
     if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
         return None
     suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
-    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends))
-    return f"({interval}{suffix}, each bound at {100 * criterion['confidence']:g} % confidence)"
+    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + suffix
+    return f"({interval}, each bound at {100 * criterion['confidence']:g} % confidence)"
 
 
 def probability(criterion: Document) -> str | None:
@@ -128,13 +128,15 @@ def _poses_needed(criterion: Document) -> str | None:
 
 def sentence(criterion: Document) -> str:
     """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
-    statement = " ".join(text for text in (criterion["key"], _value(criterion), _bounds(criterion)) if text)
-    parts = [f"{statement}, expected {limit(criterion)}"]
-    if criterion["margin"] is not None:
-        parts.append(f"margin {unit_of(criterion['unit']).text(criterion['margin'])}")
-    if (chance := probability(criterion)) is not None:
-        parts.append(f"conforms with probability {chance}")
-    return "; ".join([*parts, *_explanations(criterion)])
+    statement = " ".join(filter(None, (criterion["key"], _value(criterion), _bounds(criterion))))
+    margin, chance = criterion["margin"], probability(criterion)
+    parts = (
+        f"{statement}, expected {limit(criterion)}",
+        "" if margin is None else f"margin {unit_of(criterion['unit']).text(margin)}",
+        "" if chance is None else f"conforms with probability {chance}",
+        *_explanations(criterion),
+    )
+    return "; ".join(filter(None, parts))
 
 
 def _said(criterion: Document) -> str:
@@ -241,8 +243,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         for name, kind, message, reason in cases:
             case = SubElement(suite, "testcase", name=name, classname=f"robacc.{command}.{outcome.name}", time=share)
             if kind != "pass":
-                tag = "failure" if kind == "fail" else "error"
-                SubElement(case, tag, message=message, type=kind).text = reason
+                SubElement(case, "failure" if kind == "fail" else "error", message=message, type=kind).text = reason
         for stream, text in streams.items():
             SubElement(suite, f"system-{stream}").text = text
     indent(suites)

@@ -17,10 +17,6 @@ _CHAINS = {
     "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
     "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
 }
-_GAP = 3
-"""Blanks between columns."""
-_TEXTS = ("joint", "type", "follows", "axis")
-"""Heads of columns of text."""
 _MOST = 40
 """Coefficients of effects that are listed."""
 
@@ -66,7 +62,7 @@ def robot_view(summary: Summary) -> Iterator[Section]:
 
 
 def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
-    left = tuple(place for place, head in enumerate(header) if head in _TEXTS)
+    left = tuple(place for place, head in enumerate(header) if head in ("joint", "type", "follows", "axis"))
     return Section(title, [Grid(header, rows, left=left, is_ruled=True)])
 
 
@@ -84,7 +80,7 @@ def _geometry(robot: Robot) -> Iterator[Section]:
     if is_urdf:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = [joint.name for joint in robot.joints]
-    width = sum(max(map(len, [head, *cells])) + _GAP for head, cells in {"joint": names, **columns}.items())
+    width = sum(3 + max(map(len, [head, *cells])) for head, cells in {"joint": names, **columns}.items())
     tables = {"Geometry": [*columns]}
     if width > PLAIN_WIDTH:
         lengths = [head for head in columns if head.removesuffix(" mm") in LENGTH_PARAMETERS]
@@ -203,8 +199,8 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator
         for entry in entries
     ]
     yield Section("", [Grid(("", ""), rows, is_text=True)])
-    text = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
-    yield Section("", [Text(text, is_note=True)])
+    hint = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+    yield Section("", [Text(hint, is_note=True)])
 
 
 def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:

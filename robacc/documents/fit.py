@@ -15,7 +15,6 @@ from robacc.documents.keys import (
     Document,
     Key,
     Kind,
-    Later,
     array,
     choice,
     count,
@@ -52,13 +51,11 @@ from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics
-    from robacc.accuracy.stages import Residuals, Stage
-    from robacc.calibration.calibrating import Calibration
+    from robacc.accuracy.stages import Stage
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.tracing.judging import Judged
-    from robacc.tracing.trace import Trace
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
@@ -787,19 +784,17 @@ def _stage(stage: Stage, rows: Mapping[str, ErrorRows | None], seed: int) -> Doc
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
-
-    def figures(name: str) -> Document | None:
+    figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
+    for name in figures:
         metrics, own = getattr(stage, name), rows[name.removesuffix("_inliers")]
-        if metrics is None or own is None:
-            return None
-        errors, used, groups = own
-        shown = used | (not name.endswith("inliers"))
-        return {
-            "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
-            "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
-        }
-
-    return STAGE.write({name: figures(name) for name in STAGE.keys or ()})
+        if metrics is not None and own is not None:
+            errors, used, groups = own
+            shown = used | (not name.endswith("inliers"))
+            figures[name] = {
+                "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
+                "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
+            }
+    return STAGE.write(figures)
 
 
 def _figures(
@@ -818,24 +813,36 @@ def _figures(
     }
 
 
-def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements | None, seed: int) -> dict[str, Any]:
-    """Return the keys of every fit that need its poses: the stages, and the robot and poses for charts.
+def fit_document(
+    kind: Kind,
+    result: Judged,
+    data: Measurements,
+    robot: Robot,
+    apart: Measurements | None = None,
+    seed: int = 0,
+    baseline: Baseline | None = None,
+) -> Document:
+    """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
 
     Args:
+        kind: :data:`CALIBRATE` or :data:`TRACE`.
         result: The result.
         data: Calibration poses.
         robot: The nominal model.
         apart: Held-out poses, where they come from a file of their own.
         seed: Seed of the resampling behind intervals.
+        baseline: The declared effects.
     """
-    residuals, holdout = result.residuals, result.holdout
+    residuals, holdout, inliers = result.residuals, result.holdout, result.fit.inliers
+    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     inner = residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after
-    fitted = held_out = (result.fit.inliers, places(data))
     of_held_out: tuple[Array | None, ...] = (residuals.unregistered, *inner)
+    fitted = held_out = (inliers, places(data))
+    poses_apart = None
     if holdout is not None and apart is not None:
         of_held_out = holdout.unregistered, holdout.nominal, holdout.before, holdout.after
         held_out = np.ones(apart.n, dtype=bool), places(apart)
-    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
+        poses_apart = pose_document(apart, apart.position - holdout.nominal[:3], holdout)
     stages = {
         name: _stage(
             getattr(result, name),
@@ -846,50 +853,14 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
             ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
         )
     }
-
-    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Later:
-        return pose_document(rows, rows.position - of_rows.nominal[:3], of_rows, inliers)
-
-    return {
+    return kind.write(
+        result,
         **stages,
-        "n_poses": data.n,
-        "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
-        "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
-        "poses": poses(data, residuals, result.fit.inliers),
-        "poses_apart": None if apart is None or holdout is None else poses(apart, holdout, None),
-    }
-
-
-def calibration_payload(
-    calibration: Calibration,
-    data: Measurements,
-    robot: Robot,
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: Baseline | None = None,
-) -> Document:
-    """Return the keys of ``robacc.calibrate/2``; the arguments are those of :func:`trace_payload`."""
-    leverage = [{"line": data.line(i), "share": share} for i, share in calibration.leverage]
-    given = _given(calibration, data, robot, apart, seed)
-    return CALIBRATE.write(calibration, **given, declared=baseline, leverage=leverage)
-
-
-def trace_payload(
-    trace: Trace,
-    data: Measurements,
-    robot: Robot,
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: Baseline | None = None,
-) -> Document:
-    """Return the keys of ``robacc.trace/2``.
-
-    Args:
-        trace: The result.
-        data: Calibration poses.
-        robot: The nominal model.
-        apart: Held-out poses, where they come from a file of their own.
-        seed: Seed of the resampling behind intervals.
-        baseline: The declared effects.
-    """
-    return TRACE.write(trace, **_given(trace, data, robot, apart, seed), declared=baseline)
+        n_poses=data.n,
+        outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
+        robot=robot_document(robot, data.q, result.fit.model.arm.robot),
+        poses=pose_document(data, data.position - residuals.nominal[:3], residuals, inliers),
+        poses_apart=poses_apart,
+        declared=baseline,
+        leverage=[{"line": data.line(i), "share": share} for i, share in getattr(result, "leverage", ())],
+    )

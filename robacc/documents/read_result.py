@@ -6,6 +6,7 @@ import json
 import math
 import os
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -26,8 +27,6 @@ RESULT_LIMIT = 256 * 2**20
 _SCHEMA = re.compile(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})")
 _CUT_SHORT = re.compile(r"[-+.\w]*\s*")
 """Text after the error in a truncated file: nothing, or a part of a number or word."""
-_READ = ("robacc", "command", "options", "inputs")
-"""Keys of every result that readers need."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +76,8 @@ def understood(name: str, command: str) -> Iterator[None]:
         defect = (
             f"has no key {error.args[0]!r}" if isinstance(error, KeyError) else f"has an unexpected value ({error})"
         )
-        message = f"is a result of robacc {command}, but {defect}"
         fix = "compute the result again with this version of robacc"
-        raise InputError(Problem(message, name, fix=fix)) from error
+        raise InputError(Problem(f"is a result of robacc {command}, but {defect}", name, fix=fix)) from error
 
 
 def _parsed(text: str, name: str) -> Any:
@@ -111,8 +109,7 @@ def _parsed(text: str, name: str) -> Any:
 def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     entries = dict(pairs)
     if len(entries) < len(pairs):
-        names = [key for key, _ in pairs]
-        repeated = next(key for key in names if names.count(key) > 1)
+        ((repeated, _),) = Counter(key for key, _ in pairs).most_common(1)
         raise ValueError(f"an object has the key {repeated[:60]!r} twice")
     return entries
 
@@ -147,13 +144,15 @@ def _checked(document: Any, name: str) -> str:
         raise InputError(Problem(message, name, column="schema"))
     command, version = match[1], int(match[2])
     if version != schema_version(command):
-        maker = shortened(document.get("robacc", "unknown"))
-        expected = schema_version(command)
-        message = f"has version {version} of the schema, from robacc {maker}; this robacc reads version {expected}"
+        message = (
+            f"has version {version} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
+            f"robacc reads version {schema_version(command)}"
+        )
         fix = "compute the result again with this robacc, or read it with the robacc that made it"
         raise InputError(Problem(message, name, column="schema", fix=fix))
-    kind = result_kind(command)
-    problems = kind.problems({**dict.fromkeys(_READ), **document})
+    # Readers need some keys of every result.
+    needed = dict.fromkeys(("robacc", "command", "options", "inputs"))
+    problems = result_kind(command).problems({**needed, **document})
     if found := [Problem(message, name, column=path) for path, message in problems]:
         raise InputError(found)
     return command

@@ -8,7 +8,6 @@ from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
     Document,
     Key,
-    Kind,
     array,
     choice,
     count,
@@ -26,6 +25,7 @@ from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded
 if TYPE_CHECKING:
     from robacc.comparison.comparing import ResultComparison
 
+_NAME = {"name": Key(text, "Name of the result.")}
 _DIFFERENCE = {
     "value": Key(number | None, "Difference in the unit of the figure."),
     "lower": Key(number | None, "Lower limit of the interval.", "interval.lower"),
@@ -38,22 +38,22 @@ _DIFFERENCE = {
     "why": Key(text | None, "Reason why there is no test, or null.", "interval.why"),
 }
 DIFFERENCE = part(_DIFFERENCE, "difference", "Difference of two results in one figure.")
-
-_VALUE_KEYS = {
-    "value": Key(number, "Value in the unit."),
-    "lower": Key(number | None, "Lower limit of the interval.", "interval.lower"),
-    "upper": Key(number | None, "Upper limit of the interval.", "interval.upper"),
-    "confidence": Key(share | None, "Confidence of the interval.", "interval.confidence"),
-}
-_VALUE = part(_VALUE_KEYS)
+_TO_BASELINE = part(_NAME | _DIFFERENCE)
+_VALUE = part(
+    {
+        **_NAME,
+        "value": Key(number, "Value in the unit."),
+        "lower": Key(number | None, "Lower limit of the interval.", "interval.lower"),
+        "upper": Key(number | None, "Upper limit of the interval.", "interval.upper"),
+        "confidence": Key(share | None, "Confidence of the interval.", "interval.confidence"),
+    }
+)
 _ROW = part(
     {
         "key": Key(text, "Key of the figure, as in position.rms."),
         "unit": Key(text, "m, rad or 1."),
-        "values": Key(array(part({"name": Key(text, "Name of the result."), **_VALUE_KEYS})), "Value of each result."),
-        "differences": Key(
-            array(part({"name": Key(text, "Name of the result."), **_DIFFERENCE})), "Differences to the baseline."
-        ),
+        "values": Key(array(_VALUE), "Value of each result."),
+        "differences": Key(array(_TO_BASELINE), "Differences to the baseline."),
     }
 )
 """One figure of every result."""
@@ -63,22 +63,17 @@ def _rows(comparison: ResultComparison) -> list[Document]:
     """Return the figures with the names of the results."""
     names = [result.name for result in comparison.results]
     return [
-        {
-            "key": row.key,
-            "unit": row.unit,
-            "values": [_named(name, _VALUE, figure) for name, figure in zip(names, row.figures, strict=True)],
-            "differences": [
-                _named(name, DIFFERENCE, difference)
+        _ROW.write(
+            row,
+            values=[_VALUE.write(figure, name=name) for name, figure in zip(names, row.figures, strict=True)],
+            differences=[
+                _TO_BASELINE.write(difference, name=name)
                 for name, difference in zip(names, row.differences, strict=True)
                 if difference is not None
             ],
-        }
+        )
         for row in comparison.rows
     ]
-
-
-def _named(name: str, kind: Kind, record: object) -> Document:
-    return {"name": name, **kind.document(record)}
 
 
 COMPARE = part(

@@ -256,10 +256,11 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     low, high = sorted(getattr(axes, f"get_{name}lim")())
     for value, label in axis.rules:
         if low <= value <= high:
-            rule, place, shift, side = {
-                "x": (axes.axvline, (value, 1.0), (0, 3), "center"),
-                "y": (axes.axhline, (1.0, value), (0, 2), "right"),
-            }[name]
+            rule, place, shift, side = (
+                (axes.axvline, (value, 1.0), (0, 3), "center")
+                if name == "x"
+                else (axes.axhline, (1.0, value), (0, 2), "right")
+            )
             rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=(0, (3, 2)))
             axes.annotate(
                 short(label, 24),
@@ -320,10 +321,9 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
     traces = []
     for one in series:
-        points = np.array(one.at, dtype=np.float64)
+        points, colour = np.array(one.at, dtype=np.float64), f"role:{one.role}"
         columns = (np.round(points, 4) if unit == "m" else points).tolist()
         modes = [mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]
-        colour = f"role:{one.role}"
         # plotly interprets some tags and entities.
         texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
         traces.append(
@@ -412,16 +412,15 @@ def limits_of(document: Document, unit: str) -> list[tuple[str, str, float]]:
         if criterion["unit"] == unit and quantity in criterion["key"].split(".") and criterion["baseline"] is None
         if isinstance(criterion["limit"], int | float)
     ]
-    steps = (document.get("grade") or {}).get("steps") or ()
-    sizes = [(step["grade"], step[f"{quantity}_{unit}"]) for step in steps]
-    return limits or [(f"grade {name}", str(name), size) for name, size in sizes if size is not None]
+    steps = [(step["grade"], step[f"{quantity}_{unit}"]) for step in (document.get("grade") or {}).get("steps") or ()]
+    return limits or [(f"grade {name}", str(name), size) for name, size in steps if size is not None]
 
 
 # Drawing as part of a page or as a file.
 
 FONT = "DejaVu Sans"
 """Part of matplotlib, so that text has the same size on every machine."""
-_STYLE: dict[str, Any] = {
+_STYLE: dict[Any, Any] = {
     "font.family": [FONT],
     "font.size": 9.0,
     # Names from files are plain text: a dollar sign starts no formula.
@@ -450,7 +449,7 @@ _STYLE: dict[str, Any] = {
     "path.simplify": True,
     "pdf.fonttype": 42,
 }
-_WHITE = {"figure.facecolor": "white"}
+_WHITE: dict[Any, Any] = {"figure.facecolor": "white"}
 
 
 def as_part(chart: Chart, salt: str) -> str:
@@ -485,7 +484,7 @@ def as_figure(chart: Chart) -> Figure:
         return figure
 
 
-def _saved(chart: Chart, form: str, overrides: Mapping[str, Any]) -> bytes:
+def _saved(chart: Chart, form: str, overrides: dict[Any, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
     with _drawn(chart, overrides) as figure:
@@ -494,13 +493,12 @@ def _saved(chart: Chart, form: str, overrides: Mapping[str, Any]) -> bytes:
 
 
 @contextmanager
-def _drawn(chart: Chart, overrides: Mapping[str, Any]) -> Iterator[Figure]:
+def _drawn(chart: Chart, overrides: dict[Any, Any]) -> Iterator[Figure]:
     """Yield the drawn chart, within the style."""
     import matplotlib
     from matplotlib.figure import Figure
 
-    style: Any = {**_STYLE, **overrides}
-    with matplotlib.rc_context(style), warnings.catch_warnings():
+    with matplotlib.rc_context(_STYLE | overrides), warnings.catch_warnings():
         # A character that the font lacks becomes a box in a file; a page uses the reader's fonts.
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.

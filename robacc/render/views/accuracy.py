@@ -180,8 +180,8 @@ def _opening(document: Document, poses: str, robot: str | None) -> Iterator[str]
         missing = f"; not identifiable on these poses: {', '.join(unknown)}" * bool(unknown)
         yield f"registered{_registered(alignment)}{missing}"
     if document["unaligned"] is not None:
-        size = three_digits(document["unaligned"]["position"]["rms_m"] * IN_MM)
-        yield f'before registration: {size} mm rms (`align="none"` leaves the frames as they are)'
+        size = with_unit(document["unaligned"]["position"]["rms_m"])
+        yield f'before registration: {size} rms (`align="none"` leaves the frames as they are)'
 
 
 def _ending(document: Document, poses: str, robot: str | None) -> list[Block]:
@@ -209,10 +209,10 @@ def _statistics(document: Document, name: str, sign: str, unit: str, factor: flo
         (label, *_measured(part, f"{key}_{unit}", factor), own)
         for (label, key), own in zip(STATISTICS, unregistered, strict=True)
     ]
-    for label in ("zero mean", "fitted mean"):
-        radius = part["radius95"][label.replace(" ", "_")]
-        cells = measured_cells(radius[f"radius_{unit}"], factor, radius["interval"])
-        rows.append((f"95 % radius, Gaussian, {label}", *cells, ""))
+    rows += [
+        (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
+        for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
+    ]
     yield Grid(("length", "", head, "unregistered")[:columns], [row[:columns] for row in rows])
     yield Grid(("mean vector", "", head), [*_mean(part, unit, factor)])
     yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
@@ -469,14 +469,13 @@ def _summary(criteria: Sequence[Document], confidence: float) -> Iterator[Block]
     rows: list[Sequence[Cell]] = []
     reasons: dict[str, list[str]] = {}
     for part in criteria:
-        symbol, name, turn = part["symbol"], _NAMES[part["symbol"]], part["orientation"]
-        is_shift, clause = symbol == "shift", part["clause"].removeprefix("ISO 9283:1998, ")
+        symbol, name, clause = part["symbol"], _NAMES[part["symbol"]], part["clause"].removeprefix("ISO 9283:1998, ")
         if part["max_m"] is None:
             named = name.removesuffix(", ±")
-            reasons.setdefault(part["why"] or "", []).append(named if is_shift else f"{symbol} ({named})")
+            reasons.setdefault(part["why"] or "", []).append(named if symbol == "shift" else f"{symbol} ({named})")
         for label, unit, sign, own, factor in (
-            (f"{'' if is_shift else symbol:<4}{name}", "m", "mm", part, IN_MM),
-            ("      of orientation", "rad", "°", turn, IN_DEGREES),
+            (f"{'' if symbol == 'shift' else symbol:<4}{name}", "m", "mm", part, IN_MM),
+            ("      of orientation", "rad", "°", part["orientation"], IN_DEGREES),
         ):
             if own[f"max_{unit}"] is not None:
                 size, ends = _measured(own, f"max_{unit}", factor)
@@ -518,13 +517,12 @@ def _places(
 def _interval_methods(criteria: Sequence[Document]) -> Iterator[str]:
     """Yield the method of each criterion's interval."""
     methods: dict[str, list[str]] = {}
-    intervals = {part["symbol"]: part["intervals"]["max_m"] for part in criteria}
     for part in criteria:
+        bounds = part["intervals"]["max_m"]
         if part["max_m"] is not None:
-            bounds = intervals[part["symbol"]]
             methods.setdefault(bounds["why"] or bounds["method"].partition("; largest")[0], []).append(part["symbol"])
     yield from (f"{', '.join(symbols)}: {method}" for method, symbols in methods.items())
-    if any("; largest" in bounds["method"] for bounds in intervals.values()):
+    if any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria):
         yield (
             "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the "
             "number of poses"

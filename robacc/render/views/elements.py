@@ -173,12 +173,11 @@ def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
             yield "", ""
         if section.title:
             yield section.title, section.style
-        previous: Block | None = None
-        for block in section.blocks:
+        blocks = [*section.blocks]
+        for previous, block in zip([None, *blocks], blocks, strict=False):
             if isinstance(previous, Grid) and isinstance(block, Grid):
                 yield "", ""
             yield from block.lines(width)
-            previous = block
 
 
 # Numbers of tables, in mm and degrees: their heads name the unit, and their digits follow the interval.

@@ -49,7 +49,7 @@ OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.gate",
     "robacc.documents.accuracy",
-    "robacc.documents.read_result",
+    "robacc.documents.envelope",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",
     "robacc.poses.reading",

@@ -209,7 +209,7 @@ class Result(ABC):
             InputError: A file cannot be read or written.
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
-        from robacc.documents.read_result import read_identity
+        from robacc.documents.envelope import read_identity
         from robacc.io.files import write_text
         from robacc.render.page import render
 
@@ -242,7 +242,7 @@ class Result(ABC):
 
         The names are those of the columns of :meth:`to_pandas`. A result without poses gives an empty dictionary.
         """
-        from robacc.documents.read_result import pose_columns
+        from robacc.documents.envelope import pose_columns
 
         return pose_columns(self._plain())
 

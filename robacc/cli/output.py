@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from robacc.api.estimate import Estimate
     from robacc.api.fitting import FitResult
     from robacc.api.result import Result
-    from robacc.documents.read_result import StoredResult
+    from robacc.documents.envelope import StoredResult
     from robacc.gates.evaluate import GateOutcome
 
 
@@ -31,7 +31,7 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
         InputError: a result does not follow the schema of its command.
         UsageError: the extra ``report`` is not installed.
     """
-    from robacc.documents.read_result import understood
+    from robacc.documents.envelope import understood
     from robacc.render.page import page_of, result_of
 
     sections = []

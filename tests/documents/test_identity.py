@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.documents.read_result import read_identity
+from robacc.documents.envelope import read_identity
 from robacc.errors import InputError, UsageError
 from robacc.render.page import identity_rows
 from robacc.robots.description import IDENTITY

@@ -50,7 +50,7 @@ def report(
     Example: robacc report result.json --identity cell7.yaml --output report.html
     """
     from robacc.cli.output import page_of_results, write
-    from robacc.documents.read_result import read_identity, read_result
+    from robacc.documents.envelope import read_identity, read_result
     from robacc.errors import UsageError
     from robacc.render.plots.canvas import need
 
@@ -70,7 +70,7 @@ def report(
 
 def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
     """Write a chart of the one result; without a kind the main chart, and a note of others."""
-    from robacc.documents.read_result import read_result, understood
+    from robacc.documents.envelope import read_result, understood
     from robacc.errors import Note, UsageError
     from robacc.io.files import write_bytes
     from robacc.render.plots.canvas import as_file, need

@@ -382,19 +382,21 @@ _GROUPS = (
     ("Repeatability: scatter of the visits, whatever their distance from the command", ("RP", "RD")),
     ("Drift: change of accuracy and repeatability during the run", ("dAP", "dRP", "shift")),
 )
-_AXES = ("x", "y", "z")
-_ANGLES = ("a", "b", "c")
+_AXES = ("xyz_m", ("x", "y", "z"))
+_ANGLES = ("abc_rad", ("a", "b", "c"))
+_DISTANCES = ("distance", ("mean l", "S_l"))
+_BETWEEN = ("between", ("between",))
 _TABLES = (
     ("AP", "Pose accuracy AP by pose, mm", "AP_p", _AXES),
     ("AP", "Pose accuracy AP of orientation by pose, °", "", _ANGLES),
-    ("RP", "Pose repeatability RP by pose, mm (not accuracy)", "RP_l", ("mean l", "S_l")),
+    ("RP", "Pose repeatability RP by pose, mm (not accuracy)", "RP_l", _DISTANCES),
     ("RP", "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", "", _ANGLES),
-    ("vAP", "Multi-directional variation vAP by pose, mm", "vAP", ("between",)),
-    ("E", "Exchangeability E by pose, mm", "E", ("between",)),
+    ("vAP", "Multi-directional variation vAP by pose, mm", "vAP", _BETWEEN),
+    ("E", "Exchangeability E by pose, mm", "E", _BETWEEN),
     ("AD", "Distance accuracy AD by pair of poses, mm", "AD_p", _AXES),
     ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)", "RD_p", _AXES),
 )
-"""Criterion of each table by place, its title, the head of its value, and of what stands beside it."""
+"""Criterion of each table by place, its title, the head of its value, and key and heads of what stands beside it."""
 _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 
 
@@ -438,8 +440,8 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         return
     for heading, symbols in _GROUPS:
         yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
-    for symbol, heading, head, heads in _TABLES:
-        yield _places(criteria[symbol], heading, head, heads, confidence, len(document["files"]) > 1)
+    for symbol, heading, head, beside in _TABLES:
+        yield _places(criteria[symbol], heading, head, beside, confidence, len(document["files"]) > 1)
     rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
     table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
     yield Section("Conditions of the standard's protocol", [table])
@@ -486,11 +488,12 @@ def _summary(criteria: Sequence[Document], confidence: float) -> Iterator[Block]
 
 
 def _places(
-    criterion: Document, heading: str, head: str, heads: Sequence[str], confidence: float, several: bool
+    criterion: Document, heading: str, head: str, beside: tuple[str, Sequence[str]], confidence: float, several: bool
 ) -> Section:
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
-    places, has_files = criterion["poses"], several and criterion["symbol"] != "E"
-    if heads == _ANGLES and all(place["abc_rad"] is None for place in places):
+    (key, heads), has_files = beside, several and criterion["symbol"] != "E"
+    places = criterion["poses"]
+    if key == "abc_rad" and all(place[key] is None for place in places):
         places = []
     if len(places) > _MAX_ROWS:
         heading += f" (the {_MAX_ROWS} largest of {len(places)})"
@@ -500,15 +503,14 @@ def _places(
         intervals, cells = place["intervals"], [place["pose"], *([place["file"] or ""] * has_files)]
         if head:
             cells += [str(place["n"]), *_measured(place, "position_m", IN_MM)]
-        if heads == ("between",):
+        if key == "between":
             cells.append(place.get("between") or "")
-        elif len(heads) == 2:
+        elif key == "distance":
             sizes = (place.get(f"{name}_distance_m") for name in ("mean", "sd"))
             cells += [number(size, IN_MM, intervals["position_m"]) for size in sizes]
         else:
-            key, factor = ("abc_rad", IN_DEGREES) if heads == _ANGLES else ("xyz_m", IN_MM)
             pairs = zip(place[key] or (), intervals[key] or (), strict=True)
-            cells += [number(value, factor, bounds) for value, bounds in pairs]
+            cells += [number(value, IN_MM if key == "xyz_m" else IN_DEGREES, bounds) for value, bounds in pairs]
         rows.append(cells)
     value_heads = ["visits", head, percent(confidence)] if head else []
     return Section(heading, [Grid(("", *(["file"] * has_files), *value_heads, *heads), rows)])

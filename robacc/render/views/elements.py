@@ -182,10 +182,10 @@ def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
 
 # Numbers of tables, in mm and degrees: their heads name the unit, and their digits follow the interval.
 
-_UNBOUNDED: Document = MappingProxyType({"lower": None, "upper": None})
+UNBOUNDED: Document = MappingProxyType({"lower": None, "upper": None})
 
 
-def number(value: float | None, factor: float = 1.0, bounds: Document = _UNBOUNDED) -> Number:
+def number(value: float | None, factor: float = 1.0, bounds: Document = UNBOUNDED) -> Number:
     """Return ``factor`` times a value, with the digits that ``lower`` and ``upper`` of ``bounds`` support."""
     if value is None:
         return Number("–", None)
@@ -259,7 +259,7 @@ def percent(confidence: float) -> str:
 # Numbers with their units, for headlines and sentences.
 
 
-def amount(value: float | None, unit: str = "m", bounds: Document = _UNBOUNDED) -> Number:
+def amount(value: float | None, unit: str = "m", bounds: Document = UNBOUNDED) -> Number:
     """Return a length in mm, or in µm if it is small, or an angle (``rad``) in degrees."""
     shown = unit_of(unit, value or 0.0)
     cell = number(value, shown.factor, bounds)
@@ -290,6 +290,12 @@ class EffectFamily(NamedTuple):
     """Entries with a limit, the least first."""
     power: float
     """Mean probability that the usual size is found."""
+
+    def cells(self, named: bool = False) -> tuple[str, str, str, str]:
+        """Return name, lowest and highest limit, perhaps with their joints, and unit of an effect with a limit."""
+        ends, unit = (self.known[0], self.known[-1]), unit_of(self.known[0]["unit"])
+        low, high = (f"{unit.factor * e['limit']:.1e} {','.join(e['joints']) * named}".rstrip() for e in ends)
+        return self.name, low, high * (len(self.known) > 1), unit.name
 
 
 def effect_families(document: Document) -> list[EffectFamily]:

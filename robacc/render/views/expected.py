@@ -541,21 +541,18 @@ def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
 
 
 def _detectability(document: Document, most: int) -> Iterator[Block]:
-    rows: list[Sequence[Cell]] = []
-    hidden: dict[str, None] = {}
-    for family in effect_families(document):
-        if family.known:
-            first, last = family.known[0], family.known[-1]
-            factor, unit = unit_of(first["unit"])
-            sizes = (first["limit"], last["limit"], first["usual_size"])
-            lowest, highest, usual = (f"{factor * size:.1e}" for size in sizes)
-            rows.append((family.name, lowest, highest * (first is not last), unit, usual, fixed(family.power, 2)))
-        found = [limit["joints"] for limit in family.known]
-        hidden |= {
-            effect_label(family.name, each["joints"], {}): None
-            for each in family.entries
-            if each["joints"] not in found
-        }
+    families = effect_families(document)
+    rows = [
+        (*family.cells(), f"{unit_of(first['unit']).factor * first['usual_size']:.1e}", fixed(family.power, 2))
+        for family in families
+        for first in family.known[:1]
+    ]
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["joints"] not in [limit["joints"] for limit in family.known]
+    )
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     notes = _found(document["power"])
     notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")

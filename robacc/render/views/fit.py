@@ -25,6 +25,7 @@ from robacc.render.text import (
     unit_of,
 )
 from robacc.render.views.elements import (
+    UNBOUNDED,
     Block,
     Cell,
     Form,
@@ -120,9 +121,10 @@ def fit_headline(document: Document) -> ReportHeadline:
     poses, options, noise = _pose_set(document), document["options"], document["noise"]
     nominal, before, after = (amount(_rms(document, stage)) for stage in ("nominal", "before", "after"))
     tiles = [
-        tile(f"{label}, rms", part["rms_m"], "m", part["intervals"]["rms_m"], _POSE_SETS[poses])
+        tile(f"{label}, rms", part["rms_m"], "m", bounds.get("rms_m") or UNBOUNDED, _POSE_SETS[poses])
         for stage, _, label in fit_stages(document)
         for part in [document[stage][poses]["position"]]
+        for bounds in [part.get("intervals") or {}]
     ]
     if (gain := document["gain_m"]) is not None and document.get("findings") != []:
         tiles.append(tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]}))
@@ -605,14 +607,11 @@ def _parts_of(unexplained: Document) -> str:
 def _detection(document: Document) -> Iterator[Block]:
     """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
     families = effect_families(document)
-    rows: list[Sequence[Cell]] = []
-    for family in (each for each in families if each.known):
-        found, (factor, unit) = family.known, unit_of(family.known[0]["unit"])
-        lowest, highest = (
-            f"{each['limit'] * factor:.1e} {','.join(each['joints'])}".rstrip() for each in (found[0], found[-1])
-        )
-        motion = statistics.median(each["rms_m"] or 0.0 for each in found)
-        rows.append((family.name, lowest, highest * (len(found) > 1), unit, number(motion, IN_MM)))
+    rows = [
+        (*family.cells(named=True), number(statistics.median(each["rms_m"] or 0.0 for each in family.known), IN_MM))
+        for family in families
+        if family.known
+    ]
     hidden = dict.fromkeys(
         effect_label(family.name, each["joints"], {})
         for family in families

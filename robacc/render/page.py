@@ -127,14 +127,12 @@ def identity_rows(
             continue
         texts: list[tuple[str, str]] = []
         for name, document in zip(names, documents, strict=True):
-            files = [
-                (file["name"], file["identity"][key]) for file in document["inputs"] if key in file.get("identity", ())
-            ]
-            if len({text for _, text in files}) > 1:
+            files = [file for file in document["inputs"] if key in file.get("identity", ())]
+            if len({file["identity"][key] for file in files}) > 1:
                 lead = f"{name}, " if len(documents) > 1 else ""
-                texts += [(f"{lead}{file}", text) for file, text in files]
+                texts += [(f"{lead}{file['name']}", file["identity"][key]) for file in files]
             elif files:
-                texts.append((name, files[0][1]))
+                texts.append((name, files[0]["identity"][key]))
         distinct = {text for _, text in texts}
         if distinct:
             many = "; ".join(f"{name}: {text}" for name, text in texts)

@@ -53,7 +53,7 @@ def headline_of(document: Document) -> ReportHeadline:
     headline = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
     if document["command"] in _VIEWS:
         headline = _VIEWS[document["command"]][0](document)
-    badges, facts = [*headline.badges], [*_facts(document), *headline.facts]
+    badges, facts = [*headline.badges], [fact for fact in (*_facts(document), *headline.facts) if fact[1]]
     if gate := document.get("gate"):
         badges.append((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone))
     # What a reader asks first: why, and what now.

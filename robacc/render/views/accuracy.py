@@ -118,15 +118,14 @@ def estimate_view(
     met = _confirmed(grade) if is_met else "no step of the scale is met"
     heading, (first, *others) = f"Grade {grade['grade']}, {met} (scale: {grade['scale']})", grade["reason"].split(". ")
     style: Style = "green" if grade["demonstrated"] else "bold yellow"
-    subject, confirming = "it" if form == "short" else f"grade {grade['grade']}", []
-    if (total := grade["poses_to_demonstrate"]) is not None:
-        confirming = [
-            f"{total} poses in total would confirm {subject} with a probability of {chance(ASSURANCE)}, if the "
-            "estimate does not change"
-        ]
+    subject, total = "it" if form == "short" else f"grade {grade['grade']}", grade["poses_to_demonstrate"]
+    confirming = (
+        f"{total} poses in total would confirm {subject} with a probability of {chance(ASSURANCE)}, if the estimate "
+        "does not change"
+    ) * (total is not None)
     if form == "short":
         # The last sentence says why a grade is not confirmed.
-        unconfirmed = [*others[-1:], *confirming] if is_met and not grade["demonstrated"] else []
+        unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
         yield Section(heading, [Listing([first, *unconfirmed])], style)
         heads = [
             head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))
@@ -148,13 +147,13 @@ def estimate_view(
         for entry in grade["probabilities"]
         if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
-    known = [f"probability of each grade, given these poses: {shares}"] * (grade["probability"] is not None)
+    known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
     steps = [
         [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
         for step in grade["steps"]
     ]
     table = Grid((f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"), steps)
-    yield Section(heading, [Listing([first, *others, *known, *confirming]), table], style)
+    yield Section(heading, [Listing([first, *others, known, confirming]), table], style)
     methods: dict[tuple[str, ...], list[str]] = {}
     for part, name, unit, sign, factor in quantities:
         yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, name, sign, unit, factor))
@@ -328,8 +327,8 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         if criterion["outcome"] != "pass"
     ]
     failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    count = [f"{len(failed)} of {len(outcomes)} files could not be estimated"] * bool(failed)
-    yield Section("", [Listing([*notes, *failed, *count])])
+    count = f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)
+    yield Section("", [Listing([*notes, *failed, count])])
 
 
 def _reason(outcome: FileOutcome) -> str:

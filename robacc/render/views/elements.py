@@ -87,7 +87,7 @@ class Grid:
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """A list of texts."""
+    """A list of texts; empty ones are left out."""
 
     items: Sequence[str]
     tone: str = ""
@@ -150,6 +150,7 @@ class ReportHeadline(NamedTuple):
     badges: Sequence[tuple[str, str]] = ()
     """Short outcomes, with their tones: ``good``, ``bad``, ``open`` or ``plain``."""
     facts: Sequence[tuple[str, str]] = ()
+    """Those without a text are left out."""
 
 
 def draw(sections: Iterable[Section], stream: TextIO) -> None:

@@ -68,15 +68,14 @@ def predict_headline(document: Document) -> ReportHeadline:
         summary += (
             f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
         )
+    coverage = document["coverage"] or {}
+    shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)]
     facts = [
         ("Configurations", document["configurations"]),
         ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+        ("Compared with measured poses", (document["against"] or {}).get("verdict", "").replace("_", " ")),
+        ("Measured poses within their 95 % bound", ", ".join(shares)),
     ]
-    if document["against"] is not None:
-        facts.append(("Compared with measured poses", str(document["against"]["verdict"]).replace("_", " ")))
-    if (coverage := document["coverage"]) is not None:
-        shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage[name]]
-        facts.append(("Measured poses within their 95 % bound", ", ".join(shares)))
     tiles = [
         Tile("position, rms", rms, "over robots and poses"),
         Tile("position, 95th percentile", p95, "over robots and poses"),
@@ -292,8 +291,8 @@ def _coverage(coverage: Document) -> Section:
     rows = [(name, f"{part['n_inside']} of {part['n_poses']}", _percent(part["share"])) for name, part in parts.items()]
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
     registered = " and ".join(coverage["registered"])
-    halves = [f"{registered} fitted to one half of the poses for the errors of the other"] * bool(registered)
-    notes = Listing([f"the bound contains the measurement noise, {sources}", *halves])
+    halves = f"{registered} fitted to one half of the poses for the errors of the other" * bool(registered)
+    notes = Listing([f"the bound contains the measurement noise, {sources}", halves])
     title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
     return Section(title, [Grid(("", "poses", "share"), rows), notes])
 
@@ -355,7 +354,7 @@ def plan_headline(document: Document) -> ReportHeadline:
         ("Instrument", f"{amount(noise['position_m'])} along each axis"),
         ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
         ("Source of the noise", str(noise["source"])),
-        *([("Free effects", ", ".join(document["fit"].split(",")))] if document["fit"] else []),
+        ("Free effects", ", ".join(document["fit"].split(","))),
     ]
     title = f"Plan for the {_PURPOSES[document['purpose']]}{of_robot(document)}"
     return ReportHeadline(title, summary, tiles, badges, facts)
@@ -554,14 +553,16 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
         if each["joints"] not in [limit["joints"] for limit in family.known]
     )
     yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
-    notes = _found(document["power"])
-    notes.append("limit: size found with probability 1/2; power: probability that the usual size is found")
-    if hidden:
-        more = f" and {len(hidden) - most} more" * (len(hidden) > most)
-        notes.append(f"never found on these poses: {', '.join([*hidden][:most])}{more}")
+    more = f" and {len(hidden) - most} more" * (len(hidden) > most)
     untested = document["not_testable"] or {}
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
-    yield Listing([*notes, *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items())])
+    notes = [
+        *_found(document["power"]),
+        "limit: size found with probability 1/2; power: probability that the usual size is found",
+        f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
+        *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+    ]
+    yield Listing(notes)
 
 
 def _found(power: Document | None) -> list[str]:

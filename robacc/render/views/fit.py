@@ -128,9 +128,14 @@ def fit_headline(document: Document) -> ReportHeadline:
     ]
     if (gain := document["gain_m"]) is not None and document.get("findings") != []:
         tiles.append(tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]}))
-    source = _NOISE_SOURCES.get(noise["source"], "from the remaining error")
+    is_trace, source = "findings" in document, _NOISE_SOURCES.get(noise["source"], "from the remaining error")
+    structured = is_trace and document["unexplained"]["structured"]
     facts = [
+        ("Declared effects", (options.get("declared") or "none").replace(",", ", "))
+        if is_trace
+        else ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])),
         ("Measurement noise", f"{amount(noise['position_m'])} along each axis, {source}"),
+        ("Remaining error", f"{amount(document['unexplained']['rms_m'])}, structured" if structured else ""),
         ("Next", next_step(document)),
     ]
     # A model changes no arm until it is used.
@@ -138,27 +143,22 @@ def fit_headline(document: Document) -> ReportHeadline:
         f"The arm itself keeps its error of {nominal} rms, base and tool registered, until its controller uses the "
         "model."
     )
-    if "findings" not in document:
+    if not is_trace:
         summary = (
             f"With {options.get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses to "
             f"{after} rms ({_POSE_SETS[poses]}); with only base and tool fitted, to {before}. {arm}"
         )
-        facts.insert(0, ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])))
         return ReportHeadline(f"Calibration{of_robot(document)}", summary, tiles, (), facts)
     label, tone, _ = _VERDICTS[document["verdict"]]
-    unexplained = document["unexplained"]
     # The text does not say noise: the size of the noise may be unknown.
-    end = "the remaining error has no structure"
-    if unexplained["structured"]:
-        end = "the remaining error has a structure that no candidate explains"
-        facts.insert(1, ("Remaining error", f"{amount(unexplained['rms_m'])}, structured"))
+    end = f"the remaining error has {'a structure that no candidate explains' if structured else 'no structure'}"
     names = [
         f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
         for finding in document["findings"]
     ]
     if not names:
         unknown = "the remaining error is structured, but no effect of the catalogue explains it"
-        found = f"No effect was found; {unknown if unexplained['structured'] else end}."
+        found = f"No effect was found; {unknown if structured else end}."
     else:
         causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
         found = (
@@ -169,7 +169,6 @@ def fit_headline(document: Document) -> ReportHeadline:
         f"With the declared effects fitted, the model predicts the measured poses to {before} rms "
         f"({_POSE_SETS[poses]}). {found} {arm}"
     )
-    facts.insert(0, ("Declared effects", (options.get("declared") or "none").replace(",", ", ")))
     return ReportHeadline(f"Trace{of_robot(document)}: {label}", summary, tiles, [(label, tone)], facts)
 
 

@@ -58,7 +58,7 @@ def robot_view(summary: Summary) -> Iterator[Section]:
         if has_masses
     ]
     yield _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses)
-    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary)])
+    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text])
 
 
 def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
@@ -107,13 +107,12 @@ def _drive_rule(joint: Joint) -> str:
 
 
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    robot, campaign = summary.robot, summary.robot.campaign
+    """Yield labels and texts; an empty text is left out."""
+    robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
     yield "base", _frame(robot.base)
     yield from (("target", f"{name}: {_frame(frame)}") for name, frame in robot.targets.items())
-    if not robot.targets:
-        yield "tool", _frame(robot.tool)
-    if robot.payload_com is not None:
-        yield "payload", f"at ({_numbers(robot.payload_com, IN_MM)}) mm in the last link's frame"
+    yield "tool", "" if robot.targets else _frame(robot.tool)
+    yield "payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"
     yield "gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"
     for name, reach in summary.reach.items():
         extent = "unknown: a prismatic joint has no limits"
@@ -127,21 +126,19 @@ def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     yield "effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"
     listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
+    others = len(summary.coefficients) - len(listed)
     yield from (("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed)
-    if len(listed) < len(summary.coefficients):
-        yield "", f"… and {len(summary.coefficients) - len(listed)} more coefficients, in the robot file"
+    yield "", f"… and {others} more coefficients, in the robot file" * (others > 0)
     for effect in (*robot.effects, *(campaign.effects if campaign else ())):
         ranges = [f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in effect.get("validity", {}).items()]
-        if ranges:
-            yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}"
+        yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges)
     if campaign is not None:
-        frames = [name for name, frame in (("base", campaign.base), ("tool", campaign.tool)) if frame is not None]
+        own = {"base": campaign.base, "tool": campaign.tool}
+        frames = [name for name, frame in own.items() if frame is not None]
         frames += [f"target {name}" for name in campaign.targets]
-        if frames:
-            yield "campaign", f"registered in it: {', '.join(frames)}"
-        if campaign.effects:
-            names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
-            yield "campaign", f"effects {names}, for its own poses only"
+        yield "campaign", f"registered in it: {', '.join(frames)}" * bool(frames)
+        names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+        yield "campaign", f"effects {names}, for its own poses only" * bool(names)
     yield from (("fitted", f"to the poses of SHA-256 {digest[:16]}…") for digest in robot.fitted_to)
 
 

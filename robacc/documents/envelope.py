@@ -163,7 +163,7 @@ MODULES = {
     "check": "gate",
     "compare": "compare",
     "compare-paired": "compare",
-    "correct": "expected",
+    "correct": "compare",
     "effects": "descriptions",
     "estimate": "accuracy",
     "estimate-many": "accuracy",

@@ -464,16 +464,13 @@ def _route_facts(document: Document, full: bool) -> Iterator[str]:
         yield "collisions of the links not checked: check every pose before you send it"
     else:
         pairs = ", ".join(" and ".join(pair) for pair in collisions["overlapping"])
-        unchecked = f"; not checked, as they touch at nearly all poses: {pairs}" * bool(pairs)
         yield (
             f"{len(collisions['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
-            f"{unchecked}"
+            + f"; not checked, as they touch at nearly all poses: {pairs}" * bool(pairs)
         )
-    if blocks:
-        yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}"
-    if document["validation"] is not None:
-        yield f"{len(document['validation']['q'])} more poses for validation only"
-    worth = document["worth"]
+    yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}" * bool(blocks)
+    validation, worth = document["validation"], document["worth"]
+    yield "" if validation is None else f"{len(validation['q'])} more poses for validation only"
     if full and worth is not None and worth["new_poses_rms_m"] is not None:
         yield f"if there is time for twice the measurements: {worth['verdict']}"
 

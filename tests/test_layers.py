@@ -36,7 +36,7 @@ LAYERS = (
     ("robacc.render.text",),
     ("robacc.render.views",),
     ("robacc.render.plots",),
-    ("robacc.render.html",),
+    ("robacc.render.page",),
     ("robacc.render",),
     ("robacc.api",),
     ("robacc.cli",),
@@ -48,9 +48,8 @@ READS_PACKAGE_DATA = {"robacc.accuracy.grade", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.gate",
-    "robacc.documents.identity",
-    "robacc.documents.estimate",
-    "robacc.documents.read_result",
+    "robacc.documents.accuracy",
+    "robacc.documents.envelope",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",
     "robacc.poses.reading",
@@ -127,7 +126,7 @@ def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.py"
     wrong.write_text("def f():\n    from robacc.cli import main\n", encoding="utf-8")
     assert imports(wrong, modules()) == {"robacc.cli.main"}
-    assert layer("robacc.cli.main") > layer("robacc.render.text.console") > layer("robacc.chain")
+    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.chain")
 
 
 def test_only_io_opens_files() -> None:

@@ -45,10 +45,12 @@ class Calibrated(FitResult, Calibration):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import calibration_payload
+        from robacc.documents.fit import CALIBRATE, fit_document
 
         inputs = self.fit_inputs
-        return calibration_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
+        return fit_document(
+            CALIBRATE, self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline
+        )
 
 
 @call

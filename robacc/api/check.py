@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar
 from robacc.api.inputs import load_result
 from robacc.api.parameters import Help, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
+from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.gate import read_gate
-from robacc.documents.read_result import StoredResult, understood
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 
 

@@ -87,9 +87,9 @@ class Corrected(Result, Correction):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.correct import payload
+        from robacc.documents.compare import correction_document
 
-        return payload(self, self.given, self.model)
+        return correction_document(self, self.given, self.model)
 
     def csv(self) -> str:
         """Return the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
@@ -97,7 +97,7 @@ class Corrected(Result, Correction):
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the text of :meth:`csv` in pieces."""
-        from robacc.documents.correct import corrected_poses
+        from robacc.documents.compare import corrected_poses
         from robacc.poses.csv_file import pose_pieces
 
         names = " ".join(file.name for file in self.made.inputs)
@@ -119,7 +119,7 @@ class Corrected(Result, Correction):
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        from robacc.documents.correct import per_target_csv
+        from robacc.documents.compare import per_target_csv
 
         return per_target_csv(self, self.given)
 

@@ -65,23 +65,23 @@ class Estimate(Result, EstimateResult):
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         from robacc.accuracy.pose_errors import position_statistics, registered_poses
-        from robacc.documents.estimate import payload, pose_payload
+        from robacc.documents.accuracy import ESTIMATE_ITSELF, estimate_poses
 
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
         registered = None if self.alignment is None else self.alignment.robot
-        return {**payload(self), **pose_payload(self.data, self.robot, registered, statistics)}
+        return {**ESTIMATE_ITSELF.write(self), **estimate_poses(self.data, self.robot, registered, statistics)}
 
     def draw(self, stream: TextIO) -> None:
         """Write the short report."""
-        from robacc.documents.estimate import payload
+        from robacc.documents.accuracy import ESTIMATE_ITSELF
+        from robacc.render.views.accuracy import estimate_view
         from robacc.render.views.elements import draw
-        from robacc.render.views.estimate import estimate_view
 
-        draw(estimate_view(payload(self), self.named("poses"), self.named("robot"), "short"), stream)
+        draw(estimate_view(ESTIMATE_ITSELF.write(self), self.named("poses"), self.named("robot"), "short"), stream)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
-        from robacc.documents.estimate import per_pose_csv
+        from robacc.documents.accuracy import per_pose_csv
 
         return per_pose_csv(self, self.data)
 

@@ -80,11 +80,10 @@ class FitResult(Result):
     def draw(self, stream: TextIO, full: bool = False, model: str | None = None) -> None:
         """Write how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
         from robacc.render.views.elements import draw
-        from robacc.render.views.fit import calibration_view, trace_view
+        from robacc.render.views.fit import fit_view
 
-        view = trace_view if self.command == "trace" else calibration_view
         poses, robot = (self.fit_inputs.names[kind] or self.named(kind) for kind in ("poses", "robot"))
-        draw(view(self.payload(), poses, robot, "full" if full else "short", model), stream)
+        draw(fit_view(self.payload(), poses, robot, "full" if full else "short", model), stream)
 
     @property
     def converged(self) -> bool:

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.api.parameters import StrPath
 from robacc.api.result import Result
-from robacc.documents.envelope import InputFile
-from robacc.documents.read_result import StoredResult, read_result
+from robacc.documents.envelope import InputFile, StoredResult, read_result
 from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.files import read_text, sha256_of

@@ -45,7 +45,7 @@ class Iso9283(Result, Iso9283Result):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.iso9283 import ISO9283
+        from robacc.documents.accuracy import ISO9283
 
         return ISO9283.write(self)
 

@@ -29,21 +29,21 @@ class Iso9283Poses(Result):
 
     def csv(self) -> str:
         """Return the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""
-        from robacc.render.views.iso9283 import proposal_comments
+        from robacc.render.views.robot import proposal_comments
 
         head = "".join(f"# {line}\n" for line in proposal_comments(self.proposal, self.robot.name))
         return head + format_poses(planned_poses(self.proposal, self.cycles, self.payload_kg), attained=False)
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.iso9283 import ISO9283_POSES
+        from robacc.documents.accuracy import ISO9283_POSES
 
         return ISO9283_POSES.write(self.proposal, file_sha256=sha256(self.csv().encode()).hexdigest())
 
     def draw(self, stream: TextIO) -> None:
         """Write the cube, the commanded poses and the joints."""
         from robacc.render.views.elements import draw
-        from robacc.render.views.iso9283 import proposal_view
+        from robacc.render.views.robot import proposal_view
 
         draw(proposal_view(self.proposal, self.robot), stream)
 

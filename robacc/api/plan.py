@@ -181,7 +181,7 @@ class Planned(Result, CampaignPlan):
     def csv(self) -> str:
         """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         from robacc.poses.csv_file import format_poses
-        from robacc.render.views.plan import plan_comments
+        from robacc.render.views.expected import plan_comments
 
         head = "".join(f"# {line}\n" for line in plan_comments(self))
         return head + format_poses(self.visits(), attained=False)
@@ -254,9 +254,9 @@ class Planned(Result, CampaignPlan):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.plan import payload
+        from robacc.documents.expected import PLAN
 
-        return payload(self, self.csv())
+        return PLAN.write(self)
 
 
 @call

@@ -96,15 +96,16 @@ class Predicted(Result, Prediction):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.predict import payload, pose_payload
+        from robacc.documents.expected import prediction_charts, prediction_document
 
-        return {**payload(self, self.allocation, self.comparison, self.coverage), **pose_payload(self, self.robot)}
+        own = prediction_document(self, self.allocation, self.comparison, self.coverage)
+        return {**own, **prediction_charts(self, self.robot)}
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
-        from robacc.documents.predict import per_pose_csv
+        from robacc.documents.expected import prediction_csv
 
-        return per_pose_csv(self, self.robot.variable_names)
+        return prediction_csv(self, self.robot.variable_names)
 
     def map_csv(self, voxel: str | float = "100mm") -> str:
         """Return a CSV with a row for each voxel of the workspace: its errors, and the grade that it holds.

@@ -22,7 +22,7 @@ from robacc.api.parameters import (
     Units,
     call,
 )
-from robacc.documents.read_result import StoredResult
+from robacc.documents.envelope import StoredResult
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.reading import PoseFile, SupportsColumns
@@ -112,6 +112,6 @@ def read_result(path: StrPath) -> StoredResult:
     Raises:
         InputError: The file cannot be read, or is not a result with this version of the schema.
     """
-    from robacc.documents.read_result import read_result as read
+    from robacc.documents.envelope import read_result as read
 
     return read(os.fspath(path))

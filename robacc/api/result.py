@@ -135,7 +135,7 @@ class Result(ABC):
 
     def draw(self, stream: TextIO) -> None:
         """Write what the command shows without options, else the headline and the key figures."""
-        from robacc.render.html.page import notebook_text
+        from robacc.render.page import notebook_text
 
         stream.write(notebook_text(self._plain()))
 
@@ -193,7 +193,7 @@ class Result(ABC):
 
     def _repr_html_(self) -> str:
         """Return the headline and key figures for a notebook."""
-        from robacc.render.html.page import notebook_html
+        from robacc.render.page import notebook_html
 
         return notebook_html(self._plain())
 
@@ -209,9 +209,9 @@ class Result(ABC):
             InputError: A file cannot be read or written.
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
-        from robacc.documents.identity import read_identity
+        from robacc.documents.envelope import read_identity
         from robacc.io.files import write_text
-        from robacc.render.html.page import render
+        from robacc.render.page import render
 
         pairs = () if identity is None else (identity,) if isinstance(identity, str) else _pairs(identity)
         write_text(path, render([self._plain()], [self.command], read_identity(pairs)))
@@ -228,11 +228,11 @@ class Result(ABC):
             UsageError: The result has no such chart, or the extra ``report`` is not installed.
         """
         from robacc.render.plots.canvas import as_figure, need
-        from robacc.render.plots.catalogue import chart_of
+        from robacc.render.plots.results import chart_of
 
         need("matplotlib")
         chart = chart_of(self._plain(), kind or "", number)
-        figure = as_figure(chart.draw, chart.size)
+        figure = as_figure(chart)
         if path is not None:
             figure.savefig(path)
         return figure
@@ -242,7 +242,7 @@ class Result(ABC):
 
         The names are those of the columns of :meth:`to_pandas`. A result without poses gives an empty dictionary.
         """
-        from robacc.documents.read_result import pose_columns
+        from robacc.documents.envelope import pose_columns
 
         return pose_columns(self._plain())
 

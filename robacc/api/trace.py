@@ -43,10 +43,10 @@ class Traced(FitResult, Trace):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.fit import trace_payload
+        from robacc.documents.fit import TRACE, fit_document
 
         inputs = self.fit_inputs
-        return trace_payload(self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
+        return fit_document(TRACE, self, inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, self.baseline)
 
 
 @call

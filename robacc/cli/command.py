@@ -19,8 +19,8 @@ import typer
 
 from robacc.api.parameters import Help, choices_of, meaning_of
 from robacc.cli import clock
-from robacc.render.text import console
-from robacc.render.text.parameter_names import as_options
+from robacc.render import text as console
+from robacc.render.text import as_options
 
 _API = Path(__file__).parents[1] / "api"
 _READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")

@@ -11,7 +11,7 @@ from robacc.errors import InputError, RobaccError
 def main(paths: Sequence[str]) -> int:
     """Read the robot files and return the exit status."""
     from robacc.modelling.robot_file import read_robot
-    from robacc.render.text.console import say_error
+    from robacc.render.text import say_error
 
     status = 0
     for path in paths:

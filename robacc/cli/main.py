@@ -15,7 +15,7 @@ import typer
 from typer.core import TyperGroup
 
 from robacc.errors import InputError, Problem, RobaccError, UsageError
-from robacc.render.text.console import say, say_error, say_interrupted
+from robacc.render.text import say, say_error
 from robacc.threads import VARIABLE
 from robacc.version import __version__
 
@@ -93,7 +93,7 @@ class Commands(TyperGroup):
             say_error(error)
             raise typer.Exit(error.exit_status) from error
         except KeyboardInterrupt as interrupt:
-            say_interrupted(*map(str, interrupt.args))
+            say(f"interrupted; {''.join(map(str, interrupt.args)) or 'nothing was written'}", "dim")
             raise typer.Exit(INTERRUPTED) from interrupt
 
 
@@ -149,7 +149,7 @@ def main() -> None:
     try:
         _run()
     except KeyboardInterrupt:
-        say_interrupted()
+        say("interrupted; nothing was written", "dim")
         sys.exit(INTERRUPTED)
     except BrokenPipeError:
         _discard_output()

@@ -277,7 +277,7 @@ def _crashed(task: FileTask, died: Died) -> FileOutcome:
 
 def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
     """Write the warnings and errors of every file, in the order of the files."""
-    from robacc.render.text.console import say, say_error, say_warnings
+    from robacc.render.text import say, say_error, say_warnings
 
     say_warnings(_warnings(outcomes))
     for outcome in outcomes:
@@ -295,9 +295,9 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
     """Write the table of all files and the requested files."""
     from robacc.cli.output import emit, page_text, write
     from robacc.io.files import write_text
-    from robacc.render.text.parameter_names import as_options
+    from robacc.render.text import as_options
+    from robacc.render.views.accuracy import many_annotations, many_view
     from robacc.render.views.elements import draw
-    from robacc.render.views.estimate import many_annotations, many_view
     from robacc.render.views.gate import markdown
 
     options = tasks[0].options
@@ -310,7 +310,7 @@ def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: 
 
         write_text(outlets.junit, junit("estimate", outcomes, clock.started()))
     if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
-        from robacc.render.html.page import render
+        from robacc.render.page import render
 
         done = [
             (json.loads(Path(task.document).read_text(encoding="utf-8")), task.name)
@@ -346,8 +346,8 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
     """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
     from robacc.api.result import RECORDED_APART
+    from robacc.documents.accuracy import many_pieces
     from robacc.documents.envelope import InputFile, envelope
-    from robacc.documents.estimate import many_pieces
     from robacc.io.files import sha256_of
     from robacc.modelling.robot_file import robot_path
 

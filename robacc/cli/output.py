@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from robacc.api.estimate import Estimate
     from robacc.api.fitting import FitResult
     from robacc.api.result import Result
-    from robacc.documents.read_result import StoredResult
+    from robacc.documents.envelope import StoredResult
     from robacc.gates.evaluate import GateOutcome
 
 
@@ -31,8 +31,8 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
         InputError: a result does not follow the schema of its command.
         UsageError: the extra ``report`` is not installed.
     """
-    from robacc.documents.read_result import understood
-    from robacc.render.html.page import page_of, result_of
+    from robacc.documents.envelope import understood
+    from robacc.render.page import page_of, result_of
 
     sections = []
     for number, result in enumerate(results, 1):
@@ -43,7 +43,7 @@ def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str]
     unique = [
         name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
     ]
-    return page_of(sections, [result.document for result in results], unique, identity or {})
+    return page_of(sections, unique, identity or {})
 
 
 def page_of_document(document: Mapping[str, Any]) -> str:
@@ -51,7 +51,7 @@ def page_of_document(document: Mapping[str, Any]) -> str:
     import json
 
     from robacc.io.json_text import json_text
-    from robacc.render.html.page import render
+    from robacc.render.page import render
 
     return render([json.loads(json_text(document))], [str(document["command"])])
 
@@ -91,7 +91,7 @@ def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -
         InputError: a file cannot be written, or the gate cannot be read.
         typer.Exit: the gate did not pass: status 4 or 5.
     """
-    from robacc.render.text.console import warnings_below
+    from robacc.render.text import warnings_below
 
     if outlets.gate is None:
         with warnings_below(result.warnings):
@@ -123,7 +123,7 @@ def deliver_fit(call: Call, write_model: str | None, outlets: Outlets, full: boo
     """
     import typer
 
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text import say_warnings
 
     with progress_bar() as progress:
         result: FitResult = call(progress=progress)
@@ -160,7 +160,7 @@ def conclude(
     """
     import typer
 
-    from robacc.render.text.console import warnings_below
+    from robacc.render.text import warnings_below
 
     warnings = (*warnings, *outcome.warnings)
     with warnings_below(warnings):
@@ -234,7 +234,7 @@ def write_result(
     if outlets.form in ("table", "json"):
         emit(outlets.form, outlets.output, table=table, document=document)
         return
-    from robacc.render.text.parameter_names import as_options
+    from robacc.render.text import as_options
     from robacc.render.views.gate import github_annotations, markdown
 
     text_of = markdown if outlets.form == "markdown" else github_annotations
@@ -278,12 +278,12 @@ def write_plan(
 
 def table_of(result: Estimate, path: str, robot: str | None, full: bool) -> Callable[[TextIO], None]:
     """Return what draws an estimate onto a stream, in one screen unless ``full``."""
-    from robacc.documents.estimate import payload
+    from robacc.documents.accuracy import ESTIMATE_ITSELF
+    from robacc.render.views.accuracy import estimate_view
     from robacc.render.views.elements import Form, draw
-    from robacc.render.views.estimate import estimate_view
 
     form: Form = "full" if full else "short"
-    return lambda stream: draw(estimate_view(payload(result), path, robot, form), stream)
+    return lambda stream: draw(estimate_view(ESTIMATE_ITSELF.write(result), path, robot, form), stream)
 
 
 def page_text(table: Callable[[TextIO], None]) -> str:

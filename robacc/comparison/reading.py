@@ -162,7 +162,7 @@ def read_compared_result(document: Mapping[str, Any], name: str, file: str, dige
     """Return the figures, errors and provenance of a result.
 
     Args:
-        document: The JSON document, from :func:`robacc.documents.read_result.read_result`.
+        document: The JSON document, from :func:`robacc.documents.envelope.read_result`.
         name: Unique name of the result in the comparison.
         file: The result's file, for messages.
         digest: SHA-256 of the file.

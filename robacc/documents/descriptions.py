@@ -29,10 +29,7 @@ if TYPE_CHECKING:
     from robacc.effects.request import CatalogueEntry
 
 FRAME = part(
-    {
-        "xyz_m": Key(vector3, "Translation, m."),
-        "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad."),
-    },
+    {"xyz_m": Key(vector3, "Translation, m."), "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad.")},
     "frame",
     "Fixed transform T(xyz) Rz(yaw) Ry(pitch) Rx(roll).",
 )
@@ -60,7 +57,7 @@ ROBOTS = part(
                 )
             ),
             "Arms by maker and name.",
-        ),
+        )
     },
     about="Arms that come with the package.",
 )
@@ -162,10 +159,7 @@ SHOW = part(
                         "mass_kg": Key(size | None, "Mass of the link that the joint moves, kg.", "mass"),
                         "com_m": Key(vector3 | None, "Centre of mass in the link's frame, m."),
                         "tolerance": Key(table(number), "Tolerances, one standard deviation each, m and rad."),
-                        "mimic": Key(
-                            _MIMIC | None,
-                            "Mimic joint, which follows another joint.",
-                        ),
+                        "mimic": Key(_MIMIC | None, "Mimic joint, which follows another joint."),
                         "coupling": Key(
                             table(number),
                             "Movement of the joint per unit of other joint variables, added to its own variable.",
@@ -282,14 +276,7 @@ EFFECTS = part(
                             optional=True,
                         ),
                         "coefficients": Key(
-                            array(
-                                part(
-                                    {
-                                        "name": Key(text, "Name."),
-                                        "unit": Key(text, "Unit of the value."),
-                                    }
-                                )
-                            ),
+                            array(part({"name": Key(text, "Name."), "unit": Key(text, "Unit of the value.")})),
                             "Coefficients that would be fitted.",
                             _with_robot(
                                 lambda entry: [{"name": name, "unit": unit} for name, unit in entry.coefficients]
@@ -300,7 +287,7 @@ EFFECTS = part(
                 )
             ),
             "Effects in the order of the catalogue.",
-        ),
+        )
     },
     about="Catalogue of effects.",
 )
@@ -329,9 +316,7 @@ EXPORT = part(
             digest, "SHA-256 of the written file.", lambda exported: sha256(exported.text.encode()).hexdigest()
         ),
         "urdf_sha256": Key(
-            digest | None,
-            "SHA-256 of the URDF if one was written; null for a file of another format.",
-            lambda _: None,
+            digest | None, "SHA-256 of the URDF if one was written; null for a file of another format.", lambda _: None
         ),
         "not_carried": Key(array(text), "Parts of the model that the format cannot represent."),
         "refitted": Key(

@@ -15,7 +15,6 @@ from robacc.documents.keys import (
     Document,
     Key,
     Kind,
-    Later,
     array,
     choice,
     count,
@@ -52,13 +51,11 @@ from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics
-    from robacc.accuracy.stages import Residuals, Stage
-    from robacc.calibration.calibrating import Calibration
+    from robacc.accuracy.stages import Stage
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.tracing.judging import Judged
-    from robacc.tracing.trace import Trace
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
@@ -187,14 +184,7 @@ _DECLARED = part(
         "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
         "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
         "left_out": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "why": Key(text, "The reason."),
-                    }
-                )
-            ),
+            array(part({"effect": Key(text, "Name of the effect."), "why": Key(text, "The reason.")})),
             "Effects of every arm that the poses do not support.",
             lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
         ),
@@ -246,11 +236,7 @@ _FIT = {
         count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
     ),
     "parameters": Key(array(PARAMETER), "All coefficients of the extended model."),
-    "parameter_covariance": Key(
-        COVARIANCE,
-        "Covariance of the coefficients that have a standard error.",
-        "covariance",
-    ),
+    "parameter_covariance": Key(COVARIANCE, "Covariance of the coefficients that have a standard error.", "covariance"),
     "priors": Key(
         array(
             part(
@@ -306,23 +292,11 @@ _FIT = {
             "compared."
         ),
     ),
-    "outliers": Key(
-        array(
-            part(
-                {
-                    "line": Key(count, "Line of the file."),
-                }
-            )
-        ),
-        "Outliers, which the fit leaves out.",
-    ),
+    "outliers": Key(array(part({"line": Key(count, "Line of the file.")})), "Outliers, which the fit leaves out."),
     **WARNINGS,
     "robot": Key(ROBOT | None),
     "poses": Key(FITTED_POSES),
-    "poses_apart": Key(
-        FITTED_POSES | None,
-        "Poses of the holdout file; null without such a file.",
-    ),
+    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file."),
 }
 
 CALIBRATE = part(
@@ -331,10 +305,7 @@ CALIBRATE = part(
         "effects": Key(
             array(
                 part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "joints": Key(array(text), "Joints of the effect."),
-                    },
+                    {"effect": Key(text, "Name of the effect."), "joints": Key(array(text), "Joints of the effect.")},
                     has_others=True,
                 )
             ),
@@ -474,17 +445,12 @@ FINDING = part(
                 part(
                     {
                         "effect": Key(text, "Name of the effect."),
-                        "joints": Key(
-                            array(text),
-                            "Joints of the effect; empty if it acts on no particular joint.",
-                        ),
+                        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
                         "similarity": Key(
-                            share,
-                            "Cosine between the contributions of the two effects on these poses, 0 to 1.",
+                            share, "Cosine between the contributions of the two effects on these poses, 0 to 1."
                         ),
                         "evidence_difference": Key(
-                            number | None,
-                            "Evidence (log Bayes factor) of the finding minus that of the alternative.",
+                            number | None, "Evidence (log Bayes factor) of the finding minus that of the alternative."
                         ),
                         "settings": Key(table(), "Settings of the effect, if it has any."),
                     }
@@ -498,9 +464,7 @@ FINDING = part(
             lambda finding: finite(finding.p_value),
         ),
         "evidence": Key(
-            number | None,
-            "Evidence (log Bayes factor) for the finding.",
-            lambda finding: finite(finding.evidence),
+            number | None, "Evidence (log Bayes factor) for the finding.", lambda finding: finite(finding.evidence)
         ),
         "size_at_tool_m": Key(
             size | None,
@@ -543,10 +507,7 @@ FINDING = part(
             optional=True,
         ),
         "largest_turn_at_tool_rad": Key(
-            size | None,
-            "Largest such angle, rad.",
-            lambda finding: finding.turn_at_tool[1],
-            optional=True,
+            size | None, "Largest such angle, rad.", lambda finding: finding.turn_at_tool[1], optional=True
         ),
         "parameters": Key(array(PARAMETER), "Coefficients of the finding."),
         "harmonics": Key(
@@ -562,8 +523,7 @@ FINDING = part(
                         "phase_rad": Key(number, "Phase, rad, -pi to pi."),
                         "phase_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
                         "origin": Key(
-                            text | None,
-                            "Physical origin that the order agrees with; null if there is none.",
+                            text | None, "Physical origin that the order agrees with; null if there is none."
                         ),
                         "aliases": Key(array(number), "Other orders that the poses do not distinguish from it."),
                     }
@@ -603,8 +563,7 @@ FINDING = part(
         ),
         "partial_residuals": Key(array(CURVE), "Residual over the driver of the effect."),
         "implausible": Key(
-            text | None,
-            "Reason if coefficients are beyond what the effect can be; null if they are plausible.",
+            text | None, "Reason if coefficients are beyond what the effect can be; null if they are plausible."
         ),
         "warnings": Key(array(text), "Warnings about the finding."),
     }
@@ -658,10 +617,7 @@ TRACE = part(
             "What the verdict presumes where the measurement noise is known from the residual alone; else null.",
         ),
         **_FIT,
-        "findings": Key(
-            array(FINDING),
-            "Identified effects, in the order in which they were added.",
-        ),
+        "findings": Key(array(FINDING), "Identified effects, in the order in which they were added."),
         "undeclared_load": Key(
             part(
                 {
@@ -828,19 +784,17 @@ def _stage(stage: Stage, rows: Mapping[str, ErrorRows | None], seed: int) -> Doc
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
-
-    def figures(name: str) -> Document | None:
+    figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
+    for name in figures:
         metrics, own = getattr(stage, name), rows[name.removesuffix("_inliers")]
-        if metrics is None or own is None:
-            return None
-        errors, used, groups = own
-        shown = used | (not name.endswith("inliers"))
-        return {
-            "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
-            "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
-        }
-
-    return STAGE.write({name: figures(name) for name in STAGE.keys or ()})
+        if metrics is not None and own is not None:
+            errors, used, groups = own
+            shown = used | (not name.endswith("inliers"))
+            figures[name] = {
+                "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
+                "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
+            }
+    return STAGE.write(figures)
 
 
 def _figures(
@@ -859,24 +813,36 @@ def _figures(
     }
 
 
-def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements | None, seed: int) -> dict[str, Any]:
-    """Return the keys of every fit that need its poses: the stages, and the robot and poses for charts.
+def fit_document(
+    kind: Kind,
+    result: Judged,
+    data: Measurements,
+    robot: Robot,
+    apart: Measurements | None = None,
+    seed: int = 0,
+    baseline: Baseline | None = None,
+) -> Document:
+    """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
 
     Args:
+        kind: :data:`CALIBRATE` or :data:`TRACE`.
         result: The result.
         data: Calibration poses.
         robot: The nominal model.
         apart: Held-out poses, where they come from a file of their own.
         seed: Seed of the resampling behind intervals.
+        baseline: The declared effects.
     """
-    residuals, holdout = result.residuals, result.holdout
+    residuals, holdout, inliers = result.residuals, result.holdout, result.fit.inliers
+    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     inner = residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after
-    fitted = held_out = (result.fit.inliers, places(data))
     of_held_out: tuple[Array | None, ...] = (residuals.unregistered, *inner)
+    fitted = held_out = (inliers, places(data))
+    poses_apart = None
     if holdout is not None and apart is not None:
         of_held_out = holdout.unregistered, holdout.nominal, holdout.before, holdout.after
         held_out = np.ones(apart.n, dtype=bool), places(apart)
-    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
+        poses_apart = pose_document(apart, apart.position - holdout.nominal[:3], holdout)
     stages = {
         name: _stage(
             getattr(result, name),
@@ -887,50 +853,14 @@ def _given(result: Judged, data: Measurements, robot: Robot, apart: Measurements
             ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
         )
     }
-
-    def poses(rows: Measurements, of_rows: Residuals, inliers: NDArray[np.bool_] | None) -> Later:
-        return pose_document(rows, rows.position - of_rows.nominal[:3], of_rows, inliers)
-
-    return {
+    return kind.write(
+        result,
         **stages,
-        "n_poses": data.n,
-        "outliers": [{"line": data.line(int(i))} for i in result.fit.outliers],
-        "robot": robot_document(robot, data.q, result.fit.model.arm.robot),
-        "poses": poses(data, residuals, result.fit.inliers),
-        "poses_apart": None if apart is None or holdout is None else poses(apart, holdout, None),
-    }
-
-
-def calibration_payload(
-    calibration: Calibration,
-    data: Measurements,
-    robot: Robot,
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: Baseline | None = None,
-) -> Document:
-    """Return the keys of ``robacc.calibrate/2``; the arguments are those of :func:`trace_payload`."""
-    leverage = [{"line": data.line(i), "share": share} for i, share in calibration.leverage]
-    given = _given(calibration, data, robot, apart, seed)
-    return CALIBRATE.write(calibration, **given, declared=baseline, leverage=leverage)
-
-
-def trace_payload(
-    trace: Trace,
-    data: Measurements,
-    robot: Robot,
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: Baseline | None = None,
-) -> Document:
-    """Return the keys of ``robacc.trace/2``.
-
-    Args:
-        trace: The result.
-        data: Calibration poses.
-        robot: The nominal model.
-        apart: Held-out poses, where they come from a file of their own.
-        seed: Seed of the resampling behind intervals.
-        baseline: The declared effects.
-    """
-    return TRACE.write(trace, **_given(trace, data, robot, apart, seed), declared=baseline)
+        n_poses=data.n,
+        outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
+        robot=robot_document(robot, data.q, result.fit.model.arm.robot),
+        poses=pose_document(data, data.position - residuals.nominal[:3], residuals, inliers),
+        poses_apart=poses_apart,
+        declared=baseline,
+        leverage=[{"line": data.line(i), "share": share} for i, share in getattr(result, "leverage", ())],
+    )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robacc.documents.envelope import InputFile, significant_document
+from robacc.documents.envelope import InputFile, read_result, significant_document
 from robacc.documents.keys import (
     LEFT_OUT,
     Document,
@@ -27,7 +27,6 @@ from robacc.documents.keys import (
     text,
 )
 from robacc.documents.parts import INPUT
-from robacc.documents.read_result import read_result
 from robacc.errors import InputError, Problem
 from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of

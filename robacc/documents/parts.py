@@ -280,13 +280,7 @@ STATISTICS = {
                 "",
             ),
             "tests": Key(
-                part(
-                    {
-                        "zero_mean": Key(TEST),
-                        "skewness": Key(TEST),
-                        "kurtosis": Key(TEST),
-                    }
-                ),
+                part({"zero_mean": Key(TEST), "skewness": Key(TEST), "kurtosis": Key(TEST)}),
                 "Tests of the assumptions of the covariance.",
             ),
             "pose_structure": Key(
@@ -369,11 +363,7 @@ JOINTS = array(
 ROBOT = part(
     {
         "name": Key(text, "Name in the robot file."),
-        "joints": Key(
-            JOINTS,
-            "Joints with a variable, in chain order.",
-            "variables",
-        ),
+        "joints": Key(JOINTS, "Joints with a variable, in chain order.", "variables"),
         "effects": Key(
             array(text),
             "Names of the effects that the robot file lists; they are applied.",
@@ -429,14 +419,10 @@ _POSES = {
     "cycle": Key(array(text) | None, "Repetition of the commanded pose.", lambda data: texts(data.cycle)),
     "target": Key(array(text) | None, "Name of the measured target.", lambda data: texts(data.target)),
     "group": Key(
-        array(integer),
-        "Number of the commanded pose; rows that share it are repetitions.",
-        lambda data: data.groups(),
+        array(integer), "Number of the commanded pose; rows that share it are repetitions.", lambda data: data.groups()
     ),
     "q": Key(
-        array(array(number)) | None,
-        "Commanded joint variables of each pose, rad or m.",
-        lambda data: rounded(data.q),
+        array(array(number)) | None, "Commanded joint variables of each pose, rad or m.", lambda data: rounded(data.q)
     ),
     "commanded_m": Key(rows3, "Commanded position of the target in the measuring frame, m."),
     "attained_m": Key(rows3, "Measured position of the target, m.", lambda data: rounded(data.position)),
@@ -567,6 +553,7 @@ COVARIANCE = part(
 )
 """Covariance of coefficients."""
 
+NOTES = {"notes": Key(array(text), "Notes on the figures: assumptions and limitations.")}
 WARNINGS = {
     "input_notes": Key(
         array(text),

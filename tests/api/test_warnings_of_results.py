@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.documents.correct import per_target_csv
+from robacc.documents.compare import per_target_csv
 
 ROOT = Path(__file__).resolve().parents[2] / "sample_data"
 CLEAN, NOMINAL = ROOT / "poses.csv", ROOT / "robot.yaml"

@@ -17,7 +17,7 @@ from commands import missing, refused
 import robacc
 from robacc.cli.main import COMMANDS, RENAMED
 from robacc.errors import MAX_PROBLEMS, InputError, Problem, UsageError
-from robacc.render.text.console import say_error
+from robacc.render.text import say_error
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = (str(ROOT / "sample_data" / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"))

@@ -15,21 +15,19 @@ import pytest
 import robacc
 from robacc.cli.main import COMMANDS, FORMS
 from robacc.errors import InputError, Problem, UsageError
-from robacc.render.text.console import say_error
-from robacc.render.text.parameter_names import _MARKED, as_options
+from robacc.render.text import _MARKED, as_options, say_error
 
 PACKAGE = Path(robacc.__file__).parent
 OPTION = re.compile(r"(?<![\w-])--[a-z]")
 SHOWS_COMMANDS = {
-    "render/html/page.py",  # the command that makes a result again
-    "render/views/estimate.py",  # the command that comes next
+    "render/page.py",  # the command that makes a result again
+    "render/views/accuracy.py",  # the command that comes next
     "render/views/fit.py",  # the same
-    "render/views/plan.py",  # the same
-    "render/views/correct.py",  # the same
+    "render/views/expected.py",  # the same
     "simulation/templates.py",  # comments of files that `robacc init` writes
     "poses/column_proposal.py",  # the same
     "render/plots/canvas.py",  # variables of CSS
-    "render/text/parameter_names.py",
+    "render/text.py",
 }
 
 

@@ -18,7 +18,7 @@ from robacc.modelling.model import Model, predict
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import coverage, model_uncertainty
 from robacc.render.plots.canvas import as_part
-from robacc.render.plots.catalogue import chart_of
+from robacc.render.plots.results import chart_of
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
@@ -157,7 +157,7 @@ def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
     chart = chart_of(json.loads(prediction.to_json()), "warranty")
     assert sum(len(trace["x"]) for trace in chart.scene["traces"]) == len(voxels["grade"])
     assert f"of {len(voxels['grade'])} voxels" in chart.caption
-    assert "grade" in as_part(chart.draw, chart.size, "x")
+    assert "grade" in as_part(chart, "x")
 
 
 def prediction_poses(prediction: robacc.Predicted) -> robacc.Measurements:

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.documents.identity import IDENTITY, read_identity
+from robacc.documents.envelope import read_identity
 from robacc.errors import InputError, UsageError
-from robacc.render.html.page import identity_rows
+from robacc.render.page import identity_rows
+from robacc.robots.description import IDENTITY
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 

@@ -1,7 +1,9 @@
-"""JSON text of results: the same as the standard library's reading, never NaN, arrays in pieces."""
+"""JSON and CSV text of results: the same as the standard library's reading, never NaN, arrays in pieces."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import math
 
@@ -10,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from robacc.documents.envelope import InputFile, envelope
+from robacc.documents.envelope import InputFile, csv_text, envelope
 from robacc.io.json_text import json_pieces, json_text
 
 values = st.recursive(
@@ -84,3 +86,11 @@ def test_a_document_has_twelve_digits() -> None:
     assert document["list"] == [0.333333333333, None, "a"]
     assert (document["number"], document["count"], str(document["zero"])) == (0.666666666667, 7, "0.0")
     assert np.isnan(envelope("x", {"a": np.array([np.nan])}, options={}, inputs=[], seed=None)["a"]).all()
+
+
+def test_cells_of_any_text_read_back() -> None:
+    texts = ["P1", "a,b", 'say "a"', 'say "a", b', "two\nlines", "two\r\nlines", ""]
+    text = csv_text({"name": texts, "number": range(len(texts)), "none": None})
+    rows = list(csv.reader(io.StringIO(text, newline="")))
+    assert rows == [["name", "number"], *([name, str(i)] for i, name in enumerate(texts))]
+    assert csv_text({"a": [], "b": []}) == "a,b\n"

@@ -14,9 +14,8 @@ from typing import Any
 import pytest
 
 from robacc import __version__
-from robacc.documents import read_result as module
-from robacc.documents.envelope import InputFile, envelope
-from robacc.documents.read_result import read_result
+from robacc.documents import envelope as module
+from robacc.documents.envelope import InputFile, envelope, read_result
 from robacc.errors import InputError
 from robacc.io.json_text import json_text
 

@@ -16,7 +16,7 @@ from scipy import stats
 import robacc.calibration.calibrating
 import robacc.fitting.masses
 from robacc.calibration.calibrating import Calibration, calibrate
-from robacc.documents.fit import calibration_payload, trace_payload
+from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import REGISTRY
 from robacc.effects.request import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
@@ -25,7 +25,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.views.elements import draw
-from robacc.render.views.fit import calibration_view, trace_sections
+from robacc.render.views.fit import fit_view
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -95,7 +95,7 @@ def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pyt
     assert found.deflection.difference < 1e-10
     rigid = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests("base_frame,tool_frame"))
     assert rigid.deflection is None
-    assert calibration_payload(rigid, measured("rigid", STIFF), arm("puma560").robot)["deflection"] is None
+    assert fit_document(CALIBRATE, rigid, measured("rigid", STIFF), arm("puma560").robot)["deflection"] is None
 
 
 @pytest.mark.slow
@@ -181,9 +181,9 @@ def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors()
 )
 def test_table_and_document_say_which_form_and_why(form: str, compliance: float, said: str) -> None:
     found, data = calibrated(form, compliance), measured(form, compliance)
-    payload = calibration_payload(found, data, arm("puma560").robot, baseline=DECLARED)
+    payload = fit_document(CALIBRATE, found, data, arm("puma560").robot, baseline=DECLARED)
     stream = StringIO()
-    draw(calibration_view(payload, "poses.csv", "robot.yaml", "full"), stream)
+    draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
     assert said in " ".join(stream.getvalue().split())
     document = payload["deflection"]
     assert json.loads(json.dumps(document)) == document
@@ -220,11 +220,11 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
     again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-    payload = trace_payload(found, data, robot, holdout, baseline=DECLARED)
+    payload = fit_document(TRACE, found, data, robot, holdout, baseline=DECLARED)
     assert payload["deflection"]["form"] == form
     assert payload["findings"][0]["settings"] == settings
     stream = StringIO()
-    draw(trace_sections(payload), stream)
+    draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 

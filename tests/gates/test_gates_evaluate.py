@@ -12,7 +12,7 @@ import pytest
 from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
 from robacc.comparison.reading import errors_behind
-from robacc.documents.estimate import GRADE
+from robacc.documents.accuracy import GRADE
 from robacc.documents.gate import gate_document
 from robacc.documents.parts import STATISTICS
 from robacc.gates.evaluate import (

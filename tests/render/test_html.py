@@ -24,9 +24,8 @@ from pages import Element, parsed
 from typer.testing import CliRunner
 
 from robacc.cli.main import app
-from robacc.render.html.page import command_line, render, script_json
-from robacc.render.plots.catalogue import charts_of
-from robacc.render.views.results import headline_of
+from robacc.render.page import command_line, headline_of, render, script_json
+from robacc.render.plots.results import charts_of
 
 COMMANDS = tuple(results.CALLS)
 LIMIT = 6_000_000

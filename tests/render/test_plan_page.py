@@ -9,8 +9,8 @@ import pytest
 
 import robacc
 from robacc.cli.output import page_of_document
-from robacc.render.html.page import command_line
-from robacc.render.plots.catalogue import charts_of
+from robacc.render.page import command_line
+from robacc.render.plots.results import charts_of
 from robacc.render.views.elements import effect_families
 
 ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"

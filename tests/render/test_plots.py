@@ -18,10 +18,9 @@ import robacc
 from robacc.cli.main import app
 from robacc.errors import UsageError
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
-from robacc.render.plots.catalogue import chart_of, charts_of
-from robacc.render.plots.errors import SHARES, error_axis, stages_of
-from robacc.render.plots.results import comparison_charts, operating_curve_charts
-from robacc.render.text.layout import DEGREE, MILLIMETRE, error_unit
+from robacc.render.plots.poses import SHARES, error_axis, stages_of
+from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
+from robacc.render.text import unit_of
 from robacc.render.views.elements import Grid
 from robacc.statistics.distributions import chi2_cdf
 
@@ -69,7 +68,7 @@ def many(n: int) -> dict[str, Any]:
 def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
     document = many(20_000)
     for chart in charts_of(document):
-        assert as_part(chart.draw, chart.size, "x").count("<use") < 2500
+        assert as_part(chart, "x").count("<use") < 2500
         if chart.kind == "time":
             assert "of 20,000 poses, including the extremes" in chart.caption
         if chart.kind == "distribution":
@@ -79,14 +78,14 @@ def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
 
 
 def test_units_follow_the_size() -> None:
-    assert error_unit("m", 1e-5).name == "µm"
-    assert error_unit("m", 1e-5, 1e-3).name == "mm"
+    assert unit_of("m", 1e-5).name == "µm"
+    assert unit_of("m", 1e-5, 1e-3).name == "mm"
     # Charts and tables have one unit for angles, whatever their size.
-    assert {error_unit("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
-    assert error_unit("m", 1e-3).name == "mm"
-    assert MILLIMETRE.text(0.00123456) == "1.23 mm"
-    assert DEGREE.text(math.pi / 180) == "1.00°"
-    assert MILLIMETRE.text(math.nan) == "–"
+    assert {unit_of("rad", size).name for size in (1e-4, 1e-2, 0.5)} == {"°"}
+    assert unit_of("m", 1e-3).name == "mm"
+    assert unit_of("m").text(0.00123456) == "1.23 mm"
+    assert unit_of("rad").text(math.pi / 180) == "1.00°"
+    assert unit_of("m").text(math.nan) == "–"
 
 
 def test_names_are_cut_to_one_line() -> None:
@@ -127,12 +126,12 @@ def test_covariances_in_both_frames_are_of_the_same_errors() -> None:
 
 def test_colours_on_a_page_are_its_variables_and_in_a_file_paints() -> None:
     chart = chart_of(results.document("trace"), "distribution")
-    part = as_part(chart.draw, chart.size, "a")
+    part = as_part(chart, "a")
     assert "var(--c-before)" in part
     assert not any(colour in part for colour in LIGHT.values())
     assert len(set(LIGHT.values())) == len(LIGHT)
     assert LIGHT.keys() == DARK.keys()
-    assert LIGHT["before"] in as_file(chart.draw, chart.size, "svg").decode()
+    assert LIGHT["before"] in as_file(chart, "svg").decode()
 
 
 def test_formulas_and_strange_signs_in_names_are_drawn_as_text() -> None:
@@ -142,7 +141,7 @@ def test_formulas_and_strange_signs_in_names_are_drawn_as_text() -> None:
         for curve in finding["partial_residuals"]:
             curve["joint"] = curve["driver"] = finding["joints"][0]
     for chart in charts_of(document)[:3]:
-        assert b"<svg" in as_file(chart.draw, chart.size, "svg")
+        assert b"<svg" in as_file(chart, "svg")
         assert "frac" in chart.title or chart.kind == "distribution"
 
 

@@ -14,7 +14,7 @@ import pytest
 import results
 from test_html import HOSTILE, hostile
 
-from robacc.render.html.page import render
+from robacc.render.page import render
 
 pytestmark = [
     pytest.mark.slow,

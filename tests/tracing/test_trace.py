@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.fit import FINDING, trace_payload
+from robacc.documents.fit import FINDING, TRACE, fit_document
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
@@ -199,7 +199,7 @@ def test_the_same_call_twice_is_the_same_to_the_bit() -> None:
     data, found = case("gear")
     again = traced(arm("puma560").robot, data)
     robot = arm("puma560").robot
-    assert json_text(trace_payload(again, data, robot)) == json_text(trace_payload(found, data, robot))
+    assert json_text(fit_document(TRACE, again, data, robot)) == json_text(fit_document(TRACE, found, data, robot))
     np.testing.assert_array_equal(again.fit.theta, found.fit.theta)
 
 

@@ -39,9 +39,9 @@ def correct(
     from robacc.io.files import write_bytes, write_text
     from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.reading import is_program
-    from robacc.render.text.console import warnings_below
-    from robacc.render.views.correct import correction_text
+    from robacc.render.text import warnings_below
     from robacc.render.views.elements import draw
+    from robacc.render.views.expected import correction_text
 
     output, given = outlets.output, call.keywords
     targets = given["targets"]

@@ -37,7 +37,7 @@ def effects(
     from robacc.documents.descriptions import EFFECTS
     from robacc.effects.request import catalogue
     from robacc.errors import UsageError
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text import say_warnings
     from robacc.render.views.elements import draw
     from robacc.render.views.robot import effects_view
 

@@ -47,9 +47,9 @@ def export(
 
     from robacc.errors import UsageError
     from robacc.io.files import write_text
-    from robacc.render.text.console import say_warnings
-    from robacc.render.views.correct import export_view
+    from robacc.render.text import say_warnings
     from robacc.render.views.elements import draw
+    from robacc.render.views.expected import export_view
 
     given = call.keywords
     if urdf is not None:
@@ -81,7 +81,7 @@ def _write_urdf(model: str, urdf: str, is_json: bool, base_link: str | None, tip
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text import say_warnings
     from robacc.robots.urdf_writer import robot_to_urdf
 
     if is_json and urdf == "-":

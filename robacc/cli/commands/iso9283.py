@@ -24,8 +24,8 @@ def iso9283(
     Example: robacc iso9283 cycles.csv --robot robot.yaml
     """
     from robacc.cli.output import deliver
+    from robacc.render.views.accuracy import iso9283_view
     from robacc.render.views.elements import Form, draw
-    from robacc.render.views.iso9283 import iso9283_view
 
     result, robot = call(), call.keywords["robot"]
     form: Form = "full" if full else "short"

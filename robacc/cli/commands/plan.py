@@ -31,9 +31,9 @@ def plan(
     from robacc.cli.output import page_of_document, write_plan
     from robacc.errors import UsageError
     from robacc.io.files import write_text
-    from robacc.render.text.console import warnings_below
+    from robacc.render.text import warnings_below
     from robacc.render.views.elements import Form, draw
-    from robacc.render.views.plan import plan_view
+    from robacc.render.views.expected import plan_view
 
     outlets.check()
     if (validation_output is None) != (call.keywords["validation"] == 0):

@@ -31,7 +31,7 @@ def predict(
     from robacc.cli.output import deliver
     from robacc.io.files import write_text
     from robacc.render.views.elements import draw
-    from robacc.render.views.predict import prediction_view
+    from robacc.render.views.expected import prediction_view
 
     result = call()
     if warranty_map is not None:

@@ -50,8 +50,7 @@ def report(
     Example: robacc report result.json --identity cell7.yaml --output report.html
     """
     from robacc.cli.output import page_of_results, write
-    from robacc.documents.identity import read_identity
-    from robacc.documents.read_result import read_result
+    from robacc.documents.envelope import read_identity, read_result
     from robacc.errors import UsageError
     from robacc.render.plots.canvas import need
 
@@ -71,12 +70,12 @@ def report(
 
 def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
     """Write a chart of the one result; without a kind the main chart, and a note of others."""
-    from robacc.documents.read_result import read_result, understood
+    from robacc.documents.envelope import read_result, understood
     from robacc.errors import Note, UsageError
     from robacc.io.files import write_bytes
     from robacc.render.plots.canvas import as_file, need
-    from robacc.render.plots.catalogue import chart_of, charts_of, kinds_of
-    from robacc.render.text.console import say_warnings
+    from robacc.render.plots.results import chart_of, charts_of, kinds_of
+    from robacc.render.text import say_warnings
 
     form = PurePath(output).suffix.lower()
     if form not in _PICTURES:
@@ -87,7 +86,7 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     stored = read_result(results[0])
     with understood(stored.name, stored.command):
         chart = chart_of(stored.document, kind, number)
-        image = as_file(chart.draw, chart.size, form.removeprefix("."))
+        image = as_file(chart, form.removeprefix("."))
     write_bytes(output, image)
     if not kind:
         others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"

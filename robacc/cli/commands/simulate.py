@@ -18,7 +18,7 @@ def simulate(
     Example: robacc simulate robot.yaml --poses 60 --seed 1 --noise 0.03mm --output simulated.csv
     """
     from robacc.cli.output import emit, write
-    from robacc.render.text.console import say_warnings
+    from robacc.render.text import say_warnings
 
     CsvOutlets(format, output).check()
     result = call()

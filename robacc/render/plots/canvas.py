@@ -11,7 +11,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
-from robacc.render.text.layout import Document
+from robacc.render.text import Document
 from robacc.render.views.elements import Grid
 
 if TYPE_CHECKING:
@@ -87,11 +87,6 @@ DARK: Final = {
 }
 
 
-def css_variables(colours: dict[str, str]) -> str:
-    """Return the declarations ``--c-ink: …; …``."""
-    return " ".join(f"--c-{role}: {value};" for role, value in colours.items())
-
-
 # What a chart is.
 
 Array = NDArray[np.float64]
@@ -150,8 +145,6 @@ class Panel:
 
 Scene = dict[str, Any]
 """A view that turns: ``traces`` of plotly, whose colours are written as ``role:before``, titles ``axes``, ``note``."""
-WIDE = (4.9, 3.2)
-"""Inches; fills half of a page on a screen and stays readable on a phone."""
 CUBE = (4.9, 4.3)
 SPACE = Axis("x, m"), Axis("y, m"), Axis("z, m")
 
@@ -170,7 +163,8 @@ class Chart:
     panels: Sequence[Panel | None]
     """Row by row; None leaves a place empty."""
     table: Grid
-    size: tuple[float, float] = WIDE
+    size: tuple[float, float] = (4.9, 3.2)
+    """Inches; fills half of a page on a screen and stays readable on a phone."""
     columns: int = 1
     scale: str = ""
     """Label of the colours of cells."""
@@ -192,19 +186,9 @@ class Chart:
             label: handle for axes in drawn for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
         if named:
-            ncols = len(named) if sum(map(len, named)) + 7 * len(named) < _LEGEND else -(-len(named) // 2)
+            # 70 characters stand in one row, with a mark and a gap for each entry.
+            ncols = len(named) if sum(map(len, named)) + 7 * len(named) < 70 else -(-len(named) // 2)
             figure.legend([*named.values()], [*named], loc="outside upper center", ncols=ncols, columnspacing=1.2)
-
-
-_LEGEND = 70
-"""Characters of a legend in one row, with a mark and a gap for each entry."""
-_SIGNS = ("+", "x", "|", "_")
-"""Marks without an inside."""
-_DASHED = (0, (3, 2))
-_STEPS = 7
-"""Colours of cells."""
-_MAX_DECADES = 1000.0
-"""Range of a logarithmic scale from which its labels at 2 and 5 would overlap."""
 
 
 def _draw_panel(axes: Any, panel: Panel) -> None:
@@ -219,7 +203,8 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         elif series.kind == "cells":
             _draw_cells(axes, series)
         else:
-            outlined = series.hollow or series.marker in _SIGNS
+            # These marks have no inside.
+            outlined = series.hollow or series.marker in ("+", "x", "|", "_")
             axes.plot(
                 *series.at,
                 marker=series.marker,
@@ -250,7 +235,8 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     line.set_label_text(axis.title)
     if axis.is_log:
         getattr(axes, f"set_{name}scale")("log")
-        is_long = bool(axis.low and axis.high and axis.high / axis.low > _MAX_DECADES)
+        # In a wider range, labels at 2 and 5 would overlap.
+        is_long = bool(axis.low and axis.high and axis.high / axis.low > 1000.0)
         line.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 2.0, 5.0)))
         # The style does not parse formulas, so labels are plain numbers.
         line.set_major_formatter("{x:g}")
@@ -260,7 +246,8 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
         limit(axis.low, axis.high)
     if axis.names:
         count = len(axis.names)
-        is_tilted = name == "x" and count * max(map(len, axis.names)) > _TICK_SIGNS
+        # No more than 50 characters stand side by side.
+        is_tilted = name == "x" and count * max(map(len, axis.names)) > 50
         line.set_ticks(range(axis.first, axis.first + count), axis.names, rotation=60 if is_tilted else 0)
         line.set_tick_params(length=0)
         axes.grid(visible=False, axis=name)
@@ -269,11 +256,12 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     low, high = sorted(getattr(axes, f"get_{name}lim")())
     for value, label in axis.rules:
         if low <= value <= high:
-            rule, place, shift, side = {
-                "x": (axes.axvline, (value, 1.0), (0, 3), "center"),
-                "y": (axes.axhline, (1.0, value), (0, 2), "right"),
-            }[name]
-            rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=_DASHED)
+            rule, place, shift, side = (
+                (axes.axvline, (value, 1.0), (0, 3), "center")
+                if name == "x"
+                else (axes.axhline, (1.0, value), (0, 2), "right")
+            )
+            rule(value, color=LIGHT["limit"], linewidth=0.9, linestyle=(0, (3, 2)))
             axes.annotate(
                 short(label, 24),
                 place,
@@ -285,10 +273,6 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
                 ha=side,
                 va="bottom",
             )
-
-
-_TICK_SIGNS = 50
-"""Characters that stand side by side below an axis."""
 
 
 def _draw_cells(axes: Any, series: Series) -> None:
@@ -306,14 +290,10 @@ def _draw_cells(axes: Any, series: Series) -> None:
         reduce_C_function=root_mean_square,
         gridsize=(max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))),
         cmap="cividis",
-        norm=BoundaryNorm(MaxNLocator(_STEPS).tick_values(values.min(), values.max()), 256),
+        norm=BoundaryNorm(MaxNLocator(7).tick_values(values.min(), values.max()), 256),
         linewidths=0.2,
     )
     axes.grid(visible=False)
-
-
-_MIN_EXTENT = 1e-3
-"""m; the extent of the view if all points coincide."""
 
 
 def _fit_box(axes: Any, panel: Panel) -> None:
@@ -322,8 +302,8 @@ def _fit_box(axes: Any, panel: Panel) -> None:
 
     points = np.hstack([np.array(series.at) for series in panel.series])
     low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
-    # Points on a line, in a plane or at one place need a margin too.
-    size = np.maximum(high - low, 0.05 * float((high - low).max()) or _MIN_EXTENT)
+    # Points on a line, in a plane or at one place need a margin too; m.
+    size = np.maximum(high - low, 0.05 * float((high - low).max()) or 1e-3)
     axes.set_box_aspect(tuple(size), zoom=0.9)
     axes.tick_params(labelsize=7.5, pad=-2)
     for name, described, centre, extent in zip("xyz", panel.axes, 0.5 * (low + high), size, strict=True):
@@ -341,10 +321,9 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
     traces = []
     for one in series:
-        points = np.array(one.at, dtype=np.float64)
+        points, colour = np.array(one.at, dtype=np.float64), f"role:{one.role}"
         columns = (np.round(points, 4) if unit == "m" else points).tolist()
         modes = [mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]
-        colour = f"role:{one.role}"
         # plotly interprets some tags and entities.
         texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
         traces.append(
@@ -407,12 +386,6 @@ def vectors(rows: Iterable[Any]) -> Array:
     return np.array(list(rows), dtype=np.float64).reshape(-1, 3)
 
 
-def lengths(rows: Array) -> Array:
-    """Return the lengths ``(N,)`` of vectors ``(N, 3)``."""
-    result: Array = np.sqrt(np.sum(np.square(rows), axis=1))
-    return result
-
-
 def root_mean_square(values: Any) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
@@ -439,17 +412,15 @@ def limits_of(document: Document, unit: str) -> list[tuple[str, str, float]]:
         if criterion["unit"] == unit and quantity in criterion["key"].split(".") and criterion["baseline"] is None
         if isinstance(criterion["limit"], int | float)
     ]
-    steps = (document.get("grade") or {}).get("steps") or ()
-    sizes = [(step["grade"], step[f"{quantity}_{unit}"]) for step in steps]
-    return limits or [(f"grade {name}", str(name), size) for name, size in sizes if size is not None]
+    steps = [(step["grade"], step[f"{quantity}_{unit}"]) for step in (document.get("grade") or {}).get("steps") or ()]
+    return limits or [(f"grade {name}", str(name), size) for name, size in steps if size is not None]
 
 
 # Drawing as part of a page or as a file.
 
 FONT = "DejaVu Sans"
 """Part of matplotlib, so that text has the same size on every machine."""
-_DOTS_PER_INCH = 220
-_STYLE: dict[str, Any] = {
+_STYLE: dict[Any, Any] = {
     "font.family": [FONT],
     "font.size": 9.0,
     # Names from files are plain text: a dollar sign starts no formula.
@@ -478,15 +449,15 @@ _STYLE: dict[str, Any] = {
     "path.simplify": True,
     "pdf.fonttype": 42,
 }
-_WHITE = {"figure.facecolor": "white"}
+_WHITE: dict[Any, Any] = {"figure.facecolor": "white"}
 
 
-def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str) -> str:
+def as_part(chart: Chart, salt: str) -> str:
     """Return the chart as an ``<svg>`` element that uses the colours and the font of the page.
 
     ``salt`` makes its ids unique on the page.
     """
-    text = _saved(draw, size, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
+    text = _saved(chart, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
     text = text[text.index("<svg") :].strip()
     for pattern, new in (
         (r"(?s)<metadata>.*?</metadata>\s*", ""),
@@ -502,37 +473,36 @@ def as_part(draw: Callable[[Figure], None], size: tuple[float, float], salt: str
     return text
 
 
-def as_file(draw: Callable[[Figure], None], size: tuple[float, float], form: str) -> bytes:
+def as_file(chart: Chart, form: str) -> bytes:
     """Return the chart as a file with a white background: ``svg``, ``png`` or ``pdf``."""
-    return _saved(draw, size, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
+    return _saved(chart, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
 
 
-def as_figure(draw: Callable[[Figure], None], size: tuple[float, float]) -> Figure:
+def as_figure(chart: Chart) -> Figure:
     """Return the chart as a figure with a white background."""
-    with _drawn(draw, size, _WHITE) as figure:
+    with _drawn(chart, _WHITE) as figure:
         return figure
 
 
-def _saved(draw: Callable[[Figure], None], size: tuple[float, float], form: str, overrides: Mapping[str, Any]) -> bytes:
+def _saved(chart: Chart, form: str, overrides: dict[Any, Any]) -> bytes:
     buffer = io.BytesIO()
     dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _drawn(draw, size, overrides) as figure:
+    with _drawn(chart, overrides) as figure:
         figure.savefig(buffer, format=form, metadata=dates.get(form))
     return buffer.getvalue()
 
 
 @contextmanager
-def _drawn(draw: Callable[[Figure], None], size: tuple[float, float], overrides: Mapping[str, Any]) -> Iterator[Figure]:
+def _drawn(chart: Chart, overrides: dict[Any, Any]) -> Iterator[Figure]:
     """Yield the drawn chart, within the style."""
     import matplotlib
     from matplotlib.figure import Figure
 
-    style: Any = {**_STYLE, **overrides}
-    with matplotlib.rc_context(style), warnings.catch_warnings():
+    with matplotlib.rc_context(_STYLE | overrides), warnings.catch_warnings():
         # A character that the font lacks becomes a box in a file; a page uses the reader's fonts.
         warnings.filterwarnings("ignore", message=".*[Gg]lyph.*missing")
         # Long names may leave too little room for the layout; the chart is still drawn.
         warnings.filterwarnings("ignore", message="constrained_layout not applied")
-        figure = Figure(figsize=size, layout="constrained", dpi=_DOTS_PER_INCH)
-        draw(figure)
+        figure = Figure(figsize=chart.size, layout="constrained", dpi=220)
+        chart.draw(figure)
         yield figure

@@ -1,12 +1,13 @@
-"""Charts of error budgets, comparisons, gates, evaluations after ISO 9283, and what a plan expects."""
+"""Charts of effects, budgets, comparisons, gates, ISO 9283 and plans; and all charts of a result in reading order."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from robacc.errors import UsageError
 from robacc.render.plots.canvas import (
     Array,
     Axis,
@@ -15,17 +16,230 @@ from robacc.render.plots.canvas import (
     Rows,
     Series,
     numbers,
+    place,
+    root_mean_square,
     short,
     thinned,
     thinning_note,
     vectors,
 )
-from robacc.render.text.layout import Document, Unit, error_unit
+from robacc.render.plots.poses import (
+    correction_charts,
+    distribution_charts,
+    ellipsoid_charts,
+    error_over_time_charts,
+    planned_poses_charts,
+    warranty_charts,
+    workspace_3d_charts,
+    workspace_charts,
+)
+from robacc.render.text import Document, Unit, effect_label, fixed, p_value, unit_of
 from robacc.render.views.elements import Grid, effect_families
 
-# Charts of the error budget of a prediction.
+# The residual along each effect over its driver.
 
-_BARS = 10
+_DRIVER_LABELS = {
+    "torque": "gravity torque on {joint}",
+    "direction": "direction of approach of {joint}",
+    "payload_torque": "payload torque on {joint}",
+    "speed": "last speed of {joint}, relative to full speed",
+    "time_s": "time",
+    "temperature_c": "temperature",
+    "payload_kg": "payload",
+    "distance": "distance from the instrument",
+    "predicted": "prediction of the effect",
+}
+
+
+def effect_charts(document: Document) -> Iterator[Chart]:
+    """Return the residuals of each finding or fitted effect that is not constant, and the spectra of periodic ones."""
+    curves = [
+        (finding["effect"], finding["joints"], curve)
+        for finding in document.get("findings", ())
+        for curve in finding.get("partial_residuals", ())
+    ]
+    curves += [(curve["name"], curve["joints"], curve) for curve in document.get("partial_residuals", ())]
+    for effect, joints, curve in curves:
+        if np.isfinite(numbers(curve["residual_before"])).any():
+            name = f"{effect} on {', '.join(joints)}" if joints else effect
+            yield _residual_chart(document, name, curve)
+            if curve["spectrum"] is not None:
+                yield _spectrum_chart(effect, curve)
+
+
+def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
+    columns = [numbers(curve[key]) for key in ("residual_before", "effect", "residual_after", "sd")]
+    x, (before, _, after, sd) = numbers(curve["x"]), columns
+    # Poses that determine the error too weakly are not plotted.
+    usable = np.flatnonzero(np.isfinite(sd) & (sd <= 4.0 * np.nanmedian(sd)))
+    rows = usable[thinned(700, x[usable], before[usable])]
+    listed = usable[thinned(60, x[usable], before[usable])]
+    listed = listed[np.argsort(x[listed], kind="stable")]
+    unit = unit_of(curve["unit"], float(np.quantile(np.abs(before[usable]), 0.99)) if usable.size else 0.0)
+    x_unit = Unit(1.0, "m") if curve["driver_unit"] == "m" else unit_of(curve["driver_unit"])
+    if curve["driver"] == "predicted":
+        x_unit = unit
+    quantity = f"error of {curve['joint']}" if curve["joint"] else "error along the effect"
+    driver = _DRIVER_LABELS.get(curve["driver"], str(curve["driver"])).replace("{joint}", str(curve["joint"]))
+    fitted = "the line is the fitted effect" if curve["curve"] is not None else "crosses are the fitted effect"
+    omitted = x.size - usable.size
+    omitted_note = f" {omitted} poses that determine this error too weakly are omitted." * (omitted > 0)
+    rms = [unit.text(root_mean_square(residual[usable]) if usable.size else None) for residual in (before, after)]
+    table = [
+        [place(document["poses"], int(i)), x_unit.text(x[i]), *(unit.text(column[i]) for column in columns)]
+        for i in listed
+    ]
+    return Chart(
+        "effect",
+        f"{name}: residual without and with the effect",
+        f"Residual of each pose as {quantity} over {driver}, without the effect (circles, all other effects fitted) "
+        f"and with it (dots); {fitted}. Dots around zero show that the effect explains the residual."
+        f"{omitted_note}{thinning_note(rows.size, usable.size)}",
+        f"Scatter of {quantity} in {unit.name} over {driver}{f' in {x_unit.name}' if x_unit.name else ''}; root mean "
+        f"square {rms[0]} without the effect, {rms[1]} with it",
+        [_residual_panel(curve, rows, unit, x_unit, short(quantity, 30), short(driver, 44))],
+        Grid(
+            ("pose", driver, "without effect", "effect", "with effect", "standard deviation"),
+            table,
+            note=f"{listed.size} of {x.size} poses over the range of the driver; the JSON result has all of them."
+            * (listed.size < x.size),
+        ),
+    )
+
+
+def _residual_panel(curve: Document, rows: Rows, unit: Unit, x_unit: Unit, quantity: str, driver: str) -> Panel:
+    keys = ("x", "residual_before", "residual_after", "effect")
+    x, before, after, effect = (numbers(curve[key])[rows] for key in keys)
+    before, after = before * unit.factor, after * unit.factor
+    is_direction = curve["driver"] == "direction"
+    # Poses of one direction are spread in their order to stay visible.
+    at = (x + is_direction * 0.04 * (np.arange(x.size) % 13 - 6)) * x_unit.factor
+    size = max(1.6, 3.6 - rows.size / 350)
+    series = [
+        Series((at, before), "before", "without effect", marker="o", size=size + 0.4, hollow=True, width=0.8),
+        Series((at, after), "after", "with effect", marker="o", size=size - 0.4),
+    ]
+    if curve["curve"] is None:
+        series.append(Series((at, effect * unit.factor), "ink", "fitted effect", marker="x", width=0.8))
+    else:
+        grid, value = numbers(curve["grid"]) * x_unit.factor, numbers(curve["curve"]) * unit.factor
+        if is_direction:
+            grid, value = (grid[:, None] + [-0.3, 0.3, np.nan]).ravel(), np.repeat(value, 3)
+        series.append(Series((grid, value), "ink", "fitted effect", line="-", width=1.4 + 0.6 * is_direction))
+    y = np.concatenate((before, after))
+    # 99.5 % of the points, with a margin.
+    low, high = np.quantile(y, (0.0025, 0.9975)) if y.size else (-1.0, 1.0)
+    room = 0.08 * (high - low or 1.0)
+    x_axis = Axis(f"{driver}, {x_unit.name}" if x_unit.name else driver)
+    if is_direction:
+        x_axis = Axis(driver, names=("falling (−)", "none", "rising (+)"), first=-1)
+    return Panel((x_axis, Axis(f"{quantity}, {unit.name}", low - room, high + room, rules=[(0, "")])), series)
+
+
+def _spectrum_chart(effect: str, curve: Document) -> Chart:
+    spectrum, joint, unit = curve["spectrum"], curve["joint"], unit_of("rad")
+    orders, before, after = (numbers(spectrum[key]) for key in ("orders", "before_rad", "after_rad"))
+    top = np.argsort(-before, kind="stable")[:20]
+    first, without, with_it = f"{orders[top[0]]:g}", unit.text(before[top[0]]), unit.text(after[top[0]])
+    y = before * unit.factor
+    return Chart(
+        "spectrum",
+        f"{effect} on {joint}: spectrum of the residual",
+        f"Amplitude of the error of {joint} at each order (periods per turn of the joint) that these poses resolve, "
+        f"without and with the effect. The strongest is order {first} with {without}; the dashed line is the amplitude "
+        "expected from noise alone.",
+        f"Amplitude in {unit.name} over periods per turn; strongest at order {first}, {without} without the effect and "
+        f"{with_it} with it",
+        [
+            Panel(
+                (
+                    Axis(f"order, periods per turn of {short(joint)}", 0, orders[-1]),
+                    Axis(f"amplitude, {unit.name}", 0, rules=[(spectrum["noise_rad"] * unit.factor, "noise alone")]),
+                ),
+                [
+                    Series((orders, y), "before", kind="band", alpha=0.18),
+                    Series((orders, y), "before", "without effect", line=(0, (5, 1)), width=1.1),
+                    Series((orders, after * unit.factor), "after", "with effect", line="-", width=1.3),
+                ],
+            )
+        ],
+        Grid(
+            ("order", "without effect", "with effect"),
+            [[f"{orders[i]:g}", unit.text(before[i]), unit.text(after[i])] for i in top],
+            note=f"The {top.size} strongest of {orders.size} orders." * (top.size < orders.size),
+        ),
+    )
+
+
+# The candidates at each step of a trace, with their evidence.
+
+_BARS = 8
+_CANDIDATE_ROWS = 40
+
+
+def candidate_charts(document: Document) -> Iterator[Chart]:
+    """Return one chart per step, the best candidate of each effect and joint by evidence.
+
+    The steps are those that add an effect and the last that adds none, without exchanges of forms.
+    """
+    steps: Sequence[Document] = document.get("candidates", ())
+    shown = [step for step in steps if step["action"] == "add"] + [s for s in steps if s["action"] == "stop"][-1:]
+    for number, step in enumerate(shown, 1):
+        best: dict[str, Document] = {}
+        # The ranking combines evidence and prior; bars show and follow the evidence alone.
+        for candidate in sorted(step["ranking"], key=lambda candidate: -candidate["evidence"]):
+            best.setdefault(_name(candidate), candidate)
+        if best:
+            yield _candidates_chart(number, best, _name(step["ranking"][0]) if step["action"] == "add" else None)
+
+
+def _name(candidate: Document) -> str:
+    """Return the effect with its joints or the part that changes; forms of an effect have one name."""
+    settings = candidate.get("settings") or {}
+    part = {key: settings[key] for key in ("part", "target") if key in settings}
+    return effect_label(candidate["effect"], candidate["joints"], part)
+
+
+def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str | None) -> Chart:
+    names, evidence = [*ranked], [candidate["evidence"] for candidate in ranked.values()]
+    count = min(len(names), _BARS)
+    runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
+    added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
+    outcome = "No effect was added." if chosen is None else f"{added} was added to the model."
+    bars = [
+        Series(
+            ([max(evidence[i], 0.0) for i in own], own),
+            role,
+            label,
+            kind="bars",
+            size=0.62,
+            texts=[fixed(evidence[i], 1) for i in own],
+        )
+        for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
+        for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
+    ]
+    axes = (
+        Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
+        Axis("", names=[short(name, 34) for name in names[:count]]),
+    )
+    return Chart(
+        "candidates",
+        f"Step {number}: candidates" if chosen is not None else "Last step: remaining candidates",
+        f"Evidence (log Bayes factor) for each candidate effect; the highest is {names[0]} with "
+        f"{evidence[0]:.1f}, {p_value(ranked[names[0]]['p_value'])}{runner_up}. {outcome}",
+        "Bars of evidence (log Bayes factor): "
+        + "; ".join(f"{name} {value:.1f}" for name, value in zip(names[:_BARS], evidence, strict=False)),
+        [Panel(axes, bars)],
+        Grid(
+            ("effect", "evidence", "significance"),
+            [[name, f"{c['evidence']:.1f}", p_value(c["p_value"])] for name, c in ranked.items()][:_CANDIDATE_ROWS],
+            note=f"The best {_CANDIDATE_ROWS} of {len(ranked)}." * (len(ranked) > _CANDIDATE_ROWS),
+        ),
+        (4.9, 0.9 + 0.27 * count + 0.25 * bool(chosen)),
+    )
+
+
+# The error budget of a prediction.
 
 
 def budget_charts(document: Document) -> Iterator[Chart]:
@@ -36,14 +250,12 @@ def budget_charts(document: Document) -> Iterator[Chart]:
         yield _budget_chart("budget-joints", shares, "name", "joint")
 
 
-def _budget_chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, label: str) -> Chart:
-    first, toleranced = shares[0], label == "parameter"
-    top = shares[:_BARS]
+def _budget_chart(kind: str, shares: Sequence[Document], name: str, label: str) -> Chart:
+    first, toleranced, top = shares[0], label == "parameter", shares[:10]
     omitted = f" The table has the {len(shares) - len(top)} smaller shares." if len(shares) > len(top) else ""
     rows = np.arange(len(top))
-    position, orientation = (
-        100 * numbers(share[f"share_{key}"] for share in top) for key in ("position", "orientation")
-    )
+    position, turn = (100 * numbers(share[f"share_{key}"] for share in top) for key in ("position", "orientation"))
+    texts = [f"{value:.1f}" for value in position]
     return Chart(
         kind,
         f"Error budget by {label}",
@@ -54,19 +266,12 @@ def _budget_chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, lab
         [
             Panel(
                 (
-                    Axis("share of the variance, %", 0, 1.12 * max(*position, *orientation)),
+                    Axis("share of the variance, %", 0, 1.12 * max(*position, *turn)),
                     Axis("", names=[short(str(share[name])) for share in top]),
                 ),
                 [
-                    Series(
-                        (position, rows - 0.17),
-                        "after",
-                        "position",
-                        kind="bars",
-                        size=0.34,
-                        texts=[f"{value:.1f}" for value in position],
-                    ),
-                    Series((orientation, rows + 0.19), "before", "orientation", kind="bars", size=0.26, hollow=True),
+                    Series((position, rows - 0.17), "after", "position", kind="bars", size=0.34, texts=texts),
+                    Series((turn, rows + 0.19), "before", "orientation", kind="bars", size=0.26, hollow=True),
                 ],
             )
         ],
@@ -75,7 +280,7 @@ def _budget_chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, lab
             [
                 [
                     str(share[name]),
-                    *([error_unit(share["unit"], share["sd"]).text(share["sd"])] if toleranced else []),
+                    *([unit_of(share["unit"], share["sd"]).text(share["sd"])] if toleranced else []),
                     *(f"{100 * share[f'share_{key}']:.2f} %" for key in ("position", "orientation")),
                 ]
                 for share in shares
@@ -85,9 +290,7 @@ def _budget_chart(kind: str, shares: Sequence[Mapping[str, Any]], name: str, lab
     )
 
 
-# Charts of a statistic of several results with its intervals.
-
-_MAX_RESULTS = 30
+# A statistic of several results with its intervals.
 
 
 def comparison_charts(document: Document) -> Iterator[Chart]:
@@ -97,20 +300,20 @@ def comparison_charts(document: Document) -> Iterator[Chart]:
     by = (document.get("ranking") or {}).get("by")
     for statistic in sorted(document["statistics"], key=lambda statistic: statistic["key"] != by):
         key = statistic["key"]
-        values = [value for value in statistic["values"] if value["value"] is not None][:_MAX_RESULTS]
+        values = [value for value in statistic["values"] if value["value"] is not None][:30]
         is_shown = statistic["unit"] in ("m", "rad") and (key == by or key.count(".") == 1)
         if is_shown and len(values) > 1 and any(value["lower"] is not None for value in values):
             yield _comparison_chart(statistic, values, document["baseline"], key == by)
 
 
-def intervals(
+def _intervals(
     figures: Sequence[Array], at: Array | Rows, role: str, vertical: bool, label: str = "", **looks: Any
 ) -> list[Series]:
     """Return marks at values with lower and upper ends, NaN if unknown, along one axis and ``at`` along the other."""
     values, *bounds = figures
-    ends = np.stack([np.where(np.isnan(end), values, end) for end in bounds])
+    low, high = (np.where(np.isnan(end), values, end) for end in bounds)
     # A value outside its interval stays on the line.
-    ends = np.stack((np.minimum(ends[0], values), np.maximum(ends[1], values), np.full(values.size, np.nan)))
+    ends = np.stack((np.minimum(low, values), np.maximum(high, values), np.full(values.size, np.nan)))
     along, across = ends.T.ravel(), np.repeat(at, 3)
     marks, bars = ((at, values), (across, along)) if vertical else ((values, at), (along, across))
     return [
@@ -119,28 +322,27 @@ def intervals(
     ]
 
 
-def _comparison_chart(
-    statistic: Mapping[str, Any], values: Sequence[Mapping[str, Any]], baseline: str | None, ranks: bool
-) -> Chart:
+def _comparison_chart(statistic: Document, values: Sequence[Document], baseline: str | None, ranks: bool) -> Chart:
+    key = statistic["key"]
     signed = any((value[name] or 0.0) < 0.0 for value in values for name in ("value", "lower", "upper"))
-    unit = error_unit(statistic["unit"], *(value["value"] for value in values))
+    unit = unit_of(statistic["unit"], *(value["value"] for value in values))
     best = min(values, key=lambda value: abs(float(value["value"])))
     confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
     first = "The ranking uses this statistic. " if ranks else ""
     baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
-    figures = [unit.factor * numbers(value[key] for value in values) for key in ("value", "lower", "upper")]
+    figures = [unit.factor * numbers(value[name] for value in values) for name in ("value", "lower", "upper")]
     is_baseline = np.array([value["name"] == baseline for value in values])
     series = [
         one
-        for role, mask, hollow in (("after", ~is_baseline, False), ("before", is_baseline, True))
-        for one in intervals(
-            [figure[mask] for figure in figures], np.flatnonzero(mask), role, vertical=False, hollow=hollow
+        for role, mask in (("after", ~is_baseline), ("before", is_baseline))
+        for one in _intervals(
+            [column[mask] for column in figures], np.flatnonzero(mask), role, vertical=False, hollow=role == "before"
         )
     ]
     return Chart(
         "comparison",
-        f"{statistic['key']} of each result",
-        f"{first}Each result's {statistic['key']} with its {100 * confidence:g} % interval; the smallest"
+        f"{key} of each result",
+        f"{first}Each result's {key} with its {100 * confidence:g} % interval; the smallest"
         f"{' in magnitude' * signed} is {best['name']}, {unit.text(best['value'])}.{baseline_note} "
         "The tables test the differences: results with "
         "overlapping intervals can still differ significantly.",
@@ -149,7 +351,7 @@ def _comparison_chart(
         [
             Panel(
                 (
-                    Axis(f"{statistic['key']}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
+                    Axis(f"{key}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
                     Axis("", names=[short(str(value["name"])) for value in values]),
                 ),
                 series,
@@ -165,8 +367,6 @@ def _comparison_chart(
 
 # Operating curves of a gate: the probability to pass over the true value.
 
-_ROWS = 25
-
 
 def operating_curve_charts(document: Document) -> Iterator[Chart]:
     """Return the operating curve of each criterion that has one."""
@@ -175,36 +375,39 @@ def operating_curve_charts(document: Document) -> Iterator[Chart]:
             yield _gate_chart(criterion)
 
 
-def _gate_chart(criterion: Mapping[str, Any]) -> Chart:
+def _gate_chart(criterion: Document) -> Chart:
     limit, value = float(criterion["limit"]), float(criterion["value"])
-    unit = error_unit(criterion["unit"], limit, value) if criterion["unit"] in ("m", "rad") else Unit(1.0, "")
+    unit = unit_of(criterion["unit"], limit, value)
     curve = np.array(criterion["operating_curve"], dtype=np.float64)
-    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), _ROWS)).round().astype(int))
+    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), 25)).round().astype(int))
     count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
-    if criterion["operating_curve_over"] == "share_within_limit":
+    by_share = criterion["operating_curve_over"] == "share_within_limit"
+    if by_share:
         abscissa, header, at_least, line = Unit(100.0, "%"), "share of all poses within the limit", True, "required"
-        place = float(criterion["share"])
-        over = f"the share of all poses that are within the limit, {unit.text(limit)}"
+        place_, over = (
+            float(criterion["share"]),
+            f"the share of all poses that are within the limit, {unit.text(limit)}",
+        )
         text = (
-            f"The vertical line is the required share, {abscissa.text(place)}. "
+            f"The vertical line is the required share, {abscissa.text(place_)}. "
             "Passing with a smaller share is a false acceptance."
         )
         axis = f"share of all poses with {short(criterion['key'].rpartition('.')[0], 24)} within {unit.text(limit)}, %"
     else:
         abscissa, header, at_least, line = unit, "true value", bool(criterion["at_least"]), "limit"
-        place, over = limit, "the true value"
+        place_, over = limit, "the true value"
         text = (
             f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, {unit.text(value)}. "
             f"Passing with a true value {'below' if at_least else 'above'} the limit is a false acceptance."
         )
         axis = f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}"
     x, y = curve[:, 0] * abscissa.factor, 100 * curve[:, 1]
-    wrong = np.where(curve[:, 0] <= place if at_least else curve[:, 0] >= place, y, np.nan)
+    wrong = np.where(curve[:, 0] <= place_ if at_least else curve[:, 0] >= place_, y, np.nan)
     series = [
         Series((x, y), "after", "probability to pass", line="-", width=1.6),
         Series((x, wrong), "before", "false acceptance", kind="band", alpha=0.25),
     ]
-    if line == "limit":
+    if not by_share:
         series.append(Series(([value * unit.factor], [0]), "ink", "measured", marker="o", size=6))
     return Chart(
         "operating-curve",
@@ -213,7 +416,7 @@ def _gate_chart(criterion: Mapping[str, Any]) -> Chart:
         f"Probability to pass, 0 to 100 %, over the {header}; limit {unit.text(limit)}, measured {unit.text(value)}",
         [
             Panel(
-                (Axis(axis, rules=[(place * abscissa.factor, line)]), Axis("probability to pass, %", -2, 102)),
+                (Axis(axis, rules=[(place_ * abscissa.factor, line)]), Axis("probability to pass, %", -2, 102)),
                 series,
             )
         ],
@@ -225,30 +428,30 @@ def _gate_chart(criterion: Mapping[str, Any]) -> Chart:
     )
 
 
-# Charts of an ISO 9283 evaluation: accuracy and repeatability by pose, and the visits of each pose.
+# An ISO 9283 evaluation: accuracy and repeatability by pose, and the visits of each pose.
 
-_CLOUDS = 12
-_VISITS = 200
 _LISTED_VISITS = 60
-_PANELS = {"AP": "AP, pose accuracy", "RP": "RP, pose repeatability (not accuracy)"}
-_LOOKS = {"AP": ("before", "o"), "RP": ("after", "s")}
+_CRITERIA = {
+    "AP": ("AP, pose accuracy", "before", "o"),
+    "RP": ("RP, pose repeatability (not accuracy)", "after", "s"),
+}
+"""Title, colour and mark of a criterion by pose."""
 
 
 def iso9283_charts(document: Document) -> Iterator[Chart]:
     """Return AP and RP of all poses, then the visits of the first poses."""
     if "iso9283" not in document:
         return
-    criteria = {key: document["iso9283"][key] for key in _PANELS if document["iso9283"][key]["poses"]}
+    criteria = {key: document["iso9283"][key] for key in _CRITERIA if document["iso9283"][key]["poses"]}
     if criteria:
         yield _overview(criteria)
-    for visits in document["visits"][:_CLOUDS]:
+    for visits in document["visits"][:12]:
         if visits["n"] > 1:
             yield _cloud(document, visits)
 
 
-def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
+def _overview(criteria: Mapping[str, Document]) -> Chart:
     names = [*dict.fromkeys(str(place["pose"]) for part in criteria.values() for place in part["poses"])]
-    last = [*criteria][-1]
     figures = {
         key: (
             numbers(place["position_m"] for place in part["poses"]),
@@ -257,44 +460,28 @@ def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
         for key, part in criteria.items()
     }
     # Values without an upper limit stand for themselves.
-    unit = error_unit(
-        "m", max(float(np.nanmax(np.append(figure[[0, 2]], 0.0))) for figure in map(np.array, figures.values()))
-    )
-    maxima = [
+    unit = unit_of("m", max(float(np.nanmax([*value, *upper, 0.0])) for value, _, upper in figures.values()))
+    maxima = "; ".join(
         f"{key} is largest at {part['max_at']}, {unit.text(part['max_m'])}"
         for key, part in criteria.items()
         if part["max_m"] is not None
-    ]
+    )
+    panels = []
     # Separate panels, so that readers do not take repeatability for accuracy.
-    panels = [
-        Panel(
-            (
-                Axis(
-                    "commanded pose" if key == last else "",
-                    -0.6,
-                    len(names) - 0.4,
-                    names=[short(name, 10) * (key == last) for name in names],
-                ),
-                Axis(f"{key}, {unit.name}", 0),
-            ),
-            intervals(
-                [unit.factor * column for column in figures[key]],
-                np.array([names.index(str(place["pose"])) for place in part["poses"]]),
-                _LOOKS[key][0],
-                vertical=True,
-                marker=_LOOKS[key][1],
-                size=5,
-            ),
-            _PANELS[key],
-        )
-        for key, part in criteria.items()
-    ]
+    for key, part in criteria.items():
+        title, role, marker = _CRITERIA[key]
+        is_last = key == [*criteria][-1]
+        ticks = [short(name, 10) * is_last for name in names]
+        at = np.array([names.index(str(place["pose"])) for place in part["poses"]])
+        columns = [unit.factor * column for column in figures[key]]
+        axes = (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0))
+        panels.append(Panel(axes, _intervals(columns, at, role, vertical=True, marker=marker, size=5), title))
     return Chart(
         "iso9283",
         "Accuracy (AP) and repeatability (RP) by commanded pose",
         "AP is the distance of the barycentre of the visits from the commanded pose, RP the scatter of the visits; "
-        f"bars are confidence intervals. {'; '.join(maxima)}.",
-        f"Points with intervals of AP and RP in {unit.name} for each commanded pose; {'; '.join(maxima)}",
+        f"bars are confidence intervals. {maxima}.",
+        f"Points with intervals of AP and RP in {unit.name} for each commanded pose; {maxima}",
         panels,
         Grid(
             ("criterion, pose", "visits", "value", "from", "to"),
@@ -307,22 +494,17 @@ def _overview(criteria: Mapping[str, Mapping[str, Any]]) -> Chart:
     )
 
 
-def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
-    attained, centre = vectors(visits["attained_m"]), numbers(visits["barycentre_m"])
+def _cloud(document: Document, visits: Document) -> Chart:
+    attained, centre, cycles = vectors(visits["attained_m"]), numbers(visits["barycentre_m"]), visits["cycle"]
     is_known = visits["commanded_m"] is not None
     origin = numbers(visits["commanded_m"]) if is_known else centre
     offsets, centre = attained - origin, centre - origin
-    radius = next(
-        (
-            place["position_m"]
-            for place in document["iso9283"]["RP"]["poses"]
-            if (place["pose"], place["file"]) == (visits["pose"], visits["file"])
-        ),
-        None,
-    )
+    places = document["iso9283"]["RP"]["poses"]
+    own = (each["position_m"] for each in places if all(each[key] == visits[key] for key in ("pose", "file")))
+    radius = next(own, None)
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
-    unit = error_unit("m", reach)
-    rows, limit = thinned(_VISITS, *offsets.T), 1.08 * reach * unit.factor or 1.0
+    unit = unit_of("m", reach)
+    rows, limit = thinned(200, *offsets.T), 1.08 * reach * unit.factor or 1.0
     zero = "the commanded pose" if is_known else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""
     around, shown = np.linspace(0.0, 2 * np.pi, 97), offsets[rows] * unit.factor
@@ -337,14 +519,13 @@ def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
         series.append(Series(([0], [0]), "ink", "commanded", marker="+", size=9))
         axes = [Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in (i, j)]
         panels.append(Panel(axes, series, equal=True))
-    cycles = visits["cycle"]
     return Chart(
         "iso9283-cloud",
         f"Visits of {visits['pose']}",
         f"Attained positions of the {visits['n']} visits of {visits['pose']}, from above and from the side, relative "
         f"to {zero} (cross). The square is their barycentre{circle}.{thinning_note(rows.size, len(offsets))}",
-        f"Two projections of {visits['n']} visits in {unit.name}; "
-        f"barycentre {unit.text(float(np.sqrt(np.sum(np.square(centre)))))} from zero",
+        f"Two projections of {visits['n']} visits in {unit.name}; barycentre "
+        f"{unit.text(float(np.linalg.norm(centre)))} from zero",
         panels,
         Grid(
             ("visit", "x", "y", "z"),
@@ -360,7 +541,7 @@ def _cloud(document: Document, visits: Mapping[str, Any]) -> Chart:
     )
 
 
-# Charts of a plan: the predicted error over the number of poses, and detection limits.
+# A plan: the predicted error over the number of poses, and detection limits.
 
 
 def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
@@ -369,27 +550,24 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
     if accuracy is None or len(accuracy["curve"]) < 2:
         return
     points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
-    unit = error_unit("m", *(point["total_rms_m"] for point in points))
-    ending = "Ten more poses still reduce it by more than 10 %."
+    unit = unit_of("m", *(point["total_rms_m"] for point in points))
+    ending, rules, at_plan = "Ten more poses still reduce it by more than 10 %.", [], ""
     if knee is not None:
         ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+        rules = [(knee, f"knee, {knee} poses")]
     n = numbers(point["n_poses"] for point in points)
-    series = [
-        Series(
-            (n, unit.factor * numbers(point[key] for point in points)), role, label, marker=marker, line=line, size=3.4
-        )
-        for key, label, role, line, marker in (
-            ("total_rms_m", "with repeatability", "nominal", "-", "s"),
-            ("random_rms_m", "random poses", "before", "--", "^"),
-            ("rms_m", "planned poses", "after", "-", "o"),
-        )
-    ]
-    at_plan = ""
+    series = []
+    for key, label, role, line, marker in (
+        ("total_rms_m", "with repeatability", "nominal", "-", "s"),
+        ("random_rms_m", "random poses", "before", "--", "^"),
+        ("rms_m", "planned poses", "after", "-", "o"),
+    ):
+        at = (n, unit.factor * numbers(point[key] for point in points))
+        series.append(Series(at, role, label, marker=marker, line=line, size=3.4))
     if planned is not None:
         at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
-        y = [planned["rms_m"] * unit.factor]
-        series.append(Series(([planned["n_poses"]], y), "ink", "this plan", marker="o", size=8, hollow=True))
-    rules = [] if knee is None else [(knee, f"knee, {knee} poses")]
+        here = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
+        series.append(Series(here, "ink", "this plan", marker="o", size=8, hollow=True))
     yield Chart(
         "expected-accuracy",
         "Predicted error over the number of poses",
@@ -416,18 +594,17 @@ def detection_limit_charts(document: Document) -> Iterator[Chart]:
         return
     detectable = [family for family in families if family.known]
     sure = sum(family.power >= 0.5 for family in families)
-    series, rows = [], []
-    for place, family in enumerate(detectable):
-        role = "after" if family.power >= 0.5 else "before"
-        ends = numbers(family.known[end]["limit"] for end in (0, -1)) / family.entries[0]["usual_size"]
-        series.append(
-            Series((ends, [place] * 2), role, marker="o", line="-", size=4, width=1.6, hollow=role == "before")
-        )
+    rows: list[Sequence[str]] = []
+    series: list[Series] = []
     for family in families:
-        limits = [f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)]
-        first = family.entries[0]
-        usual, power = f"{first['usual_size']:.1e}", f"{100 * family.power:.0f} %"
-        rows.append([family.name, *limits, first["unit"], usual, power])
+        usual, unit, limits = family.entries[0]["usual_size"], family.entries[0]["unit"], ["–", "–"]
+        if family.known:
+            ends = [family.known[end]["limit"] for end in (0, -1)]
+            limits = [f"{end:.1e}" for end in ends]
+            at, is_sure = (numbers(ends) / usual, [len(series)] * 2), family.power >= 0.5
+            looks: dict[str, Any] = {"marker": "o", "line": "-", "size": 4, "width": 1.6, "hollow": not is_sure}
+            series.append(Series(at, "after" if is_sure else "before", **looks))
+        rows.append([family.name, *limits, unit, f"{usual:.1e}", f"{100 * family.power:.0f} %"])
     yield Chart(
         "detection-limits",
         "Detection limits",
@@ -447,3 +624,50 @@ def detection_limit_charts(document: Document) -> Iterator[Chart]:
         Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
         (4.9, 1.0 + 0.24 * max(len(detectable), 3)),
     )
+
+
+# The charts of a result, in reading order.
+
+_FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
+    distribution_charts,
+    iso9283_charts,
+    comparison_charts,
+    operating_curve_charts,
+    effect_charts,
+    candidate_charts,
+    workspace_3d_charts,
+    correction_charts,
+    warranty_charts,
+    ellipsoid_charts,
+    budget_charts,
+    error_over_time_charts,
+    workspace_charts,
+)
+_OF_PLANS = (planned_poses_charts, expected_accuracy_charts, detection_limit_charts)
+
+
+def charts_of(document: Document) -> list[Chart]:
+    """Return all charts that the result has data for."""
+    families = _OF_PLANS if document["command"] == "plan" else _FAMILIES
+    return [chart for family in families for chart in family(document)]
+
+
+def chart_of(document: Document, kind: str, number: int = 1) -> Chart:
+    """Return the ``number``-th chart of a kind, counted from 1; without a kind, of the kind of the main chart.
+
+    Raises:
+        UsageError: the result has no such chart; the message lists its charts.
+    """
+    charts = charts_of(document)
+    matching = [chart for chart in charts if chart.kind == (kind or charts[0].kind)]
+    if 1 <= number <= len(matching):
+        return matching[number - 1]
+    start = f"this result of robacc {document['command']} has"
+    if matching:
+        raise UsageError(f"{start} {len(matching)} chart(s) {matching[0].kind!r}, not {number}")
+    raise UsageError(f"{start} no chart{f' {kind!r}' * bool(kind)}; it has {', '.join(kinds_of(charts)) or 'none'}")
+
+
+def kinds_of(charts: Iterable[Chart]) -> list[str]:
+    """Return each kind once, the main chart's first."""
+    return [*dict.fromkeys(chart.kind for chart in charts)]

@@ -7,22 +7,29 @@ from __future__ import annotations
 
 import statistics
 import textwrap
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from types import MappingProxyType
-from typing import Any, Literal, TextIO
+from typing import Literal, NamedTuple, TextIO
 
-from robacc.render.text.console import PLAIN_WIDTH, Style, width_of, write_lines
-from robacc.render.text.layout import (
+from robacc.render.text import (
+    PLAIN_WIDTH,
+    STATISTICS,
     Document,
+    Style,
     decimals,
-    error_unit,
     fixed,
-    table_unit,
+    measured,
     three_digits,
-    with_table_unit,
+    unit_of,
+    width_of,
+    write_lines,
 )
+
+Form = Literal["short", "full", "page"]
+"""Form of a view: one screen of text, all of the text, or a page, which has charts, names and notes of its own."""
+Line = tuple[str, Style]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +45,6 @@ class Number:
 
 
 Cell = str | Number
-Line = tuple[str, Style]
-Form = Literal["short", "full", "page"]
-"""Form of a view: one screen of text, all of the text, or a page, which has charts, names and notes of its own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +61,6 @@ class Grid:
     """Places of the columns of numbers that a text aligns left."""
     is_ruled: bool = False
     """True if a text has a rule below the header."""
-    kind: str = "grid"
 
     def lines(self, width: int) -> Iterator[Line]:
         """Yield the table as text, the last column of texts wrapped; nothing without a row."""
@@ -75,22 +78,20 @@ class Grid:
             for text in texts:
                 lines.append((f"{label}{text}".rstrip(), "dim" if row is table[0] else ""))
                 label = " " * len(label)
-        if not (self.is_ruled and lines):
-            yield from lines
-            return
-        rule = " " + "─" * max(len(text) for text, _ in lines)
-        yield from (("", ""), (f" {lines[0][0]}", "bold"), (rule, ""))
-        yield from ((f" {text}", "") for text, _ in lines[1:])
+        if self.is_ruled and lines:
+            rule = " " + "─" * max(len(text) for text, _ in lines)
+            indented: list[Line] = [(f" {text}", "") for text, _ in lines[1:]]
+            lines = [("", ""), (f" {lines[0][0]}", "bold"), (rule, ""), *indented]
+        yield from lines
 
 
 @dataclass(frozen=True, slots=True)
 class Listing:
-    """A list of texts."""
+    """A list of texts; empty ones are left out."""
 
     items: Sequence[str]
     tone: str = ""
     """``warning`` for items that need attention."""
-    kind: str = "listing"
 
     def lines(self, width: int) -> Iterator[Line]:
         """Yield the texts with dashes, each with a hanging indent."""
@@ -108,18 +109,14 @@ class Text:
     """True if it explains a table."""
     wraps: bool = True
     """False if it stays in one line, as names of files do."""
-    kind: str = "text"
-    """``command`` for a shell command."""
+    is_command: bool = False
 
     def lines(self, width: int) -> Iterator[Line]:
         """Yield the paragraph, all of its lines indented like its first."""
         indent = self.text[: len(self.text) - len(self.text.lstrip())]
-        lines = [self.text]
-        if self.wraps:
-            lines = textwrap.wrap(
-                self.text, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
-            )
-        yield from ((line, "dim" if self.is_note else "") for line in lines)
+        wrapper = textwrap.TextWrapper(width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+        for line in wrapper.wrap(self.text) if self.wraps else [self.text]:
+            yield line, "dim" if self.is_note else ""
 
 
 Block = Grid | Listing | Text
@@ -135,33 +132,25 @@ class Section:
     """Of the heading on a terminal."""
 
 
-@dataclass(frozen=True, slots=True)
-class EffectFamily:
-    """Detection limits of one effect over its joints and forms."""
+class Tile(NamedTuple):
+    """A key figure of the headline."""
 
-    name: str
-    entries: Sequence[Mapping[str, Any]]
-    """All entries, also those that are never found."""
-    known: Sequence[Mapping[str, Any]]
-    """Entries with a limit, the least first."""
-    power: float
-    """Mean probability that the usual size is found."""
+    label: str
+    value: Number
+    interval: str = ""
+    """``0.42 … 0.53 mm (95 %)``, or why it is missing."""
 
 
-def effect_families(document: Document) -> list[EffectFamily]:
-    """Return the detection limits of a result by effect."""
-    by_name: dict[str, list[Mapping[str, Any]]] = {}
-    for limit in document["detection_limits"] or ():
-        by_name.setdefault(limit["effect"], []).append(limit)
-    return [
-        EffectFamily(
-            name,
-            entries,
-            sorted((each for each in entries if each["limit"] is not None), key=lambda each: each["limit"]),
-            statistics.mean(each.get("power") or 0.0 for each in entries),
-        )
-        for name, entries in by_name.items()
-    ]
+class ReportHeadline(NamedTuple):
+    """The first screen of a result: title, summary, key figures, facts."""
+
+    title: str
+    summary: str
+    tiles: Sequence[Tile]
+    badges: Sequence[tuple[str, str]] = ()
+    """Short outcomes, with their tones: ``good``, ``bad``, ``open`` or ``plain``."""
+    facts: Sequence[tuple[str, str]] = ()
+    """Those without a text are left out."""
 
 
 def draw(sections: Iterable[Section], stream: TextIO) -> None:
@@ -185,28 +174,29 @@ def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
             yield "", ""
         if section.title:
             yield section.title, section.style
-        previous: Block | None = None
-        for block in section.blocks:
+        blocks = [*section.blocks]
+        for previous, block in zip([None, *blocks], blocks, strict=False):
             if isinstance(previous, Grid) and isinstance(block, Grid):
                 yield "", ""
             yield from block.lines(width)
-            previous = block
 
 
 # Numbers of tables, in mm and degrees: their heads name the unit, and their digits follow the interval.
 
+UNBOUNDED: Document = MappingProxyType({"lower": None, "upper": None})
 
-def number(value: float | None, factor: float = 1.0, bounds: Mapping[str, Any] = MappingProxyType({})) -> Number:
+
+def number(value: float | None, factor: float = 1.0, bounds: Document = UNBOUNDED) -> Number:
     """Return ``factor`` times a value, with the digits that ``lower`` and ``upper`` of ``bounds`` support."""
     if value is None:
         return Number("–", None)
-    low, high = bounds.get("lower"), bounds.get("upper")
-    if low is None or high is None:
+    if bounds["lower"] is None or bounds["upper"] is None:
         return Number(three_digits(value * factor), value)
-    return Number(fixed(value * factor, decimals(value * factor, low * factor, high * factor)), value)
+    places = decimals(value * factor, bounds["lower"] * factor, bounds["upper"] * factor)
+    return Number(fixed(value * factor, places), value)
 
 
-def interval(value: float | None, factor: float, bounds: Mapping[str, Any]) -> str:
+def interval(value: float | None, factor: float, bounds: Document) -> str:
     """Return ``0.42 … 0.53``, ``at least 0.42`` without an upper bound, or a dash."""
     low, high = bounds["lower"], bounds["upper"]
     if value is None or low is None:
@@ -217,14 +207,49 @@ def interval(value: float | None, factor: float, bounds: Mapping[str, Any]) -> s
     return f"{fixed(low * factor, places)} … {fixed(high * factor, places)}"
 
 
-def measured_cells(value: float | None, factor: float, bounds: Mapping[str, Any]) -> tuple[Number, str]:
+def measured_cells(value: float | None, factor: float, bounds: Document) -> tuple[Number, str]:
     """Return a value and its interval."""
     return number(value, factor, bounds), interval(value, factor, bounds)
 
 
+def statistics_cells(part: Document, unit: str, factor: float) -> list[Number]:
+    """Return rms, mean, 95th percentile and maximum of an error."""
+    return [number(part[f"{key}_{unit}"], factor) for _, key in STATISTICS]
+
+
+def with_error(value: float, error: float | None, factor: float, sign: str = "") -> tuple[Number, Number]:
+    """Return a value and its standard error, with the digits that the error supports."""
+    if error is None:
+        return Number(f"{three_digits(value * factor)}{sign}", value), Number("–", None)
+    texts = measured(value * factor, error * factor)
+    return Number(f"{texts[0]}{sign}", value), Number(f"{texts[1]}{sign}", error)
+
+
+def coefficients(parameters: Iterable[Document]) -> Grid:
+    """Return name, value, standard error and unit of the identifiable coefficients."""
+    rows = [
+        (parameter["name"], *with_error(parameter["value"], parameter["std"], factor), unit)
+        for parameter in parameters
+        if parameter["std"] is not None
+        for factor, unit in [unit_of(parameter["unit"])]
+    ]
+    return Grid(("name", "value", "standard error", "unit"), rows)
+
+
+def parameter_tables(parameters: Sequence[Document]) -> list[Block]:
+    """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
+    reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
+    return [coefficients(parameters), Grid(("not identifiable", "reason"), reasons, is_text=True)]
+
+
 def with_unit(value: float, unit: str = "m") -> Number:
     """Return a value of an SI unit in mm or degrees with its unit, three digits."""
-    return Number(table_unit(unit).text(value), value)
+    return Number(unit_of(unit).text(value), value)
+
+
+def first_of(texts: Sequence[str], most: int, others: str) -> list[str]:
+    """Return the first texts, and how many ``others`` there are."""
+    return [*texts[:most], *([f"and {len(texts) - most} {others}"] if len(texts) > most else [])]
 
 
 def percent(confidence: float) -> str:
@@ -235,48 +260,56 @@ def percent(confidence: float) -> str:
 # Numbers with their units, for headlines and sentences.
 
 
-@dataclass(frozen=True, slots=True)
-class Tile:
-    """A key figure of the headline."""
-
-    label: str
-    value: Number
-    interval: str = ""
-    """``0.42 … 0.53 mm (95 %)``, or why it is missing."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReportHeadline:
-    """The first screen of a result: title, summary, key figures, facts."""
-
-    title: str
-    summary: str
-    tiles: Sequence[Tile]
-    badges: Sequence[tuple[str, str]] = ()
-    """Short outcomes, with their tones: ``good``, ``bad``, ``open`` or ``plain``."""
-    facts: Sequence[tuple[str, str]] = field(default_factory=tuple)
-
-
-def amount(value: float | None, unit: str = "m", bounds: Mapping[str, Any] = MappingProxyType({})) -> Number:
+def amount(value: float | None, unit: str = "m", bounds: Document = UNBOUNDED) -> Number:
     """Return a length in mm, or in µm if it is small, or an angle (``rad``) in degrees."""
-    shown = error_unit(unit, value or 0.0)
+    shown = unit_of(unit, value or 0.0)
     cell = number(value, shown.factor, bounds)
-    return cell if value is None else Number(with_table_unit(cell.text, shown.name), value)
+    return cell if value is None else Number(shown.after(cell.text), value)
 
 
-def tile(label: str, value: float, unit: str, bounds: Mapping[str, Any], note: str = "") -> Tile:
+def tile(label: str, value: float, unit: str, bounds: Document, note: str = "") -> Tile:
     """Return the tile of a figure in ``m`` or ``rad`` with its interval, then ``note``."""
-    shown, text = error_unit(unit, value), ""
-    if bounds.get("lower") is not None and bounds.get("upper") is not None:
-        ends = interval(value, shown.factor, bounds)
-        text = f"{with_table_unit(ends, shown.name)} ({100 * bounds['confidence']:g} %)"
+    shown, text = unit_of(unit, value), ""
+    if bounds["lower"] is not None and bounds["upper"] is not None:
+        text = f"{shown.after(interval(value, shown.factor, bounds))} ({100 * bounds['confidence']:g} %)"
     return Tile(label, amount(value, unit, bounds), "; ".join(part for part in (text, note) if part))
-
-
-# The robot of a result in titles.
 
 
 def of_robot(document: Document) -> str:
     """Return ``of`` and the robot's name from its file, to follow a title; empty without a robot."""
     robot = document.get("robot")
     return "" if robot is None else f" of {robot['name']}"
+
+
+class EffectFamily(NamedTuple):
+    """Detection limits of one effect over its joints and forms."""
+
+    name: str
+    entries: Sequence[Document]
+    """All entries, also those that are never found."""
+    known: Sequence[Document]
+    """Entries with a limit, the least first."""
+    power: float
+    """Mean probability that the usual size is found."""
+
+    def cells(self, named: bool = False) -> tuple[str, str, str, str]:
+        """Return name, lowest and highest limit, perhaps with their joints, and unit of an effect with a limit."""
+        ends, unit = (self.known[0], self.known[-1]), unit_of(self.known[0]["unit"])
+        low, high = (f"{unit.factor * e['limit']:.1e} {','.join(e['joints']) * named}".rstrip() for e in ends)
+        return self.name, low, high * (len(self.known) > 1), unit.name
+
+
+def effect_families(document: Document) -> list[EffectFamily]:
+    """Return the detection limits of a result by effect."""
+    by_name: dict[str, list[Document]] = {}
+    for limit in document["detection_limits"] or ():
+        by_name.setdefault(limit["effect"], []).append(limit)
+    return [
+        EffectFamily(
+            name,
+            entries,
+            sorted((each for each in entries if each["limit"] is not None), key=lambda each: each["limit"]),
+            statistics.mean(each.get("power") or 0.0 for each in entries),
+        )
+        for name, entries in by_name.items()
+    ]

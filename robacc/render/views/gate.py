@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from robacc.outcomes import FileOutcome
-from robacc.render.text.console import Style, say
-from robacc.render.text.layout import table_unit, with_table_unit
-from robacc.render.text.parameter_names import as_options
+from robacc.render.text import Document, Style, as_options, say, unit_of
 from robacc.render.views.elements import Grid, Listing, ReportHeadline, Section, Text
 from robacc.statistics.confidence_curves import ASSURANCE
 
@@ -39,87 +37,72 @@ LOOKS = {
     "inconclusive": Look("inconclusive", "inconclusive", "bold yellow", "open", "warning", "❔"),
     "not_evaluated": Look("not evaluated", "not evaluated", "bold yellow", "open", "warning", "⚠️"),
 }
-HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
-
-Part = Mapping[str, Any]
-"""A gate or a criterion as in the JSON document."""
+_HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
 
 
-def title(gate: Part) -> str:
+def title(gate: Document) -> str:
     """Return the gate's name and outcome, and the number of criteria with each outcome."""
     outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
     counts = [f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes]
     return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({', '.join(counts)})"
 
 
-def said(criterion: Part) -> str:
-    """Return the outcome of a criterion, then :func:`sentence`."""
-    return f"{LOOKS[criterion['outcome']].label}: {sentence(criterion)}"
-
-
-def cells(criterion: Part) -> tuple[str, ...]:
-    """Return the cells of a criterion below :data:`HEADER`."""
+def _cells(criterion: Document) -> tuple[str, ...]:
+    """Return the cells of a criterion below :data:`_HEADER`."""
     return (
         criterion["name"],
         criterion["key"],
-        value(criterion),
+        _value(criterion),
         limit(criterion),
-        (bounds(criterion) or "–").strip("()"),
-        _amount(criterion["margin"], criterion),
+        (_bounds(criterion) or "–").strip("()"),
+        unit_of(criterion["unit"]).text(criterion["margin"]),
         probability(criterion) or "–",
     )
 
 
-def _amount(size: float | None, criterion: Part) -> str:
-    """Return a value of a criterion in mm, degrees or without unit, three digits; a dash for None."""
-    return table_unit(criterion["unit"]).text(size)
-
-
-def limit(criterion: Part) -> str:
+def limit(criterion: Document) -> str:
     """Return the limit with its direction."""
-    given, baseline = criterion["limit"], criterion["baseline"]
+    given, baseline, is_least = criterion["limit"], criterion["baseline"], criterion["at_least"]
     if isinstance(given, str):
         return f"{given} or better"
     if isinstance(given, list):
         return " or ".join(given)
-    factor, unit = table_unit(criterion["unit"])
-    size = with_table_unit(f"{factor * abs(given or 0.0):.6g}", unit)
+    unit = unit_of(criterion["unit"])
+    size = unit.after(f"{unit.factor * abs(given or 0.0):.6g}")
     if baseline is None:
-        return f"at least {size}" if criterion["at_least"] else f"at most {size}"
+        return f"at {'least' if is_least else 'most'} {size}"
     if not given:
-        return f"no {'less' if criterion['at_least'] else 'more'} than in {baseline['file']}"
+        return f"no {'less' if is_least else 'more'} than in {baseline['file']}"
     # A limit on a difference has a sign and a direction.
     is_increase = given > 0.0
-    extent = "at most" if is_increase != criterion["at_least"] else "at least"
-    return f"{extent} {size} {'more' if is_increase else 'less'} than in {baseline['file']}"
+    extent = "most" if is_increase != is_least else "least"
+    return f"at {extent} {size} {'more' if is_increase else 'less'} than in {baseline['file']}"
 
 
-def value(criterion: Part) -> str:
+def _value(criterion: Document) -> str:
     """Return the measured value; for a comparison, also the baseline's value."""
-    size, baseline = criterion["value"], criterion["baseline"] or {}
+    size, baseline, text = criterion["value"], criterion["baseline"] or {}, unit_of(criterion["unit"]).text
     if size is None:
         return "missing"
     if isinstance(size, str):
         return size
     if baseline.get("value") is None:
-        return _amount(size, criterion)
-    difference = f"{_amount(abs(size), criterion)} {'more' if size > 0.0 else 'less'} than"
-    relation = "same as" if size == 0.0 else difference
-    measured = _amount(size + baseline["value"], criterion)
-    return f"{measured}, {relation} the {_amount(baseline['value'], criterion)} in {baseline['file']}"
+        return text(size)
+    relation = "same as" if size == 0.0 else f"{text(abs(size))} {'more' if size > 0.0 else 'less'} than"
+    return f"{text(size + baseline['value'])}, {relation} the {text(baseline['value'])} in {baseline['file']}"
 
 
-def bounds(criterion: Part) -> str | None:
+def _bounds(criterion: Document) -> str | None:
     """Return the bounds that the rule used, None if it used none."""
     ends = (criterion["lower_bound"], criterion["upper_bound"])
     if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
         return None
     suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
-    interval = " to ".join(_amount(end, criterion) for end in ends)
-    return f"({interval}{suffix}, each bound at {100 * criterion['confidence']:g} % confidence)"
+    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + suffix
+    return f"({interval}, each bound at {100 * criterion['confidence']:g} % confidence)"
 
 
-def probability(criterion: Part) -> str | None:
+def probability(criterion: Document) -> str | None:
     """Return the conformity probability in percent, between ``< 0.1 %`` and ``> 99.9 %``."""
     if criterion["conformity_probability"] is None:
         return None
@@ -127,11 +110,11 @@ def probability(criterion: Part) -> str | None:
     return "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
 
 
-def _poses_needed(criterion: Part) -> str | None:
+def _poses_needed(criterion: Document) -> str | None:
     """Return the number of poses or visits that would decide an inconclusive criterion, None where unknown."""
+    needed, needed_if_true = criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
     if criterion["outcome"] != "inconclusive":
         return None
-    needed, needed_if_true = criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
     if needed is None:
         # The distance to the limit is unknown without bounds or without a number of poses.
         too_close = needed_if_true is None and criterion["why"] is None and criterion["n_poses"] is not None
@@ -139,38 +122,41 @@ def _poses_needed(criterion: Part) -> str | None:
     # ISO 9283 results count visits of a few commanded poses.
     counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
     text = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
-    if needed_if_true is None or needed_if_true == needed:
-        return text
-    return f"{text}, {needed_if_true} if the measured value is the true one"
+    is_same = needed_if_true in (None, needed)
+    return text if is_same else f"{text}, {needed_if_true} if the measured value is the true one"
 
 
-def sentence(criterion: Part) -> str:
+def sentence(criterion: Document) -> str:
     """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
-    statement = " ".join(text for text in (criterion["key"], value(criterion), bounds(criterion)) if text)
-    parts = [f"{statement}, expected {limit(criterion)}"]
-    if criterion["margin"] is not None:
-        parts.append(f"margin {_amount(criterion['margin'], criterion)}")
-    if (chance := probability(criterion)) is not None:
-        parts.append(f"conforms with probability {chance}")
-    return "; ".join([*parts, *_explanations(criterion)])
+    statement = " ".join(filter(None, (criterion["key"], _value(criterion), _bounds(criterion))))
+    margin, chance = criterion["margin"], probability(criterion)
+    parts = (
+        f"{statement}, expected {limit(criterion)}",
+        "" if margin is None else f"margin {unit_of(criterion['unit']).text(margin)}",
+        "" if chance is None else f"conforms with probability {chance}",
+        *_explanations(criterion),
+    )
+    return "; ".join(filter(None, parts))
 
 
-def explained(criterion: Part) -> str:
+def _said(criterion: Document) -> str:
+    return f"{LOOKS[criterion['outcome']].label}: {sentence(criterion)}"
+
+
+def _explained(criterion: Document) -> str:
     """Return the outcome, its reason and the number of poses that would decide, then the reason for the limit."""
-    parts = [LOOKS[criterion["outcome"]].label, *_explanations(criterion)]
-    return f"{'; '.join(parts)}. Reason: {criterion['reason']}"
+    return f"{'; '.join([LOOKS[criterion['outcome']].label, *_explanations(criterion)])}. Reason: {criterion['reason']}"
 
 
-def _explanations(criterion: Part) -> list[str]:
-    why = None if criterion["why"] is None else as_options(criterion["why"])
-    return [text for text in (why, _poses_needed(criterion)) if text]
+def _explanations(criterion: Document) -> list[str]:
+    return [text for text in (as_options(criterion["why"] or ""), _poses_needed(criterion)) if text]
 
 
 _INDENT = 15
 """Columns: the longest outcome and two spaces."""
 
 
-def say_gate(gate: Part) -> None:
+def say_gate(gate: Document) -> None:
     """Write the outcome, and each criterion that does not pass, to standard error: for a log without the table."""
     say(title(gate), LOOKS[gate["outcome"]].style)
     for criterion in gate["criteria"]:
@@ -179,7 +165,7 @@ def say_gate(gate: Part) -> None:
             say(f"{look.label}: {criterion['name']}: {sentence(criterion)}", look.style)
 
 
-def gate_view(gate: Part) -> Iterator[Section]:
+def gate_view(gate: Document) -> Iterator[Section]:
     """Return the outcome of the gate and of each criterion as text."""
     yield Section(title(gate), [], LOOKS[gate["outcome"]].style)
     for criterion in gate["criteria"]:
@@ -188,25 +174,24 @@ def gate_view(gate: Part) -> Iterator[Section]:
         yield Section(f"{look.label:<{_INDENT}}{criterion['name']}", texts, look.style)
 
 
-def check_headline(document: Part) -> ReportHeadline:
+def check_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``check``."""
     gate, command = document["gate"], document["result"]["command"]
     summary = f"The result of robacc {command} passes {passed(gate)} of the gate {gate['name']}."
     return ReportHeadline(f"Check against {gate['name']}", summary, ())
 
 
-def passed(gate: Part) -> str:
+def passed(gate: Document) -> str:
     """Return how many criteria passed, as ``2 of 3 criteria``."""
     return f"{sum(each['outcome'] == 'pass' for each in gate['criteria'])} of {len(gate['criteria'])} criteria"
 
 
-def gate_section(document: Part) -> Iterator[Section]:
-    """Yield each criterion with outcome, value, limit and bounds, and the reasons; nothing without a gate."""
-    if gate := document.get("gate"):
-        rows = [(each["name"], LOOKS[each["outcome"]].label, *cells(each)[1:]) for each in gate["criteria"]]
-        reasons = [f"{each['name']}: {explained(each)}" for each in gate["criteria"]]
-        table = Grid((HEADER[0], "outcome", *HEADER[1:]), rows)
-        yield Section(title(gate), [table, Listing(reasons), Listing(gate["warnings"], "warning")])
+def gate_section(gate: Document) -> Section:
+    """Return each criterion with outcome, value, limit and bounds, and the reasons."""
+    rows = [(each["name"], LOOKS[each["outcome"]].label, *_cells(each)[1:]) for each in gate["criteria"]]
+    reasons = Listing([f"{each['name']}: {_explained(each)}" for each in gate["criteria"]])
+    table = Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows)
+    return Section(title(gate), [table, reasons, Listing(gate["warnings"], "warning")])
 
 
 # Gate outcomes as JUnit XML: one suite per gate, one case per criterion.
@@ -235,7 +220,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
             streams = {"out": "", "err": "\n".join(as_options(str(problem)) for problem in outcome.problems)}
         else:
             cases = [
-                (each["name"], each["outcome"], said(each), f"Reason for the limit: {each['reason']}")
+                (each["name"], each["outcome"], _said(each), f"Reason for the limit: {each['reason']}")
                 for each in gate["criteria"]
             ]
             streams = {"out": title(gate), "err": "\n".join(gate["warnings"])}
@@ -258,8 +243,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         for name, kind, message, reason in cases:
             case = SubElement(suite, "testcase", name=name, classname=f"robacc.{command}.{outcome.name}", time=share)
             if kind != "pass":
-                tag = "failure" if kind == "fail" else "error"
-                SubElement(case, tag, message=message, type=kind).text = reason
+                SubElement(case, "failure" if kind == "fail" else "error", message=message, type=kind).text = reason
         for stream, text in streams.items():
             SubElement(suite, f"system-{stream}").text = text
     indent(suites)
@@ -270,7 +254,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.
 
 
-def github_annotations(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
+def github_annotations(command: str, table: str, gate: Document | None, warnings: tuple[str, ...]) -> str:
     """Return one line per annotation: warnings, criteria and the gate; without a gate the report's first part.
 
     Args:
@@ -280,32 +264,33 @@ def github_annotations(command: str, table: str, gate: Part | None, warnings: tu
         warnings: The command's warnings.
     """
     head = f"robacc {command}"
-    lines = [annotation("warning", head, warning) for warning in warnings]
+    entries = [("warning", head, warning) for warning in warnings]
     if gate is None:
-        return "\n".join([*lines, annotation("notice", head, table.strip().partition("\n\n")[0]), ""])
-    lines += [
-        annotation(
+        return annotation_lines([*entries, ("notice", head, table.strip().partition("\n\n")[0])])
+    entries += [
+        (
             LOOKS[criterion["outcome"]].level,
             f"{gate['name']}: {criterion['name']}",
-            f"{said(criterion)}. Reason for the limit: {criterion['reason']}",
+            f"{_said(criterion)}. Reason for the limit: {criterion['reason']}",
         )
         for criterion in gate["criteria"]
     ]
-    return "\n".join([*lines, annotation(LOOKS[gate["outcome"]].level, head, title(gate)), ""])
+    return annotation_lines([*entries, (LOOKS[gate["outcome"]].level, head, title(gate))])
 
 
-def annotation(level: str, head: str, text: str) -> str:
-    """Return ``::level title=HEAD::TEXT``, escaped as actions/toolkit does."""
-    for sign, code in (("%", "%25"), ("\r", "%0D"), ("\n", "%0A")):
-        head, text = head.replace(sign, code), text.replace(sign, code)
-    head = head.replace(":", "%3A").replace(",", "%2C")
-    return f"::{level} title={head}::{text}"
+def annotation_lines(entries: Iterable[tuple[str, str, str]]) -> str:
+    """Return a line ``::level title=HEAD::TEXT`` for each level, head and text, escaped as actions/toolkit does."""
+    text_codes = str.maketrans({"%": "%25", "\r": "%0D", "\n": "%0A"})
+    head_codes = {**text_codes, **str.maketrans({":": "%3A", ",": "%2C"})}
+    return "".join(
+        f"::{level} title={head.translate(head_codes)}::{text.translate(text_codes)}\n" for level, head, text in entries
+    )
 
 
 # A result and its gate's outcome as Markdown, for a job summary or a comment on a pull request.
 
 
-def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, ...]) -> str:
+def markdown(command: str, table: str, gate: Document | None, warnings: tuple[str, ...]) -> str:
     """Return the gate's table, the warnings and the report, which is collapsed below a gate.
 
     Args:
@@ -318,14 +303,14 @@ def markdown(command: str, table: str, gate: Part | None, warnings: tuple[str, .
     if gate is not None:
         criteria = gate["criteria"]
         rows = [
-            ("", *HEADER),
-            ["---"] * (1 + len(HEADER)),
-            *((LOOKS[criterion["outcome"]].sign, *map(_escaped, cells(criterion))) for criterion in criteria),
+            ("", *_HEADER),
+            ["---"] * (1 + len(_HEADER)),
+            *((LOOKS[criterion["outcome"]].sign, *map(_escaped, _cells(criterion))) for criterion in criteria),
         ]
         lines += [
             f"### {LOOKS[gate['outcome']].sign} {_escaped(title(gate))}",
             "\n".join(f"| {' | '.join(row)} |" for row in rows),
-            "\n".join(f"- **{_escaped(each['name'])}**: {_escaped(explained(each))}" for each in criteria),
+            "\n".join(f"- **{_escaped(each['name'])}**: {_escaped(_explained(each))}" for each in criteria),
         ]
     lines += [f"> **Warning:** {_escaped(warning)}" for warning in warnings]
     if table:

@@ -1,4 +1,4 @@
-"""A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
+"""A robot as tables in mm and degrees, the arms of the package, the catalogue of effects, and the poses of a cube."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 
 from robacc.effects.request import CatalogueEntry
-from robacc.render.text.console import PLAIN_WIDTH
-from robacc.render.text.layout import IN_DEGREES, IN_MM, table_unit
+from robacc.iso_9283.cube import Proposal
+from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, fixed, unit_of
 from robacc.render.views.elements import Grid, Listing, Section, Text
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Summary
@@ -17,12 +17,6 @@ _CHAINS = {
     "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
     "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
 }
-
-
-_GAP = 3
-"""Blanks between columns."""
-_TEXTS = ("joint", "type", "follows", "axis")
-"""Heads of columns of text."""
 _MOST = 40
 """Coefficients of effects that are listed."""
 
@@ -34,13 +28,41 @@ def robot_view(summary: Summary) -> Iterator[Section]:
     count = len(robot.variables)
     yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
     yield from _geometry(robot)
-    yield _drives(robot)
-    yield _links(robot)
-    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary)])
+    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
+    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
+    drives = [
+        (
+            joint.name,
+            joint.type,
+            *(["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]),
+            unit,
+            f"{joint.sign:+d}",
+            "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
+            _drive_rule(joint),
+        )[: len(header)]
+        for joint in robot.joints
+        if joint.type != "fixed"
+        for factor, unit in [unit_of("m" if joint.type == "prismatic" else "rad")]
+    ]
+    yield _table("Drives", header, drives)
+    links = [(joint.name, joint) for joint in robot.joints]
+    for branch in robot.branches:
+        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
+        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
+    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
+    masses = [
+        (name, "-", "", "", "")
+        if joint.mass is None
+        else (name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0)))
+        for name, joint in links
+        if has_masses
+    ]
+    yield _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses)
+    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text])
 
 
 def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
-    left = tuple(place for place, head in enumerate(header) if head in _TEXTS)
+    left = tuple(place for place, head in enumerate(header) if head in ("joint", "type", "follows", "axis"))
     return Section(title, [Grid(header, rows, left=left, is_ruled=True)])
 
 
@@ -58,7 +80,7 @@ def _geometry(robot: Robot) -> Iterator[Section]:
     if is_urdf:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = [joint.name for joint in robot.joints]
-    width = sum(max(map(len, cells)) + _GAP for cells in (["joint", *names], *([h, *c] for h, c in columns.items())))
+    width = sum(3 + max(map(len, [head, *cells])) for head, cells in {"joint": names, **columns}.items())
     tables = {"Geometry": [*columns]}
     if width > PLAIN_WIDTH:
         lengths = [head for head in columns if head.removesuffix(" mm") in LENGTH_PARAMETERS]
@@ -73,26 +95,6 @@ def _axis(axis: Sequence[float]) -> str:
     return next(named, _numbers(axis, 1.0))
 
 
-def _drives(robot: Robot) -> Section:
-    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
-    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
-    rows = [
-        (
-            joint.name,
-            joint.type,
-            *(["-", "-"] if joint.limits is None else [_number(value * factor) for value in joint.limits]),
-            unit,
-            f"{joint.sign:+d}",
-            "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
-            _drive_rule(joint),
-        )[: len(header)]
-        for joint in robot.joints
-        if joint.type != "fixed"
-        for factor, unit in [table_unit("m" if joint.type == "prismatic" else "rad")]
-    ]
-    return _table("Drives", header, rows)
-
-
 def _drive_rule(joint: Joint) -> str:
     """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
     if joint.mimic is not None:
@@ -104,30 +106,13 @@ def _drive_rule(joint: Joint) -> str:
     return text.strip().removeprefix("+ ")
 
 
-def _links(robot: Robot) -> Section:
-    links = [(joint.name, joint) for joint in robot.joints]
-    has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
-    for branch in robot.branches:
-        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
-        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
-    rows = [
-        (name, _number(joint.mass), *(_number(value * IN_MM) for value in joint.com or (0, 0, 0)))
-        if joint.mass is not None
-        else (name, "-", "", "", "")
-        for name, joint in links
-        if has_masses
-    ]
-    return _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), rows)
-
-
 def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    robot, campaign = summary.robot, summary.robot.campaign
+    """Yield labels and texts; an empty text is left out."""
+    robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
     yield "base", _frame(robot.base)
     yield from (("target", f"{name}: {_frame(frame)}") for name, frame in robot.targets.items())
-    if not robot.targets:
-        yield "tool", _frame(robot.tool)
-    if robot.payload_com is not None:
-        yield "payload", f"at ({_numbers(robot.payload_com, IN_MM)}) mm in the last link's frame"
+    yield "tool", "" if robot.targets else _frame(robot.tool)
+    yield "payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"
     yield "gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"
     for name, reach in summary.reach.items():
         extent = "unknown: a prismatic joint has no limits"
@@ -141,21 +126,19 @@ def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
     yield "effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"
     listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
+    others = len(summary.coefficients) - len(listed)
     yield from (("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed)
-    if len(listed) < len(summary.coefficients):
-        yield "", f"… and {len(summary.coefficients) - len(listed)} more coefficients, in the robot file"
+    yield "", f"… and {others} more coefficients, in the robot file" * (others > 0)
     for effect in (*robot.effects, *(campaign.effects if campaign else ())):
         ranges = [f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in effect.get("validity", {}).items()]
-        if ranges:
-            yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}"
+        yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges)
     if campaign is not None:
-        frames = [name for name, frame in (("base", campaign.base), ("tool", campaign.tool)) if frame is not None]
+        own = {"base": campaign.base, "tool": campaign.tool}
+        frames = [name for name, frame in own.items() if frame is not None]
         frames += [f"target {name}" for name in campaign.targets]
-        if frames:
-            yield "campaign", f"registered in it: {', '.join(frames)}"
-        if campaign.effects:
-            names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
-            yield "campaign", f"effects {names}, for its own poses only"
+        yield "campaign", f"registered in it: {', '.join(frames)}" * bool(frames)
+        names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+        yield "campaign", f"effects {names}, for its own poses only" * bool(names)
     yield from (("fitted", f"to the poses of SHA-256 {digest[:16]}…") for digest in robot.fitted_to)
 
 
@@ -179,23 +162,21 @@ def _numbers(values: Sequence[float], factor: float) -> str:
 
 def _number(value: float) -> str:
     """Return up to four decimals (0.1 µm, 0.0001°) without trailing zeros."""
-    text = f"{value:.4f}".rstrip("0").rstrip(".")
-    return "0" if text in ("-0", "") else text
+    return fixed(value, 4).rstrip("0").rstrip(".")
 
 
 # The arms that come with the package, as a table.
-
-_USE = (
-    "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init NAME "
-    "writes a copy to which you add the tool or several targets"
-)
 
 
 def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
     """Return a line per arm, and how to use them."""
     rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
     yield Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))])
-    yield Section("", [Listing([_USE])])
+    use = (
+        "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
+        "NAME writes a copy to which you add the tool or several targets"
+    )
+    yield Section("", [Listing([use])])
 
 
 # The catalogue of effects as text to read.
@@ -215,8 +196,8 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator
         for entry in entries
     ]
     yield Section("", [Grid(("", ""), rows, is_text=True)])
-    text = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
-    yield Section("", [Text(text, is_note=True)])
+    hint = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+    yield Section("", [Text(hint, is_note=True)])
 
 
 def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
@@ -238,3 +219,41 @@ def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
         facts["this robot"] = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
         facts["coefficients"] = ", ".join(names[:_COEFFICIENTS_SHOWN]) + more
     return facts
+
+
+# The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
+
+
+def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+    """Return the comment lines above the columns: cube, plane and tool orientation."""
+    return [
+        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
+        *_cube_facts(proposal),
+        *proposal.notes,
+    ]
+
+
+def proposal_view(proposal: Proposal, robot: Robot) -> Iterator[Section]:
+    """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
+    yield Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))])
+    places = proposal.poses.translation.T * IN_MM
+    rows = [(f"P{i}", *(fixed(float(value), 2) for value in place)) for i, place in enumerate(places, 1)]
+    units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
+    names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    joints = [
+        (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
+        for i, q in enumerate(proposal.q.T, 1)
+    ]
+    yield Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)])
+    yield Section("Limitations", [Listing(proposal.notes)])
+
+
+def _cube_facts(proposal: Proposal) -> list[str]:
+    x, y, z = (float(value) * IN_MM for value in proposal.centre)
+    return [
+        f"cube with an edge of {proposal.edge * IN_MM:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in "
+        "the base frame",
+        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
+        f"{proposal.orientation_text}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its range to "
+        "each limit",
+    ]

@@ -1,0 +1,314 @@
+"""A result of any command as HTML: a page of one or of several side by side, and a few lines for a notebook."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import json
+import re
+import shlex
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from html import escape
+from itertools import chain
+from types import MappingProxyType
+from typing import Any
+
+from robacc.render.plots.canvas import DARK, LIGHT, as_part, need
+from robacc.render.plots.results import charts_of
+from robacc.render.text import NEGATIVE_OPTIONS, Document, as_options
+from robacc.render.views.accuracy import estimate_headline, estimate_view, iso9283_headline, iso9283_view
+from robacc.render.views.compare import comparison_headline, comparison_view
+from robacc.render.views.elements import Cell, Grid, Listing, ReportHeadline, Section, Text, of_robot, shown
+from robacc.render.views.expected import (
+    correction_headline,
+    correction_view,
+    plan_headline,
+    plan_view,
+    predict_headline,
+    prediction_view,
+)
+from robacc.render.views.fit import fit_headline, fit_view
+from robacc.render.views.gate import LOOKS, check_headline, gate_section, passed
+from robacc.robots.description import IDENTITY
+from robacc.version import __version__
+
+# The view of a result of any command: its headline, and the sections of its page.
+
+_VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document], Iterator[Section]]]] = {
+    "trace": (fit_headline, fit_view),
+    "calibrate": (fit_headline, fit_view),
+    "estimate": (estimate_headline, estimate_view),
+    "predict": (predict_headline, prediction_view),
+    "iso9283": (iso9283_headline, iso9283_view),
+    "check": (check_headline, lambda document: iter(())),
+    "compare": (comparison_headline, comparison_view),
+    "correct": (correction_headline, correction_view),
+    "plan": (plan_headline, plan_view),
+}
+
+
+def headline_of(document: Document) -> ReportHeadline:
+    """Return the headline of a result of any command, with its robot, data and gate."""
+    headline = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
+    if document["command"] in _VIEWS:
+        headline = _VIEWS[document["command"]][0](document)
+    badges, facts = [*headline.badges], [fact for fact in (*_facts(document), *headline.facts) if fact[1]]
+    if gate := document.get("gate"):
+        badges.append((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone))
+    # What a reader asks first: why, and what now.
+    return headline._replace(badges=badges, facts=sorted(facts, key=lambda fact: fact[0] not in ("Why", "Next")))
+
+
+def _facts(document: Document) -> Iterator[tuple[str, str]]:
+    inputs, robot = document["inputs"], document.get("robot")
+    if robot is not None:
+        joints = ", ".join(joint["name"] for joint in robot["joints"])
+        yield "Robot", f"{robot['name']} (joints {joints})" if joints else robot["name"]
+    else:
+        yield from (("Robot", record["name"]) for record in inputs if record["kind"] == "robot")
+    files = [record["name"] for record in inputs if record["kind"] in ("poses", "holdout", "against", "already")]
+    # The poses of a plan are not measured yet.
+    count = None if document["command"] == "plan" else document.get("n_poses")
+    if files or count is not None:
+        poses = f"{count:,} poses" if isinstance(count, int) else ""
+        yield "Data", " from ".join(part for part in (poses, " and ".join(files)) if part)
+    if gate := document.get("gate"):
+        yield "Gate", f"{gate['name']}: {passed(gate)} passed"
+
+
+# A result in a few lines for a notebook or a Python shell; no library is needed.
+
+
+def notebook_html(document: Document) -> str:
+    """Return the headline of a result as HTML: title, summary, key figures and facts."""
+    headline = headline_of(document)
+    badges = "".join(f" <small>[{escape(text)}]</small>" for text, _ in headline.badges)
+    cells = "".join(
+        f"<tr><th style='text-align:left'>{escape(label)}</th><td style='text-align:left'>{escape(value)}</td>"
+        f"<td style='text-align:left'>{escape(note)}</td></tr>"
+        for label, value, note in _figures(headline)
+    )
+    return (
+        f"<div><strong>{escape(headline.title)}</strong>{badges}<p>{escape(headline.summary)}</p>"
+        f"<table>{cells}</table></div>"
+    )
+
+
+def notebook_text(document: Document) -> str:
+    """Return the headline of a result as lines of text."""
+    headline = headline_of(document)
+    title = " ".join((headline.title, *(f"[{text}]" for text, _ in headline.badges)))
+    rows = [(label, "  ".join(filter(None, texts))) for label, *texts in _figures(headline)]
+    return "\n".join((title, headline.summary, *(line for line, _ in Grid(("", ""), rows, left=(0, 1)).lines(0))))
+
+
+def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
+    """Return label, value and interval of each figure, then the facts."""
+    tiles = ((tile.label, str(tile.value), tile.interval) for tile in headline.tiles)
+    return [*tiles, *((name, text, "") for name, text in headline.facts)]
+
+
+# Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
+
+
+def identity_rows(
+    documents: Sequence[Document], names: Sequence[str], identity: Mapping[str, str]
+) -> list[tuple[str, str]]:
+    """Return labels and texts in the order of the page; a text of ``identity`` replaces those of the results.
+
+    Different texts, such as the serial numbers of two arms, stand side by side with the names of the results; those
+    of two files of one result with the names of the files, behind that of the result if there are several.
+    """
+    rows: list[tuple[str, str]] = []
+    for key, label in IDENTITY.items():
+        if key in identity:
+            rows.append((label, identity[key]))
+            continue
+        texts: list[tuple[str, str]] = []
+        for name, document in zip(names, documents, strict=True):
+            files = [file for file in document["inputs"] if key in file.get("identity", ())]
+            if len({file["identity"][key] for file in files}) > 1:
+                lead = f"{name}, " if len(documents) > 1 else ""
+                texts += [(f"{lead}{file['name']}", file["identity"][key]) for file in files]
+            elif files:
+                texts.append((name, files[0]["identity"][key]))
+        distinct = {text for _, text in texts}
+        if distinct:
+            many = "; ".join(f"{name}: {text}" for name, text in texts)
+            rows.append((label, many if len(distinct) > 1 else texts[0][1]))
+    return rows
+
+
+# The section about reproducing a result: command line, version, and hashes of the inputs.
+
+_SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
+
+
+def command_line(document: Document) -> str:
+    """Return the command line from the options and inputs of the result; files by name without folders."""
+    files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
+    leading = ({"predict": "robot", "plan": "robot"}.get(document["command"], "poses"), "result")
+    arguments = ["robacc", document["command"]]
+    arguments += [record["name"] for record in document["inputs"] if record["kind"] in leading]
+    for kind, name in files.items():
+        arguments += [] if kind in leading else [f"--{kind}", name]
+    for name, value in document["options"].items():
+        flag = {"purpose": "--for"}.get(name, f"--{name.replace('_', '-')}")
+        if name in files or value in (None, [], ""):
+            continue
+        if name in NEGATIVE_OPTIONS:
+            arguments += [] if value else [NEGATIVE_OPTIONS[name]]
+        elif isinstance(value, bool):
+            arguments += [flag] * value
+        elif name in {"outside", "half_space"}:
+            arguments += [word for each in value for word in (flag, str(each))]
+        else:
+            arguments += [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
+    # The options that were stated on the names of the poses' file.
+    stated: Document = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
+    for name, value in stated.items():
+        if name != "commanded_sha256":
+            shown_value = [] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]
+            arguments += [f"--{name.replace('_', '-')}", *shown_value]
+    if document["seed"] is not None and document["command"] in _SEEDED:
+        arguments += ["--seed", str(document["seed"])]
+    return " ".join(shlex.quote(argument) for argument in arguments)
+
+
+# Several results in one table, one column per result.
+
+
+def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
+    """Return outcome, key figures and facts of each result, with warnings about different inputs."""
+    rows: dict[str, Sequence[Cell]] = {
+        "command": [str(document["command"]) for document in documents],
+        "outcome": [", ".join(text for text, _ in headline.badges) or "–" for headline in headlines],
+    }
+    for figures in (
+        [{tile.label: tile.value for tile in headline.tiles} for headline in headlines],
+        [dict(headline.facts) for headline in headlines],
+    ):
+        rows |= {label: [own.get(label, "–") for own in figures] for label in chain.from_iterable(figures)}
+    rows["made by"] = [f"robacc {document['robacc']}" for document in documents]
+    rows["call"] = [command_line(document) for document in documents]
+    warnings = [
+        f"the results were not made from the same {kind} file"
+        for kind in ("poses", "robot", "holdout")
+        if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
+    ]
+    if len({document["robacc"] for document in documents}) > 1:
+        warnings.append("the results were made by different versions of robacc")
+    table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
+    return next(shown([Section("Side by side", [table, Listing(warnings, "warning")])]))
+
+
+# The page.
+
+
+def render(
+    documents: Sequence[Document], names: Sequence[str], identity: Mapping[str, str] = MappingProxyType({})
+) -> str:
+    """Return the page of results from their JSON documents.
+
+    Args:
+        documents: One document per result.
+        names: Labels of the results, used if there are several.
+        identity: Texts by the keys of an identity; they replace those of the results.
+
+    Raises:
+        UsageError: the extra ``report`` is not installed.
+    """
+    return page_of([result_of(document, number) for number, document in enumerate(documents, 1)], names, identity)
+
+
+def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity: Mapping[str, str]) -> str:
+    """Return the page of results that :func:`result_of` has laid out."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    documents, headlines = ([result[key] for result in results] for key in ("document", "headline"))
+    loader = PackageLoader("robacc.render")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {"options": as_options, "minus": _with_minus_signs}
+    scripts: list[str] = []
+    if any(chart["scene"] for result in results for chart in result["charts"]):
+        from plotly.offline import get_plotlyjs
+
+        scripts = [get_plotlyjs(), environment.get_template("scenes.js").render()]
+    is_multiple = len(results) > 1
+    # Only the page's own scripts run, and nothing comes from the network.
+    hashes = [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts]
+    allowed = " ".join(hashes or ["'none'"])
+    light, dark = (" ".join(f"--c-{role}: {value};" for role, value in colours.items()) for colours in (LIGHT, DARK))
+    return environment.get_template("page.html").render(
+        title=f"{len(results)} results side by side" if is_multiple else headlines[0].title,
+        results=results,
+        names=names,
+        identity=identity_rows(documents, names, identity),
+        overview=_side_by_side(documents, headlines, names) if is_multiple else None,
+        library=b64encode(gzip.compress(scripts[0].encode(), 6, mtime=0)).decode() if scripts else "",
+        script=scripts[1] if scripts else "",
+        policy=(
+            f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data: blob:; "
+            "base-uri 'none'; form-action 'none'"
+        ),
+        version=__version__,
+        light=light,
+        dark=dark,
+    )
+
+
+def _with_minus_signs(text: str) -> str:
+    """Return the text with minus signs, which are as wide as a digit, for the hyphens of numbers."""
+    return re.sub(r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
+
+
+def result_of(document: Document, place: int) -> dict[str, Any]:
+    """Return the parts of one result as the templates take them, the ``place``-th of its page.
+
+    Raises:
+        UsageError: the extra ``report`` is not installed.
+    """
+    need("matplotlib", "plotly", "jinja2")
+    number, (_, view) = f"r{place}", _VIEWS.get(document["command"], _VIEWS["check"])
+    warnings = [*dict.fromkeys(document.get("warnings", ()))]
+    if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
+        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
+        warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
+    notes = [*document.get("notes", ()), *document.get("input_notes", ())]
+    leading = [Section("Warnings and notes", [Listing(warnings, "warning"), Listing(notes)])]
+    if gate := document.get("gate"):
+        leading.insert(0, gate_section(gate))
+    origin = (
+        f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
+        "files gives the same bytes."
+    )
+    inputs = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
+    call = Text(command_line(document), is_command=True)
+    table = Grid(("input", "file", "SHA-256"), inputs, is_text=True)
+    return {
+        "id": number,
+        "document": document,
+        "headline": headline_of(document),
+        "charts": [
+            {
+                "id": f"{number}p{i}",
+                "chart": chart,
+                "svg": as_part(chart, f"{number}p{i}"),
+                "scene": None if chart.scene is None else script_json(chart.scene),
+                "starts": chart.kind in ("poses", "corrections", "planned-poses"),
+            }
+            for i, chart in enumerate(charts_of(document), 1)
+        ],
+        "sections": [*shown(view(document))],
+        "leading": [*shown(leading)],
+        "how": Section("How to reproduce this result", [Text(origin), call, table]),
+    }
+
+
+def script_json(value: Any) -> str:
+    """Return JSON that cannot end a script element, whatever its strings contain."""
+    text = json.dumps(value, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return re.sub("[<>&\u2028\u2029]", lambda sign: f"\\u{ord(sign[0]):04x}", text)

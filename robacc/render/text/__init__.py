@@ -1,1 +1,0 @@
-"""From a result to text: computes nothing."""

@@ -1,0 +1,531 @@
+"""Measured accuracy: an estimate in full, in short, or of many files, and an evaluation by ISO 9283."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+from robacc.outcomes import FileOutcome
+from robacc.render.text import (
+    IN_DEGREES,
+    IN_MM,
+    QUANTITIES,
+    STATISTICS,
+    Document,
+    Style,
+    as_options,
+    chance,
+    decimals,
+    fixed,
+    p_value,
+    three_digits,
+)
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    amount,
+    measured_cells,
+    number,
+    of_robot,
+    parameter_tables,
+    percent,
+    statistics_cells,
+    tile,
+    with_unit,
+)
+from robacc.render.views.gate import LOOKS, annotation_lines, sentence, title
+from robacc.statistics.confidence_curves import ASSURANCE
+
+_FRAMES = {
+    "tool": "components along the axes of the commanded target (frame tool)",
+    "base": "components along the axes of the measuring frame (frame base)",
+}
+_TESTS = {
+    "zero_mean": "zero mean, Hotelling's T²",
+    "skewness": "Gaussian, Mardia's skewness",
+    "kurtosis": "Gaussian, Mardia's kurtosis",
+}
+
+
+def _registered(alignment: Document | None, joined: str = ": {} fitted, {} parameters") -> str:
+    """Return the frames and the number of parameters of a registration; empty without one."""
+    return "" if alignment is None else joined.format(" and ".join(alignment["what"]), alignment["n_parameters"])
+
+
+def estimate_headline(document: Document) -> ReportHeadline:
+    """Return the first screen of an estimate."""
+    grade, robot = document["grade"], document.get("robot") or {}
+    confirmed, (why, *reasons) = _confirmed(grade), grade["reason"].split(". ")
+    reference = "model's predictions" if robot.get("effects") or robot.get("fitted_to") else "commanded positions"
+    files = {record["kind"]: record["name"] for record in document["inputs"]}
+    ahead = "state the robot with `robot`, and let robacc trace find the causes of the error"
+    if "robot" in files:
+        ahead = f"find the causes of the error: robacc trace {files.get('poses', 'POSES')} --robot {files['robot']}"
+    rms, p95 = (amount(document["position"][f"{key}_m"]) for key in ("rms", "p95"))
+    tiles = [
+        tile(f"{name}, {label}", document[name][key], unit, bounds, missing)
+        for name, label, key, unit in (
+            ("position", "rms", "rms_m", "m"),
+            ("position", "95th percentile", "p95_m", "m"),
+            ("orientation", "95th percentile", "p95_rad", "rad"),
+        )
+        if document[name] is not None
+        for bounds in [document[name]["intervals"][key]]
+        for missing in [bounds["why"] or "no interval" if bounds["upper"] is None else ""]
+    ]
+    return ReportHeadline(
+        f"Accuracy{of_robot(document)}",
+        f"The measured positions differ from the {reference} by {rms} rms over {document['n_poses']} poses; 95 % of "
+        f"the poses are within {p95}. This is grade {grade['grade']}, {confirmed}.",
+        tiles,
+        [(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open")],
+        [
+            ("Why", "; ".join([why, *([] if grade["demonstrated"] else reasons[-1:])])),
+            ("Next", ahead),
+            ("Registration", _registered(document["alignment"], "{}, {} parameters") or "none"),
+            ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
+            ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
+        ],
+    )
+
+
+def _confirmed(grade: Document) -> str:
+    return f"{'' if grade['demonstrated'] else 'not '}confirmed at {100 * grade['confidence']:g} % confidence"
+
+
+def estimate_view(
+    document: Document, poses: str = "", robot: str | None = None, form: Form = "page"
+) -> Iterator[Section]:
+    """Return the view of an estimate; ``poses`` and ``robot`` are file names.
+
+    In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
+    of the intervals and limitations.
+    """
+    grade, alignment = document["grade"], document["alignment"]
+    quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
+    if form != "page":
+        frame = [_FRAMES[document["frame"]]] * (form == "full")
+        heading = f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}"
+        yield Section(heading, [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)])
+    is_met = grade["grade"] in [step["grade"] for step in grade["steps"]]
+    met = _confirmed(grade) if is_met else "no step of the scale is met"
+    heading, (first, *others) = f"Grade {grade['grade']}, {met} (scale: {grade['scale']})", grade["reason"].split(". ")
+    style: Style = "green" if grade["demonstrated"] else "bold yellow"
+    subject, total = "it" if form == "short" else f"grade {grade['grade']}", grade["poses_to_demonstrate"]
+    confirming = (
+        f"{total} poses in total would confirm {subject} with a probability of {chance(ASSURANCE)}, if the estimate "
+        "does not change"
+    ) * (total is not None)
+    if form == "short":
+        # The last sentence says why a grade is not confirmed.
+        unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
+        yield Section(heading, [Listing([first, *unconfirmed])], style)
+        heads = [
+            head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))
+        ]
+        rows = [
+            (
+                label,
+                *(cell for part, _, unit, _, factor in quantities for cell in _measured(part, f"{key}_{unit}", factor)),
+            )
+            for label, key in STATISTICS
+        ]
+        yield Section("", [Grid(("error", *heads), rows)])
+        yield _targets(document)
+        yield Section("", _ending(document, poses, robot))
+        return
+    # Probabilities that round to zero are omitted, except that of the grade itself.
+    shares = ", ".join(
+        f"{entry['grade']} {chance(entry['probability'])}"
+        for entry in grade["probabilities"]
+        if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
+    )
+    known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
+    steps = [
+        [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
+        for step in grade["steps"]
+    ]
+    table = Grid((f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"), steps)
+    yield Section(heading, [Listing([first, *others, known, confirming]), table], style)
+    methods: dict[tuple[str, ...], list[str]] = {}
+    for part, name, unit, sign, factor in quantities:
+        yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, name, sign, unit, factor))
+        methods.setdefault(_methods(part, unit), []).append(name)
+    yield _targets(document)
+    if alignment is not None:
+        yield Section("Registration", parameter_tables(alignment["parameters"]))
+    for how, names in methods.items():
+        yield Section("Confidence intervals" + f", {names[0]}" * (len(methods) > 1), [Listing(how)])
+    notes = document["notes"] if form == "full" else ()
+    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+
+
+def _opening(document: Document, poses: str, robot: str | None) -> Iterator[str]:
+    """Yield the files and the registration."""
+    reference = f"the model {robot}" if document["commanded"] == "robot" else "its cmd_ columns"
+    yield f"{'standard input' if poses == '-' else poses} against {reference}"
+    if (alignment := document["alignment"]) is None:
+        yield "frames as given, not registered"
+    else:
+        # Without orientations a tool has no turns, which readers expect; a place that is not known they do not.
+        unknown = [each["name"] for each in alignment["parameters"] if each["std"] is None and each["unit"] == "m"]
+        missing = f"; not identifiable on these poses: {', '.join(unknown)}" * bool(unknown)
+        yield f"registered{_registered(alignment)}{missing}"
+    if document["unaligned"] is not None:
+        size = with_unit(document["unaligned"]["position"]["rms_m"])
+        yield f'before registration: {size} rms (`align="none"` leaves the frames as they are)'
+
+
+def _ending(document: Document, poses: str, robot: str | None) -> list[Block]:
+    """Return the largest errors, and what to do next."""
+    worst = ", ".join(
+        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+        for pose in document["worst_poses"]["by_position"][:3]
+        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+    )
+    more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
+    ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+    return [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]
+
+
+def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
+    return measured_cells(part[key], factor, part["intervals"][key])
+
+
+def _statistics(document: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
+    """Yield all tables of the position or of the orientation error."""
+    part, before = document[name], (document["unaligned"] or {}).get(name)
+    head, columns = percent(part["confidence"]), 3 if document["unaligned"] is None else 4
+    unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
+    rows: list[Sequence[Cell]] = [
+        (label, *_measured(part, f"{key}_{unit}", factor), own)
+        for (label, key), own in zip(STATISTICS, unregistered, strict=True)
+    ]
+    rows += [
+        (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
+        for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
+    ]
+    yield Grid(("length", "", head, "unregistered")[:columns], [row[:columns] for row in rows])
+    yield Grid(("mean vector", "", head), [*_mean(part, unit, factor)])
+    yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
+    axes: list[Sequence[Cell]] = [
+        (
+            str(place),
+            *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
+            # Adding zero after rounding removes the sign of "-0.00".
+            *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
+        )
+        for place, axis in enumerate(part["ellipsoid"], 1)
+    ]
+    yield Grid(("principal axis, standard deviation", "", head, "x", "y", "z"), axes)
+    tests = [
+        (label, number(test["statistic"]), test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]))
+        for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
+    ]
+    yield Grid(("test of an assumption", "statistic", "result"), tests)
+    worst = document["worst_poses"][f"by_{name}"]
+    ids = [key for key in ("pose", "target") if any(pose[key] is not None for pose in worst)]
+    units = [
+        (f"{other}, {mark}", f"error_{own}", scale)
+        for other, own, mark, scale in QUANTITIES
+        if any(pose[f"error_{own}"] is not None for pose in worst)
+    ]
+    largest: list[Sequence[Cell]] = [
+        (_place(pose), *(pose[key] or "" for key in ids), *(number(pose[key], scale) for _, key, scale in units))
+        for pose in worst
+    ]
+    yield Grid((f"largest {name} errors", *ids, *(title for title, _, _ in units)), largest)
+
+
+def _mean(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
+    for axis, value, bounds in zip("xyz", part[f"mean_{unit}"], part["intervals"][f"mean_{unit}"], strict=True):
+        mean, ends = measured_cells(value, factor, bounds)
+        if bounds["lower"] is None:
+            # A mean without an interval may be zero up to rounding, so the digits follow the rms.
+            mean = Number(fixed(value * factor, decimals(part[f"rms_{unit}"] * factor, None, None)), value)
+        yield axis, mean, ends
+
+
+def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
+    unknown = [[None] * 3] * 3
+    for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean")):
+        bounds = part["intervals"][f"{key}_{unit}2"]
+        ends = (unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper"))
+        for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True):
+            cells = zip(*rows, strict=True)
+            yield f"{label}, {axis}", *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in cells)
+
+
+def _place(pose: Document) -> str:
+    """Return the line of a pose, or its row where the file has no lines; documents of 0.2 have lines only."""
+    return str(pose.get("place", f"line {pose['line']}"))
+
+
+def _targets(document: Document) -> Section:
+    """Return the position errors of each target; nothing without several."""
+    rows = [
+        (target["target"], str(target["n_poses"]), *statistics_cells(target, "m", IN_MM))
+        for target in document["targets"]
+    ]
+    return Section("Position error by target, mm", [Grid(("target", "poses", *(name for name, _ in STATISTICS)), rows)])
+
+
+def _methods(part: Document, unit: str) -> tuple[str, ...]:
+    """Return the assumption of the intervals, their methods, and why an interval is missing."""
+    intervals = part["intervals"]
+    methods: dict[str, list[str]] = {}
+    for name, bounds in (
+        *((name, intervals[f"{key}_{unit}"]) for name, key in STATISTICS[:3]),
+        ("95 % radius", part["radius95"]["zero_mean"]["interval"]),
+        ("mean vector", intervals[f"mean_{unit}"][0]),
+        ("covariance", intervals[f"covariance_{unit}2"]),
+        ("principal axes", part["ellipsoid"][0]["interval"]),
+    ):
+        methods.setdefault(bounds["why"] or bounds["method"], []).append(name)
+    texts = (f"{', '.join(names)}: {method}" for method, names in methods.items())
+    return part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"
+
+
+# Several files in one table: one line per file, in the order given.
+
+
+def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None) -> Iterator[Section]:
+    """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
+    alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
+    alignment = "registered where the frames do not agree" if aligned is None else alignment
+    reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
+    yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
+    has_gate = any(outcome.gate is not None for outcome in outcomes)
+    has_turn = any(each.headline is not None and each.headline.orientation_rms is not None for each in outcomes)
+    rows = [
+        (outcome.name, "failed")
+        if (done := outcome.headline) is None
+        else (
+            outcome.name,
+            str(done.n_poses),
+            *(three_digits(size * IN_MM) for size in (done.rms, done.p95, done.max)),
+            *([number(done.orientation_rms, IN_DEGREES)] * has_turn),
+            done.grade,
+            "yes" if done.demonstrated else "no",
+            *(["–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label] * has_gate),
+        )
+        for outcome in outcomes
+    ]
+    heads = ("poses", "rms", "95th pct.", "max", *(["rms, °"] * has_turn), "grade", "confirmed", *(["gate"] * has_gate))
+    yield Section("", [Grid(("position error, mm", *heads), rows)])
+    notes = [
+        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
+        for outcome in outcomes
+        for criterion in (outcome.gate or {}).get("criteria", ())
+        if criterion["outcome"] != "pass"
+    ]
+    failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
+    count = f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)
+    yield Section("", [Listing([*notes, *failed, count])])
+
+
+def _reason(outcome: FileOutcome) -> str:
+    """Return the reason why a file has no result, in one line."""
+    first = outcome.problems[0]
+    counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
+    place = ", ".join(part for part in (counted, first.column) if part)
+    others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
+    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
+
+
+def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
+    """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
+    entries = []
+    for outcome in outcomes:
+        head, done = f"robacc estimate {outcome.name}", outcome.headline
+        entries += [("warning", head, warning) for warning in outcome.warnings]
+        if done is None:
+            entries.append(("error", head, _reason(outcome)))
+            continue
+        sizes = zip(("rms", "95th pct.", "max"), (done.rms, done.p95, done.max), strict=True)
+        parts = [
+            f"{done.n_poses} poses",
+            *(f"{name} {with_unit(size)}" for name, size in sizes),
+            f"grade {done.grade}, {'confirmed' if done.demonstrated else 'not confirmed'}",
+            *([] if outcome.gate is None else [title(outcome.gate)]),
+        ]
+        entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
+    return annotation_lines(entries)
+
+
+# An evaluation by ISO 9283. Accuracy and repeatability stand in separate tables: reading RP as AP is the commonest
+# mistake with the standard.
+
+_MAX_ROWS = 12
+"""Places in a table; the JSON result has all of them."""
+_NAMES = {
+    "AP": "pose accuracy",
+    "vAP": "multi-directional variation",
+    "AD": "distance accuracy",
+    "E": "exchangeability of robots",
+    "RP": "pose repeatability",
+    "RD": "distance repeatability, ±",
+    "dAP": "drift of pose accuracy",
+    "dRP": "drift of pose repeatability",
+    "shift": "shift of the barycentre",
+}
+_GROUPS = (
+    ("Accuracy: distance between commanded and attained poses", ("AP", "vAP", "AD", "E")),
+    ("Repeatability: scatter of the visits, whatever their distance from the command", ("RP", "RD")),
+    ("Drift: change of accuracy and repeatability during the run", ("dAP", "dRP", "shift")),
+)
+_AXES = ("xyz_m", ("x", "y", "z"))
+_ANGLES = ("abc_rad", ("a", "b", "c"))
+_DISTANCES = ("distance", ("mean l", "S_l"))
+_BETWEEN = ("between", ("between",))
+_TABLES = (
+    ("AP", "Pose accuracy AP by pose, mm", "AP_p", _AXES),
+    ("AP", "Pose accuracy AP of orientation by pose, °", "", _ANGLES),
+    ("RP", "Pose repeatability RP by pose, mm (not accuracy)", "RP_l", _DISTANCES),
+    ("RP", "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", "", _ANGLES),
+    ("vAP", "Multi-directional variation vAP by pose, mm", "vAP", _BETWEEN),
+    ("E", "Exchangeability E by pose, mm", "E", _BETWEEN),
+    ("AD", "Distance accuracy AD by pair of poses, mm", "AD_p", _AXES),
+    ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)", "RD_p", _AXES),
+)
+"""Criterion of each table by place, its title, the head of its value, and key and heads of what stands beside it."""
+_STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
+
+
+def iso9283_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``iso9283``."""
+    labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
+    tiles = [
+        tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
+        for label, part in ((label, document["iso9283"][symbol]) for symbol, label in labels.items())
+        if part["max_m"] is not None
+    ]
+    met = sum(condition["status"] == "met" for condition in document["protocol"])
+    summary = (
+        f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
+        f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
+        "standard's protocol."
+    )
+    registration = _registered((document["alignment"] or [None])[0], "{}") or "none"
+    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
+    return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
+
+
+def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> Iterator[Section]:
+    """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals.
+
+    In short, one table of the criteria; ``robot`` is the file's name.
+    """
+    confidence, protocol = document["confidence"], document["protocol"]
+    parts = [p for entry in document["iso9283"].values() for p in ([entry] if "symbol" in entry else entry.values())]
+    criteria = {part["symbol"]: part for part in parts}
+    if form != "page":
+        yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in _facts(document, robot)])
+    if form == "short":
+        known = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
+        counts = Counter(_STATUS[condition["status"]] for condition in protocol)
+        statuses = Text(
+            f"conditions of the standard's protocol: {', '.join(f'{n} {status}' for status, n in counts.items())}"
+        )
+        more = Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True)
+        yield Section("", [*_summary(known, confidence), statuses, more])
+        return
+    for heading, symbols in _GROUPS:
+        yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
+    for symbol, heading, head, beside in _TABLES:
+        yield _places(criteria[symbol], heading, head, beside, confidence, len(document["files"]) > 1)
+    rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
+    table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
+    yield Section("Conditions of the standard's protocol", [table])
+    yield Section("Confidence intervals", [Listing([*_interval_methods(parts)])])
+    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
+
+
+def _facts(document: Document, robot: str | None) -> Iterator[str]:
+    """Yield the files, how many poses and visits they have, where the commanded poses are from, the registration."""
+    files = dict.fromkeys(Counter(pose["file"] for pose in document["visits"]).values())
+    counts = sorted({pose["n"] for pose in document["visits"]})
+    visits = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
+    each = f"{visits} visit{'s' * (counts != [1])}{' of each' * (len(document['visits']) > 1)}"
+    several = ", robot by robot" * (len(document["files"]) > 1)
+    poses = f"{' and '.join(map(str, files))} commanded pose{'s' * ([*files] != [1])}{several}"
+    yield f"{', '.join(document['files'])}: {poses}, {each}"
+    sources = {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}
+    yield sources.get(document["commanded"], "commanded poses from cmd_ columns")
+    yield f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered"
+    if document["unaligned"] is not None:
+        unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
+        yield f"largest AP before registration: {unaligned} mm"
+
+
+def _summary(criteria: Sequence[Document], confidence: float) -> Iterator[Block]:
+    """Yield the largest value of each criterion, then the missing criteria with the reasons."""
+    rows: list[Sequence[Cell]] = []
+    reasons: dict[str, list[str]] = {}
+    for part in criteria:
+        symbol, name, clause = part["symbol"], _NAMES[part["symbol"]], part["clause"].removeprefix("ISO 9283:1998, ")
+        if part["max_m"] is None:
+            named = name.removesuffix(", ±")
+            reasons.setdefault(part["why"] or "", []).append(named if symbol == "shift" else f"{symbol} ({named})")
+        for label, unit, sign, own, factor in (
+            (f"{'' if symbol == 'shift' else symbol:<4}{name}", "m", "mm", part, IN_MM),
+            ("      of orientation", "rad", "°", part["orientation"], IN_DEGREES),
+        ):
+            if own[f"max_{unit}"] is not None:
+                size, ends = _measured(own, f"max_{unit}", factor)
+                rows.append((label, clause, size, sign, ends, own["max_at"] or ""))
+    yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
+    missing = [f"no {', no '.join(names)}: {why}" for why, names in reasons.items()]
+    yield Listing([*missing, *dict.fromkeys(note for part in criteria for note in part["notes"])])
+
+
+def _places(
+    criterion: Document, heading: str, head: str, beside: tuple[str, Sequence[str]], confidence: float, several: bool
+) -> Section:
+    """Return one row per place, the largest first if there are too many, with the file if there are several."""
+    (key, heads), has_files = beside, several and criterion["symbol"] != "E"
+    places = criterion["poses"]
+    if key == "abc_rad" and all(place[key] is None for place in places):
+        places = []
+    if len(places) > _MAX_ROWS:
+        heading += f" (the {_MAX_ROWS} largest of {len(places)})"
+        places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
+    rows: list[Sequence[Cell]] = []
+    for place in places:
+        intervals, cells = place["intervals"], [place["pose"], *([place["file"] or ""] * has_files)]
+        if head:
+            cells += [str(place["n"]), *_measured(place, "position_m", IN_MM)]
+        if key == "between":
+            cells.append(place.get("between") or "")
+        elif key == "distance":
+            sizes = (place.get(f"{name}_distance_m") for name in ("mean", "sd"))
+            cells += [number(size, IN_MM, intervals["position_m"]) for size in sizes]
+        else:
+            pairs = zip(place[key] or (), intervals[key] or (), strict=True)
+            cells += [number(value, IN_MM if key == "xyz_m" else IN_DEGREES, bounds) for value, bounds in pairs]
+        rows.append(cells)
+    value_heads = ["visits", head, percent(confidence)] if head else []
+    return Section(heading, [Grid(("", *(["file"] * has_files), *value_heads, *heads), rows)])
+
+
+def _interval_methods(criteria: Sequence[Document]) -> Iterator[str]:
+    """Yield the method of each criterion's interval."""
+    methods: dict[str, list[str]] = {}
+    for part in criteria:
+        bounds = part["intervals"]["max_m"]
+        if part["max_m"] is not None:
+            methods.setdefault(bounds["why"] or bounds["method"].partition("; largest")[0], []).append(part["symbol"])
+    yield from (f"{', '.join(symbols)}: {method}" for method, symbols in methods.items())
+    if any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria):
+        yield (
+            "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the "
+            "number of poses"
+        )
+    yield "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error"

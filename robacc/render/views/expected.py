@@ -1,0 +1,757 @@
+"""What to expect: a prediction, a plan of a measurement with the comments of its CSV, a correction, and an export."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from robacc.planning.campaign import DEFAULT_FIT, CampaignPlan
+from robacc.render.text import (
+    IN_DEGREES,
+    IN_MM,
+    QUANTITIES,
+    Document,
+    effect_label,
+    fixed,
+    joint_unit,
+    p_value,
+    three_digits,
+    unit_of,
+)
+from robacc.render.views.elements import (
+    Block,
+    Cell,
+    Form,
+    Grid,
+    Listing,
+    Number,
+    ReportHeadline,
+    Section,
+    Text,
+    Tile,
+    amount,
+    effect_families,
+    number,
+    of_robot,
+    percent,
+    with_unit,
+)
+
+# A prediction: its grade, errors and budget, the tolerances needed, and its comparison with measured poses.
+
+_CRITERIA = {
+    "rms": "rms error",
+    "mean_error": "mean error",
+    "p95": "95 % of errors within",
+    "max": "largest 95 % radius of any pose",
+}
+_LISTED = 12
+"""Parameters of the budget in the table; the page and the JSON result have all of them."""
+_BAR = 14
+_NOISE_SOURCES = {
+    "file": "from the file",
+    "given": "given by the user",
+    "estimated": "estimated from the poses",
+    "fit": "that of the fit",
+}
+
+
+def predict_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``predict``."""
+    position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
+    rms, p95 = amount(position["rms_m"]), amount(position["p95_m"])
+    summary = (
+        f"{'The tolerances give' if document['tolerances']['parameters'] else 'The fit of the model gives'} an "
+        f"expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: grade "
+        f"{grade['grade']}."
+    )
+    for first in document["budget"][:1]:
+        summary += (
+            f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        )
+    coverage = document["coverage"] or {}
+    shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)]
+    facts = [
+        ("Configurations", document["configurations"]),
+        ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+        ("Compared with measured poses", (document["against"] or {}).get("verdict", "").replace("_", " ")),
+        ("Measured poses within their 95 % bound", ", ".join(shares)),
+    ]
+    tiles = [
+        Tile("position, rms", rms, "over robots and poses"),
+        Tile("position, 95th percentile", p95, "over robots and poses"),
+        Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
+    ]
+    title, badge = f"Predicted accuracy{of_robot(document)}", f"grade {grade['grade']}, expected"
+    return ReportHeadline(title, summary, tiles, [(badge, "plain")], facts)
+
+
+def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
+    """Return grade, errors, worst poses and budget, then allocation and measured poses, whose file is ``source``.
+
+    A page has a chart of the budget.
+    """
+    parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
+    if not is_page:
+        origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+        facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
+        yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
+    limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
+    shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
+    texts = [
+        f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
+        f"share of poses that meet each grade individually: {shares}",
+    ]
+    yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
+    yield Section("Predicted error", _errors(document))
+    yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])])
+    if not is_page:
+        title = "Error budget: share of the variance (parameters sorted by both shares)"
+        yield Section(title, _budgets(document, "parameter" if parameters else "source"))
+        for label in ("joint", "kind"):
+            yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
+    if document["allocation"] is not None:
+        yield _allocation(document["allocation"], grade["statistic"])
+    if document["against"] is not None:
+        yield from _against(document["against"], source)
+    if document["coverage"] is not None:
+        yield _coverage(document["coverage"])
+    yield Section("Limitations", [Listing(() if is_page else document["notes"])])
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %"
+
+
+def _errors(document: Document) -> list[Block]:
+    errors = [(document[name], unit, factor) for name, unit, _, factor in QUANTITIES]
+    rows: list[Sequence[Cell]] = [
+        (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
+        for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+    ]
+    percentiles: list[Sequence[Cell]] = [
+        (
+            key.removeprefix("p"),
+            *(
+                number(part["percentiles_over_poses"][f"{name}_{unit}"][key], factor)
+                for part, unit, factor in errors
+                for name in ("rms", "radius95")
+            ),
+        )
+        for key in document["position"]["percentiles_over_poses"]["rms_m"]
+    ]
+    largest = [
+        number(value, factor)
+        for part, unit, factor in errors
+        for value in (part["worst"][f"rms_{unit}"], part[f"max_radius95_{unit}"])
+    ]
+    heads = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
+    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(heads, [*percentiles, ("largest", *largest)])]
+
+
+def _worst(document: Document, name: str, unit: str) -> str:
+    worst = document[name]["worst"]
+    direction = " ".join(f"{float(value):+.2f}" for value in worst["direction"])
+    rms, radius, sd = (with_unit(worst[f"{key}_{unit}"], unit) for key in ("rms", "radius95", "sd"))
+    place = ", ".join(
+        f"{joint['name']}={own.after(f'{float(value) * own.factor:.1f}')}"
+        for joint, value in zip(document["robot"]["joints"], worst["q"], strict=True)
+        for own in [joint_unit(joint)]
+    )
+    return (
+        f"{name}: {worst['label']}, rms {rms}, 95 % within {radius}, largest along ({direction}) of the tool (standard "
+        f"deviation {sd}), at {place}"
+    )
+
+
+def _budgets(document: Document, label: str) -> Iterator[Block]:
+    """Yield the largest shares, and the sum of the others."""
+
+    def both(part: Document) -> float:
+        return float(part["share_position"] + part["share_orientation"])
+
+    # Scatter that the fit did not separate and poses within its ranges have no share of their own.
+    present = [part for part in document["budget"] if part["sd"] is not None or both(part)]
+    budget = sorted(present, key=lambda part: -round(both(part), 9))
+    yield _budget(label, "parameter", budget[:_LISTED])
+    if unlisted := budget[_LISTED:]:
+        position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, *_ in QUANTITIES)
+        yield Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation")
+
+
+def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:
+    """Return shares with bars, which the largest share of the table fills."""
+    # The bars share the columns that names, tolerances and percentages leave of 80.
+    longest, is_toleranced = max((len(part[key]) for part in parts), default=0), label == "parameter"
+    width = max(2, min(_BAR, (44 - longest) // 2)) if is_toleranced else _BAR
+    shares = [
+        (name, max((part[name] for part in parts), default=0.0)) for name in ("share_position", "share_orientation")
+    ]
+    rows = [
+        (
+            part[key],
+            *([with_unit(part["sd"], part["unit"])] if is_toleranced else []),
+            *(
+                text
+                for name, most in shares
+                for text in (_percent(part[name]), ("█" * round(width * part[name] / (most or 1.0))).ljust(width))
+            ),
+        )
+        for part in parts
+    ]
+    return Grid((label, *(["1 sd"] if is_toleranced else []), "position", "", "orientation", ""), rows)
+
+
+def _allocation(allocation: Document, statistic: str) -> Section:
+    title, tolerances = f"Tolerances for grade {allocation['grade']}", allocation["tolerances"]
+    if all(tolerance["factor"] == 1.0 for tolerance in tolerances):
+        return Section(title, [Text("the given tolerances already reach this grade")])
+    rows = [
+        (
+            tolerance["parameter"],
+            *(with_unit(tolerance[f"{which}_sd"], tolerance["unit"]) for which in ("given", "needed")),
+            f"{tolerance['factor']:.3f}",
+        )
+        for tolerance in sorted(tolerances, key=lambda tolerance: round(tolerance["factor"], 9))
+        if round(tolerance["factor"], 3) < 1.0
+    ]
+    verified = ((allocation["verified"][name].get(f"{statistic}_{unit}"), unit) for name, unit, *_ in QUANTITIES)
+    sizes = ", ".join(str(with_unit(value, unit)) for value, unit in verified if value is not None)
+    text = (
+        f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
+        f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
+        f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
+    )
+    table = Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
+    others = f"the other {len(tolerances) - len(rows)} tolerances need no change"
+    return Section(title, [table, Text(others), Text(text)])
+
+
+def _against(comparison: Document, source: str) -> Iterator[Section]:
+    """Yield the comparison of predicted and measured errors."""
+    measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
+    registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
+    sizes = [
+        (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
+        for name, unit, *_ in QUANTITIES
+        for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
+        if rms is not None and sigma is not None
+    ]
+    tests = [
+        (
+            label,
+            number(test["statistic"]),
+            f"{three_digits(test['lower'])} … {three_digits(test['upper'])}",
+            p_value(test["p_value"]),
+        )
+        for label, key in (
+            ("directions affected by parameters", "parameters"),
+            ("other directions: measurement noise", "noise"),
+            ("total", "total"),
+        )
+        if (test := comparison["normalised_squared_error"][key]) is not None
+    ]
+    blocks: list[Block] = [
+        Text(comparison["verdict"]),
+        Text(f"measured, {registered}"),
+        Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
+        Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+    ]
+    if (scaled := comparison["likelihood_ratio"]) is not None:
+        text = (
+            "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
+            f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, "
+            f"from {scaled['draws']} simulated data sets."
+        )
+        blocks.append(Text(text))
+    yield Section(f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}", blocks)
+    if (components := comparison["variance_components"]) is not None:
+        heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
+        notes = ["dof: effective number of independent parameter errors in the estimate", *components["notes"]]
+        blocks = [Grid(heads, [*map(_component, components["components"])]), Listing(notes)]
+        yield Section("Variance components (one standard deviation)", blocks)
+    yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
+
+
+def _component(component: Document) -> Sequence[Cell]:
+    """Return the row of a variance component."""
+    (factor, unit), predicted = unit_of(component["unit"]), component["predicted"]
+    low, high = (
+        "∞" if component[end] is None else three_digits(component[end] * predicted * factor)
+        for end in ("lower", "upper")
+    )
+    estimate: Sequence[Cell] = ("–", "–", "–")
+    if component["why"] is None:
+        estimate = (number(component["estimate"], factor), f"{low} … {high}", number(component["factor"]))
+    return component["name"], unit, number(predicted, factor), *estimate, f"{component['dof']:.1f}"
+
+
+def _coverage(coverage: Document) -> Section:
+    """Return the measured poses within the bounds of a model."""
+    parts = {name: coverage[name] for name, *_ in QUANTITIES if coverage.get(name) is not None}
+    rows = [(name, f"{part['n_inside']} of {part['n_poses']}", _percent(part["share"])) for name, part in parts.items()]
+    sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
+    registered = " and ".join(coverage["registered"])
+    halves = f"{registered} fitted to one half of the poses for the errors of the other" * bool(registered)
+    notes = Listing([f"the bound contains the measurement noise, {sources}", halves])
+    title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
+    return Section(title, [Grid(("", "poses", "share"), rows), notes])
+
+
+# A plan of a measurement: route, feasible poses, what to expect of the fit or a trace; and the comments of its CSV.
+
+_PURPOSES = {
+    "calibrate": "calibration",
+    "trace": "trace of causes",
+    "acceptance": "acceptance",
+    "health": "health check",
+}
+_COMMANDS = {
+    "calibrate": ("calibrate", "--fit"),
+    "trace": ("trace", "--declared"),
+    "acceptance": ("estimate", "--gate"),
+    "health": ("calibrate", "--fit"),
+}
+"""What evaluates the measured poses, by purpose, and its option for what was planned for."""
+_VISITS = 200
+"""Visits that the page lists."""
+
+
+def plan_comments(plan: CampaignPlan) -> list[str]:
+    """Return the comment lines above the columns of the visits."""
+    blocks = [(block.payload, block.first, block.n_visits, block.n_poses) for block in plan.payload_blocks]
+    return [
+        f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
+        f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
+        *([f"Payloads, each mounted once: {_payloads(blocks, plan.settings.payloads)}."] if blocks else []),
+        "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
+        "the moves from row to row.",
+        "Check every pose for collisions before you send it.",
+    ]
+
+
+def plan_headline(document: Document) -> ReportHeadline:
+    """Return the number of poses and visits, the predicted error, and whether earlier poses are enough."""
+    planned, sufficiency = (document["accuracy"] or {}).get("planned"), document["sufficiency"]
+    noise, power, badges = document["noise"], document["power"], []
+    n, visits = document["n_poses"], document["n_visits"]
+    summary = f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses."
+    tiles = [Tile("different poses", Number(str(n), float(n))), Tile("visits", Number(str(visits), float(visits)))]
+    if planned is not None:
+        tiles.append(Tile("predicted error after the fit, rms", amount(planned["rms_m"])))
+        tiles.append(Tile("the same of random poses", amount(planned["random_rms_m"])))
+    if power is not None:
+        tiles += [
+            Tile(label, Number(f"{100 * power[key]:.0f} %", power[key]), f"random poses {100 * power[random]:.0f} %")
+            for label, key, random in (
+                ("effects found at their usual size", "found", "random_found"),
+                ("found and separated", "separated", "random_separated"),
+            )
+        ]
+    if sufficiency is not None:
+        summary += f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
+        badges = [("enough poses", "good") if sufficiency["enough"] else ("more poses needed", "open")]
+    facts = [
+        ("Instrument", f"{amount(noise['position_m'])} along each axis"),
+        ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
+        ("Source of the noise", str(noise["source"])),
+        ("Free effects", ", ".join(document["fit"].split(","))),
+    ]
+    title = f"Plan for the {_PURPOSES[document['purpose']]}{of_robot(document)}"
+    return ReportHeadline(title, summary, tiles, badges, facts)
+
+
+def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> Iterator[Section]:
+    """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full.
+
+    ``robot`` is the name of the robot's file, ``output`` that of the CSV if it was written.
+    """
+    purpose, options, is_short = document["purpose"], document.get("options", {}), form == "short"
+    count = f"{document['n_poses']} poses, {document['n_visits']} visits"
+    title = f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {count}"
+    yield Section(
+        "Order of the visits" if form == "page" else title, [Listing([*_route_facts(document, not is_short)])]
+    )
+    if (sufficiency := document["sufficiency"]) is not None:
+        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
+        yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
+    if not is_short:
+        excluded = document["candidates"]["excluded"]
+        rows = [(each["reason"], str(each["count"]), str(each["alone"])) for each in excluded]
+        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
+    if document["needed_poses"]:
+        yield _needed(document["needed_poses"])
+    if document["accuracy"] is not None:
+        region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
+        yield Section(f"Predicted error after the fit, over {region}, mm", _accuracy(document, not is_short))
+    if is_short:
+        more = (
+            "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
+        )
+        ahead = Text(f"next: {_next_step(document, robot, output)}")
+        yield Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])
+        return
+    most = {"full": 8, "page": 20}[form]
+    if purpose in ("calibrate", "health"):
+        errors = [
+            (each["name"], number(each["std"], factor), unit)
+            for each in document["coefficients"]
+            if each["std"] is not None
+            for factor, unit in [unit_of(each["unit"])]
+        ]
+        missing = ", ".join(each["name"] for each in document["coefficients"] if each["std"] is None)
+        note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
+        yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
+    if purpose == "calibrate":
+        pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
+        yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
+    if document["detection_limits"] is not None:
+        yield Section("Effects that a trace of these poses can find", _detectability(document, most))
+    texts = _inseparable(document["inseparable"] or ())
+    others = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
+    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), others])
+    if form == "page":
+        yield _visits(document)
+
+
+def _next_step(document: Document, robot: str, output: str | None) -> str:
+    """Return what to do with the plan."""
+    purpose, file = document["purpose"], output or "PLAN"
+    name, option = _COMMANDS[purpose]
+    planned_for = document.get("options", {}).get("gate") if purpose == "acceptance" else document["fit"]
+    planned_for = planned_for or DEFAULT_FIT["health"] * (purpose == "health")
+    start = "measure the poses" if output else "write the poses (`output=PLAN`), measure them"
+    start += f" in the order of {file}, add the columns x, y, z as measured"
+    if document["sufficiency"] is not None:
+        file, start = "ALL", f"{start}, put the rows of all batches into one file ALL"
+    return f"{start}, then: robacc {name} {file} --robot {robot}" + f" {option} {planned_for}" * bool(planned_for)
+
+
+def _sufficiency(sufficiency: Document) -> Iterator[str]:
+    yield sufficiency["why"]
+    if None not in (sufficiency["now_m"], sufficiency["later_m"]):
+        now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
+        yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
+    own = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    yield "this counts the {} {}: fit them together with the new {}".format(sufficiency["n_already"], *own)
+
+
+def _route_facts(document: Document, full: bool) -> Iterator[str]:
+    """Yield where the poses come from, how often each is visited, and what was assumed; with ``full`` the route too."""
+    route, noise, candidates = document["route"], document["noise"], document["candidates"]
+    keys = ("payload_kg", "first_visit", "n_visits", "n_poses")
+    blocks = [tuple(block[key] for key in keys) for block in document["payloads"]]
+    with_each = " with each payload" if len(blocks) > 1 else ""
+    yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
+    repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
+    again, checks = f", {repeats} of them a second time" if repeats else "", n_visits - n_poses - repeats
+    check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
+    yield f"{n_visits} visits: each of the {n_poses} poses once{again}{check}"
+    turn = noise["orientation_rad"]
+    orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
+    ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
+    yield (
+        f"instrument {three_digits(noise['position_m'] * IN_MM)} mm and repeatability "
+        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm along each axis{orientation} ({noise['source']}{ask})"
+    )
+    if full:
+        least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
+        yield (
+            f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} "
+            f"times the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached "
+            f"from its rarer direction in at least {100 * least:.0f} % of its moves"
+        )
+    if (collisions := document["collisions"]) is None:
+        yield "collisions of the links not checked: check every pose before you send it"
+    else:
+        pairs = ", ".join(" and ".join(pair) for pair in collisions["overlapping"])
+        yield (
+            f"{len(collisions['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
+            + f"; not checked, as they touch at nearly all poses: {pairs}" * bool(pairs)
+        )
+    yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}" * bool(blocks)
+    validation, worth = document["validation"], document["worth"]
+    yield "" if validation is None else f"{len(validation['q'])} more poses for validation only"
+    if full and worth is not None and worth["new_poses_rms_m"] is not None:
+        yield f"if there is time for twice the measurements: {worth['verdict']}"
+
+
+def _payloads(blocks: Sequence[tuple[float, ...]], payloads: Sequence[float]) -> str:
+    """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
+    used = [payload for payload, *_ in blocks]
+    texts = [
+        f"{payload:g} kg (visits {first} to {first + n_visits - 1}, {n_poses} poses)"
+        for payload, first, n_visits, n_poses in blocks
+    ]
+    return ", ".join([*texts, *(f"none with {payload:g} kg" for payload in payloads if payload not in used)])
+
+
+def _needed(entries: Sequence[Document]) -> Section:
+    heads = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
+    rows: list[Sequence[Cell]] = [
+        (
+            f"{entry['name']} ({entry['statistic']})",
+            number(entry["limit_m"], IN_MM),
+            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+        )
+        for entry in entries
+    ]
+    texts = [
+        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+        f"{100 * entry['true_over_limit']:.2g} % of the limit"
+        for entry in entries
+    ]
+    hint = "the nearer the true value to the limit, the more poses; `expected` states the value that you expect"
+    title = "Poses to decide with a probability of 90 %, by true value in % of the limit"
+    return Section(title, [Grid(heads, rows), Listing([*texts, hint])])
+
+
+def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
+    """Yield the error over the number of poses, or near the planned number; they are added to earlier ones if any."""
+    accuracy, is_addition = document["accuracy"], document["sufficiency"] is not None
+    planned, knee = accuracy["planned"], accuracy["knee"]
+    enough = next((p["n_poses"] for p in accuracy["curve"] if knee is not None and p["n_poses"] >= knee), None)
+    rows: list[Sequence[Cell]] = []
+    for point in accuracy["curve"]:
+        n = point["n_poses"]
+        is_planned = planned is not None and n == planned["n_poses"]
+        marks = ["planned"] * is_planned + ["enough"] * (n == enough and not is_addition)
+        if is_curve or marks:
+            values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms"))
+            rows.append((str(n), *values, ", ".join(marks)))
+    heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
+    yield Grid(("more poses" if is_addition else "poses", *heads), rows)
+    if planned is None:
+        advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
+    elif enough is None:
+        advice = "more poses are worth it: ten more still reduce the error to expect by more than 10 %"
+    else:
+        advice = f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
+        if (spare := planned["n_poses"] - enough) > 0:
+            advice += f"; if there is time, the other {spare} are a reserve for failed measurements and for checking "
+            advice += "the fit"
+    meaning = (
+        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
+        "at its worst pose and fitted to random poses"
+    )
+    yield Listing([meaning] if is_addition and planned is not None else [meaning, advice])
+
+
+def _detectability(document: Document, most: int) -> Iterator[Block]:
+    families = effect_families(document)
+    rows = [
+        (*family.cells(), f"{unit_of(first['unit']).factor * first['usual_size']:.1e}", fixed(family.power, 2))
+        for family in families
+        for first in family.known[:1]
+    ]
+    hidden = dict.fromkeys(
+        effect_label(family.name, each["joints"], {})
+        for family in families
+        for each in family.entries
+        if each["joints"] not in [limit["joints"] for limit in family.known]
+    )
+    yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
+    more = f" and {len(hidden) - most} more" * (len(hidden) > most)
+    untested = document["not_testable"] or {}
+    by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
+    notes = [
+        *_found(document["power"]),
+        "limit: size found with probability 1/2; power: probability that the usual size is found",
+        f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
+        *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+    ]
+    yield Listing(notes)
+
+
+def _found(power: Document | None) -> list[str]:
+    """Return the probability that a trace of the poses finds an effect, and whether that is good."""
+    if power is None:
+        return []
+    found, random_found, separated, random_separated = (
+        f"{100 * power[key]:.0f} %" for key in ("found", "random_found", "separated", "random_separated")
+    )
+    return [
+        f"a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
+        f"{random_found}), and distinguishes it from the most similar cause with {separated} ({random_separated})",
+        "this is good: more causes of their usual size are found than missed"
+        if power["found"] >= 0.5
+        else "this is low: most causes are found only if they are larger than usual; a better instrument "
+        "(`noise` states it) raises it, more poses (`poses`) a little",
+    ]
+
+
+def _inseparable(pairs: Sequence[Document]) -> list[str]:
+    """Return a text for each pair; a pair that is inseparable both ways has one."""
+    ways = {(pair["first"], pair["second"]) for pair in pairs}
+    return [
+        f"{first} and {second} explain each other {similarity}"
+        if (second, first) in ways
+        else f"{second} explains {first} {similarity}"
+        for first, second, similarity in (
+            (p["first"], p["second"], f"(similarity {p['similarity']:.2f})") for p in pairs
+        )
+        if (second, first) not in ways or first < second
+    ]
+
+
+def _visits(document: Document) -> Section:
+    visits = document["visits"]
+    units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
+    payloads = [] if visits["payload_kg"] is None else [f"{payload:g}" for payload in visits["payload_kg"]]
+    rows = [
+        (
+            str(i + 1),
+            visits["pose"][i],
+            visits["role"][i],
+            *payloads[i : i + 1],
+            *(
+                f"{value * unit.factor:.{2 if unit.name == '°' else 1}f}"
+                for value, unit in zip(q, units.values(), strict=True)
+            ),
+        )
+        for i, q in enumerate(visits["q"][:_VISITS])
+    ]
+    names = (*["payload, kg"] * bool(payloads), *(f"{name}, {unit.name}" for name, unit in units.items()))
+    more = f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them." * (len(visits["q"]) > _VISITS)
+    return Section("Visits", [Grid(("visit", "pose", "role", *names), rows), Text(more)])
+
+
+# A correction: corrections, the errors to expect, and what remains.
+
+_CAUSES = {
+    "unreached": "not reached by the nominal robot",
+    "limit": "joint limit",
+    "approach": "unknown direction of approach",
+    "singular": "near a singular pose",
+    "configuration": "another configuration",
+    "too_large": "correction too large",
+    "out_of_range": "outside the range of the model",
+}
+_ROWS = 40
+"""Targets that are not corrected and that the page lists."""
+_LEAST = {"position": 1e-3, "orientation": 1e-4}
+"""Size in mm or degrees below which the solver's tolerance decides, not the arm."""
+
+
+def correction_headline(document: Document) -> ReportHeadline:
+    """Return the headline of a result of ``correct``."""
+    before, after = (document["expected"][stage]["position"] or {} for stage in ("before", "after"))
+    now, then = (amount(part.get("expected_rms_m")) for part in (before, after))
+    count = f"{document['n_corrected']} of {document['n_targets']} targets"
+    summary = f"{count} have a corrected command. The position error to expect falls from {now} to {then} rms."
+    tiles = [
+        Tile("expected error before, rms", now),
+        Tile("expected error after, rms", then),
+        Tile("95 % bound after, largest", amount(after.get("largest_bound95_m"))),
+    ]
+    badges = [(f"{count} corrected", "open" if document["n_refused"] else "good")]
+    return ReportHeadline(f"Correction by {document['model']}", summary, tiles, badges)
+
+
+def correction_text(
+    parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str
+) -> Iterator[Section]:
+    """Return the text of a correction, of each kind of targets in turn.
+
+    ``names`` are those of targets and model, ``output`` that of the file that was written.
+    """
+    targets, model = names
+    title = f"Correction of {targets} by {model}"
+    if any(
+        part["correction"][name] and part["correction"][name][f"max_{unit}"] * factor >= _LEAST[name]
+        for part in parts
+        for name, unit, _, factor in QUANTITIES
+    ):
+        title += f": {sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
+        yield Section(title, [Text(f"The commands are in {output}.", wraps=False)])
+        for part in parts:
+            yield from _errors_to_expect(part)
+        ahead = (
+            f"load {output}, measure the same targets again, and compare with the measurement before: "
+            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
+        )
+    else:
+        same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
+        yield Section(f"{title}: nothing to correct", [Text(same)])
+        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
+    notes = dict.fromkeys(note for part in parts for note in part["notes"])
+    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
+
+
+def correction_view(document: Document) -> Iterator[Section]:
+    """Return the sections of a page, which lists the targets that are not corrected."""
+    yield from _errors_to_expect(document)
+    targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
+    rows = [(str(line), reason) for line, reason in targets if reason is not None]
+    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
+    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
+
+
+def _errors_to_expect(document: Document) -> Iterator[Section]:
+    """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
+    correction, expected = document["correction"], document["expected"]
+    if document["n_corrected"]:
+        rows = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
+        rows.append(_row("change of the command", correction, "rms", "max"))
+        columns = 5 if correction["orientation"] is not None else 3
+        heads = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
+        grades = [
+            f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
+            for stage, part in expected.items()
+            if part["grades"]
+        ]
+        frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
+        texts = [
+            *([f"targets by grade: {'; '.join(grades)}", "at most: 95 % limit of the worst target"] if grades else []),
+            f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
+            "nominal arm best, which robacc calibrate and a registered estimate take",
+        ]
+        kind = (
+            f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (document['n_corrected'] > 1)}"
+        )
+        table = Grid(heads[:columns], [row[:columns] for row in rows])
+        yield Section(f"Errors to expect at {document['n_corrected']} corrected {kind}", [table, Listing(texts)])
+    refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
+    yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
+
+
+def _row(label: str, part: Document, *keys: str) -> Sequence[Cell]:
+    cells: list[Cell] = [label]
+    for name, unit, _, factor in QUANTITIES:
+        for size in ((part[name] or {}).get(f"{key}_{unit}") for key in keys):
+            is_small = size is not None and size * factor < _LEAST[name]
+            cells.append(Number(f"< {_LEAST[name]:g}", size) if is_small else number(size, factor))
+    return cells
+
+
+# Table of ``robacc export``, at most 80 columns.
+
+_LEAST_OF_FILE = 1e-4
+"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
+
+
+def export_view(document: Document) -> Iterator[Section]:
+    """Return what the file holds, the error that remains in it, and the tool to set."""
+    remaining, tool = document["remaining_error"], document["tool"]
+    position, turn = (
+        "{} rms, {} largest".format(
+            *(
+                unit_of(unit).after(f"< {_LEAST_OF_FILE:g}" if size < _LEAST_OF_FILE else three_digits(size))
+                for size in (factor * remaining[name][f"{key}_{unit}"] for key in ("rms", "max"))
+            )
+        )
+        for name, unit, _, factor in QUANTITIES
+    )
+    # Adding zero after rounding removes the sign of "-0.0000".
+    place = ", ".join(f"{round(IN_MM * value, 4) + 0.0:.4f}" for value in tool["xyz_m"])
+    angles = ", ".join(f"{round(IN_DEGREES * value, 5) + 0.0:.5f}" for value in tool["rpy_rad"])
+    rows = [
+        ("fitted again to", ", ".join(document["refitted"])),
+        ("not in the format", ", ".join(document["not_carried"])),
+        ("remaining error", f"position {position};"),
+        ("", f"orientation {turn};"),
+        ("", f"over {remaining['n_poses']} poses within the joint limits"),
+        ("tool to set", f"x, y, z {place} mm"),
+        ("", f"roll, pitch, yaw {angles}°"),
+    ]
+    title = f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}"
+    yield Section(title, [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)])

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, Unit, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.accuracy.pose_errors import (
     Commanded,
@@ -31,7 +31,6 @@ from robacc.fitting.outliers import inlier_mask
 from robacc.geometry import Array, rms_length
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
-from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
     from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics

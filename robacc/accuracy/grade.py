@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
+from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import UsageError
 from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval
-from robacc.statistics.records import ErrorStatistics, Statistic, Unit
 
 if TYPE_CHECKING:
     import yaml
@@ -214,7 +214,7 @@ class Grade:
     The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed
     where the one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can reach a
     grade without confirming it. The probability of each grade is the confidence between its limits and those of the
-    next better grade (:mod:`robacc.statistics.confidence_curves`), so a confirmed grade or a better one has at least
+    next better grade (:mod:`robacc.statistics.intervals`), so a confirmed grade or a better one has at least
     the scale's confidence.
     """
 

@@ -8,7 +8,7 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Literal
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import Unit, error_statistics
 from robacc.accuracy.grade import Scale, default_scale, grade
 from robacc.comparison.differences import (
     NO_TEST_OF_MAXIMUM,
@@ -23,7 +23,6 @@ from robacc.comparison.differences import (
 from robacc.comparison.reading import ComparedResult, split_key, unit_of
 from robacc.errors import UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
-from robacc.statistics.records import Unit
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 #

@@ -10,9 +10,8 @@ from typing import Literal
 import numpy as np
 
 from robacc.gates.gate_file import GateCriterion
-from robacc.statistics.confidence_curves import ASSURANCE, ConfidenceCurve, smallest_sufficient
 from robacc.statistics.distributions import normal_cdf, normal_quantile
-from robacc.statistics.intervals import Interval
+from robacc.statistics.intervals import ASSURANCE, ConfidenceCurve, Interval, smallest_sufficient
 
 # Bound curve of a figure: for each level, the bound below which the true value lies with that confidence.
 #

@@ -9,12 +9,11 @@ from typing import Any, cast
 
 import numpy as np
 
-from robacc.accuracy.error_statistics import length_intervals
+from robacc.accuracy.error_statistics import Statistic, length_intervals
 from robacc.comparison.differences import Pairing, difference, pair_poses
 from robacc.comparison.reading import ErrorSet, errors_behind, stored_interval
 from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, Outcome, decide, decide_largest, difference_curve
 from robacc.gates.gate_file import KEYS, Gate, GateCriterion
-from robacc.statistics.records import Statistic
 
 # Values of a result by their short key: the value, its unit, and the bounds that the result or its poses give.
 

@@ -24,9 +24,8 @@ from robacc.statistics.intervals import (
     student_interval,
     tails,
 )
-from robacc.statistics.lengths import mean_lengths
+from robacc.statistics.lengths import length_probability, mean_lengths
 from robacc.statistics.multivariate import principal_axes
-from robacc.statistics.quadratic_form import length_probability
 
 CHI_SQUARE = "chi-square"
 MOVER = "from the intervals of both estimates (method of variance estimates recovery)"

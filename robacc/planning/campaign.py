@@ -64,8 +64,8 @@ from robacc.planning.route import Route, route
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
-from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
+from robacc.statistics.intervals import smallest_sufficient
 
 # Plans with fewer measured coordinates than the fit has coefficients.
 

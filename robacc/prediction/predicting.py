@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.chain import Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
@@ -27,7 +28,6 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
-from robacc.statistics.records import Statistic
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
 

@@ -44,8 +44,7 @@ class AssumptionTests:
 
 def second_moment(errors: Array) -> Array:
     """Return the mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
-    result: Array = errors @ errors.T / errors.shape[1]
-    return result
+    return np.asarray(errors @ errors.T / errors.shape[1])
 
 
 def principal_axes(matrix: Array) -> tuple[Array, Array]:
@@ -61,16 +60,13 @@ def principal_axes(matrix: Array) -> tuple[Array, Array]:
 
 def assumption_tests(errors: Array) -> AssumptionTests:
     """Apply Hotelling's and Mardia's tests to independent errors ``(3, N)``."""
-    n = errors.shape[1]
     mean = np.mean(errors, axis=1)
     about_zero, _ = principal_axes(second_moment(errors))
-    rank = int(np.count_nonzero(about_zero))
     values, axes = principal_axes(second_moment(errors - mean[:, None]))
     scatter = int(np.count_nonzero(values > NIL * about_zero[0]))
-    return AssumptionTests(
-        _hotelling(mean, values[:scatter], axes[:, :scatter], rank, n),
-        *_mardia(errors, mean, values[:scatter], axes[:, :scatter]),
-    )
+    values, axes = values[:scatter], axes[:, :scatter]
+    hotelling = _hotelling(mean, values, axes, int(np.count_nonzero(about_zero)), errors.shape[1])
+    return AssumptionTests(hotelling, *_mardia(errors, mean, values, axes))
 
 
 def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
@@ -78,17 +74,19 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
 
     (n - p) / (p (n - 1)) T^2 ~ F(p, n - p).
     """
-    method = "Hotelling's T-squared: the mean is zero"
-    p = values.size
-    directions = "one direction" if rank == 1 else f"{rank or 3} directions"
+    p, why = values.size, None
     if n <= rank or n < 2:
-        return AssumptionTest(method, None, None, p, f"{_poses(n)}: too few for scatter in {directions}")
-    if rank == 0:
-        return AssumptionTest(method, None, None, 0, "every error is zero")
-    if p < rank:
-        return AssumptionTest(method, None, None, p, "the errors do not scatter along every direction of their mean")
-    statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
-    return AssumptionTest(method, statistic, f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p), p)
+        directions = "one direction" if rank == 1 else f"{rank or 3} directions"
+        why = f"{_poses(n)}: too few for scatter in {directions}"
+    elif p < rank:
+        why = "the errors do not scatter along every direction of their mean"
+    elif rank == 0:
+        why = "every error is zero"
+    statistic = p_value = None
+    if why is None:
+        statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
+        p_value = f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p)
+    return AssumptionTest("Hotelling's T-squared: the mean is zero", statistic, p_value, p, why)
 
 
 def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[AssumptionTest, AssumptionTest]:
@@ -98,25 +96,23 @@ def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[Ass
     "Applications of some measures of multivariate skewness and kurtosis in testing normality and robustness studies",
     Sankhya B 36 (1974): exact mean of b1 and exact mean and variance of b2 for Gaussian data.
     """
-    methods = "Mardia's skewness: the errors are Gaussian", "Mardia's kurtosis: the errors are Gaussian"
     n, p = errors.shape[1], values.size
-    if p == 0 or n < p + 2:
-        why = (
-            "the errors do not scatter"
-            if p == 0 and n > 1
-            else f"{_poses(n)}: too few to test the shape of the distribution"
-        )
-        return AssumptionTest(methods[0], None, None, p, why), AssumptionTest(methods[1], None, None, p, why)
-    skewness, kurtosis = _standardised_moments(errors, mean, axes / np.sqrt(values))
-    correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
-    p_skewness = chi2_sf(n * correction * skewness / 6.0, p * (p + 1) * (p + 2) / 6)
-    expected = p * (p + 2) * (n - 1) / (n + 1)
-    variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
-    if variance <= 0.0:
-        why = f"{_poses(n)}: too few to test the shape of the distribution"
-        return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], None, None, p, why)
-    p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
-    return AssumptionTest(methods[0], skewness, p_skewness, p), AssumptionTest(methods[1], kurtosis, p_kurtosis, p)
+    too_few = f"{_poses(n)}: too few to test the shape of the distribution"
+    reasons: list[str | None] = ["the errors do not scatter" if p == 0 and n > 1 else too_few] * 2
+    skewness = p_skewness = kurtosis = p_kurtosis = None
+    if p > 0 and n >= p + 2:
+        reasons = [None, too_few]
+        skewness, b2 = _standardised_moments(errors, mean, axes / np.sqrt(values))
+        correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
+        p_skewness = chi2_sf(n * correction * skewness / 6.0, p * (p + 1) * (p + 2) / 6)
+        variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
+        if variance > 0.0:
+            expected, kurtosis, reasons = p * (p + 2) * (n - 1) / (n + 1), b2, [None, None]
+            p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
+    return (
+        AssumptionTest("Mardia's skewness: the errors are Gaussian", skewness, p_skewness, p, reasons[0]),
+        AssumptionTest("Mardia's kurtosis: the errors are Gaussian", kurtosis, p_kurtosis, p, reasons[1]),
+    )
 
 
 def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[float, float]:
@@ -125,15 +121,13 @@ def _standardised_moments(errors: Array, mean: Array, whiten: Array) -> tuple[fl
     b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z: a pass over the
     poses replaces a pass over their pairs.
     """
-    p = whiten.shape[1]
-    third = np.zeros((p, p * p))
-    fourth = 0.0
-    for start in range(0, errors.shape[1], BLOCK):
+    n, p = errors.shape[1], whiten.shape[1]
+    third, fourth = np.zeros((p, p * p)), 0.0
+    for start in range(0, n, BLOCK):
         z = whiten.T @ (errors[:, start : start + BLOCK] - mean[:, None])
         third += z @ (z[:, None] * z[None]).reshape(p * p, -1).T
         square = np.einsum("in,in->n", z, z)
         fourth += float(square @ square)
-    n = errors.shape[1]
     return float(np.sum(np.square(third / n))), fourth / n
 
 
@@ -179,28 +173,26 @@ def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStruc
     """
     n = errors.shape[1]
     sizes = np.ones(n) if groups is None else np.bincount(groups).astype(float)
-    number = int(sizes.size)
-    if groups is None or number == n or number == 1:
+    number = sizes.size
+    if groups is None or number in (1, n):
+        why = "no commanded pose was repeated"
+        text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
         if number == 1 and n > 1:
             why = "all rows are of one commanded pose"
             text = f"{why}: the scatter is repeatability and does not describe other poses"
-        else:
-            why = "no commanded pose was repeated"
-            text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
         return PoseStructure(n, number, None, None, None, None, text, why)
     centred = errors - np.mean(errors, axis=1)[:, None]
     sums = np.stack([np.bincount(groups, weights=component) for component in centred])
     explained = float(np.sum(np.sum(np.square(sums), axis=0) / sizes))
-    total = float(np.sum(np.square(centred)))
-    within = max(total - explained, 0.0) / (n - number)
-    typical_size = (n - float(np.sum(np.square(sizes))) / n) / (number - 1)
-    between = max(0.0, (explained / (number - 1) - within) / typical_size)
+    within = max(float(np.sum(np.square(centred))) - explained, 0.0) / (n - number)
+    # Kish's mean number of repetitions weights each pose by its number of rows.
+    mean_size = float(np.sum(np.square(sizes))) / n
+    between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
     if between + within <= 0.0:
         why = "the errors do not scatter"
         return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
     correlation = between / (between + within)
-    # Kish's mean number of repetitions weights each pose by its number of rows.
-    effective = n / (1.0 + (float(np.sum(np.square(sizes))) / n - 1.0) * correlation)
+    effective = n / (1.0 + (mean_size - 1.0) * correlation)
     text = (
         f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
         f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"

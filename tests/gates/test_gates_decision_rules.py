@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.error_statistics import length_intervals
+from robacc.accuracy.error_statistics import length_intervals, satterthwaite
 from robacc.gates.decision_rules import (
     LEVELS,
     BoundCurve,
@@ -21,10 +21,8 @@ from robacc.gates.decision_rules import (
 )
 from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
-from robacc.statistics.confidence_curves import ASSURANCE
-from robacc.statistics.intervals import Interval, chi2_interval
+from robacc.statistics.intervals import ASSURANCE, Interval, chi2_interval
 from robacc.statistics.multivariate import second_moment
-from robacc.statistics.records import satterthwaite
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))

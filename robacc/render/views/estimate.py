@@ -39,7 +39,7 @@ from robacc.render.views.elements import (
 )
 from robacc.render.views.fit import parameter_tables
 from robacc.render.views.gate import LOOKS, annotation, sentence, title
-from robacc.statistics.confidence_curves import ASSURANCE
+from robacc.statistics.intervals import ASSURANCE
 
 _MIN_PROBABILITY = 0.005
 """Less probable grades are not listed."""

@@ -12,7 +12,7 @@ from robacc.render.text.console import Style, say
 from robacc.render.text.layout import table_unit, with_table_unit
 from robacc.render.text.parameter_names import as_options
 from robacc.render.views.elements import Grid, Listing, ReportHeadline, Section, Text
-from robacc.statistics.confidence_curves import ASSURANCE
+from robacc.statistics.intervals import ASSURANCE
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
 

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from robacc.accuracy.pose_errors import pose_metrics
+from robacc.accuracy.estimation import pose_metrics
 from robacc.controllers.dh_table import (
     FULL_TURN,
     DhRow,

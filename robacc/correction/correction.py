@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.correction.solving import Evaluate, JointSolution, solve
 from robacc.correction.wanted import (
     Circumstances,

@@ -16,7 +16,7 @@ from robacc.documents.parts import rounded, texts
 from robacc.geometry import quaternion_from_rotation
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.accuracy.estimation import ErrorMetrics
     from robacc.correction.correction import Correction, ExpectedErrors
     from robacc.geometry import Array, Poses
     from robacc.measurements import Measurements

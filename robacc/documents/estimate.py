@@ -46,8 +46,7 @@ from robacc.documents.parts import (
 from robacc.io.json_text import json_text
 
 if TYPE_CHECKING:
-    from robacc.accuracy.estimation import EstimateResult
-    from robacc.accuracy.pose_errors import ErrorFrame, FrameStatistics
+    from robacc.accuracy.estimation import ErrorFrame, EstimateResult, FrameStatistics
     from robacc.measurements import Measurements
     from robacc.outcomes import FileOutcome
     from robacc.robots.description import Robot

@@ -51,7 +51,7 @@ from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.accuracy.estimation import ErrorMetrics
     from robacc.accuracy.stages import Residuals, Stage
     from robacc.calibration.calibrating import Calibration
     from robacc.effects.request import Baseline

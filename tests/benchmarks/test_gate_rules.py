@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.error_statistics import satterthwaite
-from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, decide, decide_largest
+from robacc.gates.evaluate import LEVELS, BoundCurve, Decision, decide, decide_largest
 from robacc.gates.gate_file import RULES, GateCriterion, Rule
 from robacc.statistics.multivariate import second_moment
 

@@ -10,7 +10,7 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals, satterthwaite
-from robacc.gates.decision_rules import (
+from robacc.gates.evaluate import (
     LEVELS,
     BoundCurve,
     Decision,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from robacc.comparison.reading import split_key
+from robacc.comparison.stored_results import split_key
 from robacc.render.text.layout import IN_MM, Document, chance, decimals, fixed, p_value, table_unit, three_digits
 from robacc.render.views.elements import (
     Cell,

@@ -15,12 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.error_statistics import ErrorStatistics, Unit, error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError
 from robacc.fitting.outliers import inlier_mask
@@ -275,17 +276,15 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
     return ()
 
 
-def unregistered_warning(registered: bool) -> str:
-    """Return the warning of errors that are too large for an arm."""
-    if registered:
-        return (
-            "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each "
-            "row has its own command, and that the axes are right-handed"
-        )
-    return (
-        "the errors are too large for an arm and suggest frames that are not registered; register the frames with "
-        '`align="base_frame,tool_frame"`'
-    )
+UNREGISTERED = (
+    "the errors are too large for an arm and suggest frames that are not registered; register the frames with "
+    '`align="base_frame,tool_frame"`'
+)
+TOO_LARGE = (
+    "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each row has "
+    "its own command, and that the axes are right-handed"
+)
+"""Warnings of errors that are too large for an arm, before a registration and after it."""
 
 
 def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
@@ -405,15 +404,17 @@ def estimate(
         alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
         commanded = registered_poses(data, robot, alignment)
         errors = pose_errors(data, commanded, chosen)
-    repetitions = data.repetitions()
+    repetitions, share = data.repetitions(), 1.0 if alignment is None else alignment.share
     groups = None if repetitions is None else repetitions.repeated
-    share = 1.0 if alignment is None else alignment.share
-    position, orientation = _statistics(groups, errors, share, confidence, seed)
+
+    @cache
+    def statistics(level: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
+        of = partial(error_statistics, groups=groups, share=share, confidence=level, seed=seed)
+        return of(errors.position, "m"), None if errors.rotation is None else of(errors.rotation, "rad")
+
     scale = scale or default_scale()
-    graded = position, orientation
-    if scale.confidence != confidence:
-        # The scale has its own confidence; the reported statistics keep the requested confidence.
-        graded = _statistics(groups, errors, share, scale.confidence, seed)
+    # The scale has its own confidence; the reported statistics keep the requested confidence.
+    (position, orientation), graded = statistics(confidence), statistics(scale.confidence)
     names = () if data.target is None else np.unique(data.target)
     rows_of = {str(name): errors.position[:, data.target == name] for name in names}
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
@@ -439,15 +440,6 @@ def estimate(
     )
 
 
-def _statistics(
-    groups: NDArray[np.int64] | None, errors: PoseErrors, share: float, confidence: float, seed: int
-) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    def statistics(vectors: Array, unit: Unit) -> ErrorStatistics:
-        return error_statistics(vectors, unit, groups=groups, share=share, confidence=confidence, seed=seed)
-
-    return statistics(errors.position, "m"), None if errors.rotation is None else statistics(errors.rotation, "rad")
-
-
 def check_confidence(confidence: float) -> None:
     """Raise UsageError if the confidence is not in [0.5, 1)."""
     if not 0.5 <= confidence < 1.0:
@@ -456,12 +448,8 @@ def check_confidence(confidence: float) -> None:
 
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
     """Return the poses with the longest ``vectors`` ``(3, N)``, descending; equal lengths in the order of rows."""
-    size = lengths(vectors)
-    candidates = np.arange(size.size)
-    if size.size > N_WORST:
-        # All poses that reach the last listed length, so that the choice among ties does not depend on the sort.
-        candidates = np.flatnonzero(size >= np.partition(size, -N_WORST)[-N_WORST])
-    order = candidates[np.argsort(-size[candidates], kind="stable")][:N_WORST]
+    # A stable sort, so that the choice among ties does not depend on it.
+    order = np.argsort(-lengths(vectors), kind="stable")[:N_WORST]
     position = lengths(errors.position[:, order])
     orientation = [None] * order.size if errors.rotation is None else lengths(errors.rotation[:, order]).tolist()
     return tuple(
@@ -488,10 +476,9 @@ def _notes(
     notes = []
     if requested is None and frame == "base":
         notes.append("no orientation was commanded, so the errors are in the measuring frame")
-    if data.rotation is None:
-        notes.append("no orientation was measured, so there are no orientation errors")
-    elif not commanded.oriented:
-        notes.append("no orientation was commanded, so there are no orientation errors")
+    if data.rotation is None or not commanded.oriented:
+        missing = "measured" if data.rotation is None else "commanded"
+        notes.append(f"no orientation was {missing}, so there are no orientation errors")
     if robot is not None and robot.effects:
         names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
         notes.append(f"effects of the robot file are applied: {', '.join(names)}")
@@ -535,8 +522,8 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
             f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
         )
     if alignment is None:
-        return (unregistered_warning(registered=False),)
-    warning = unregistered_warning(registered=True)
+        return (UNREGISTERED,)
+    warning = TOO_LARGE
     if not far:
         warning = (
             "the positions agree, but the orientation errors are too large for an arm: check the order of the "

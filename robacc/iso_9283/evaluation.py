@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from robacc.accuracy.estimation import (
+    TOO_LARGE,
+    UNREGISTERED,
     check_confidence,
     commanded_poses,
     register,
     registered_poses,
     too_far,
-    unregistered_warning,
 )
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
@@ -387,5 +388,5 @@ def _warnings(
         if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
             barycentres = np.column_stack([pose.attained.mean(axis=1) for pose in poses])
             if too_far(_largest_accuracy(poses), barycentres):
-                warnings.append(unregistered_warning(registered))
+                warnings.append(TOO_LARGE if registered else UNREGISTERED)
     return tuple(dict.fromkeys(warnings))

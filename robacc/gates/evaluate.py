@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, cast
 
@@ -414,15 +414,27 @@ def difference_to_baseline(
         raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
         raise NoValueError(f"{key} has different units in the result and in the baseline")
-    statistic = key.rpartition(".")[2]
+    statistic, paired = key.rpartition(".")[2], criterion.paired
     is_listed = statistic in ("rms", "mean_error", "p95", "max")
     before, after = (_errors_behind(each, key) if is_listed else None for each in (baseline, document))
-    curve = None
+    pair = None
     if before is None or after is None:
-        if criterion.paired:
+        if paired:
             missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
             raise NoValueError(missing)
-    elif (pair := _paired(before, after, criterion.paired)) is not None:
+    elif paired is not False:
+        common = pair_poses(before, after)
+        if common is not None and common[0].n_groups == before.n_groups == after.n_groups:
+            pair = common
+        elif paired and after.groups.size == before.groups.size:
+            pair = before, replace(after, groups=before.groups)
+        elif paired:
+            raise NoValueError(
+                f"paired: true needs the same poses, but the result has {after.groups.size} and the baseline has "
+                f"{before.groups.size}"
+            )
+    curve = None
+    if pair is not None and after is not None:
         seed, levels = document.get("seed") or 0, _levels(confidence)
         changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
         curve = BoundCurve.through(each.interval for each in changes)
@@ -430,25 +442,6 @@ def difference_to_baseline(
     if figure.curve is not None and reference.curve is not None:
         curve = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
     return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
-
-
-def _paired(baseline: ErrorSet, errors: ErrorSet, paired: bool | None) -> tuple[ErrorSet, ErrorSet] | None:
-    """Return the errors by pose, of all poses of both results; None if their poses differ.
-
-    Raises:
-        NoValueError: The criterion requires the same poses, and the results differ in the number of rows.
-    """
-    pair = None if paired is False else pair_poses(baseline, errors)
-    if pair is not None and pair[0].n_groups == baseline.n_groups == errors.n_groups:
-        return pair
-    if not paired:
-        return None
-    if errors.groups.size != baseline.groups.size:
-        raise NoValueError(
-            f"paired: true needs the same poses, but the result has {errors.groups.size} and the baseline has "
-            f"{baseline.groups.size}"
-        )
-    return baseline, replace(errors, groups=baseline.groups)
 
 
 COVERAGE_FACTOR = 2.0
@@ -549,32 +542,28 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
+    decision, is_by_share = _decide_figure(criterion, figure)
     return CriterionEvaluation(
         criterion,
-        _decide_figure(criterion, figure),
+        decision,
         figure.dimension,
         figure.value,
         baseline_value=baseline_value,
         n=figure.n,
         instrument_ratio=ratio,
         warnings=_warnings(criterion, ratio),
-        is_by_share=_is_by_share(criterion, figure),
+        is_by_share=is_by_share,
     )
 
 
-def _is_by_share(criterion: GateCriterion, figure: GateFigure) -> bool:
-    if figure.curve is not None and figure.curve.bounds:
-        return False
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> tuple[Decision, bool]:
+    """Return the decision, and whether it is by the share of all poses within the limit of a largest error."""
+    has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
-    is_sample_maximum = criterion.key.endswith(".max") and figure.n is not None and criterion.key in KEYS
-    is_upper_limit = criterion.baseline is None and not criterion.at_least
-    return is_sample_maximum and is_upper_limit and criterion.rule != "simple"
-
-
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Decision:
-    if figure.n is not None and _is_by_share(criterion, figure):
-        return decide_largest(criterion, figure.value, figure.n)
-    return decide(criterion, figure.value, figure.curve, figure.n)
+    is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
+    if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
+        return decide(criterion, figure.value, figure.curve, figure.n), False
+    return decide_largest(criterion, figure.value, figure.n), True
 
 
 def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -621,27 +610,24 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
             n = n if decisions else figure.n
-            decisions.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
-    decision = _joint_decision(decisions)
-    if decision.outcome == "fail" and isinstance(grade.get("reason"), str):
-        decision = replace(decision, why=grade["reason"].partition(". ")[0])
-    return CriterionEvaluation(criterion, decision, "grade", word=str(grade.get("grade")), n=n)
-
-
-def _joint_decision(decisions: Sequence[Decision]) -> Decision:
-    """Return the decision on several conditions that must all hold."""
+            own = replace(criterion, key=key, limit=limit, confidence=confidence)
+            decisions.append(_decide_figure(own, figure)[0])
     outcome: Outcome = min((decision.outcome for decision in decisions), key=_WORST_FIRST.index, default="pass")
     reasons = dict.fromkeys(decision.why for decision in decisions if decision.outcome == outcome and decision.why)
+    why = "; ".join(reasons) or None
+    if outcome == "fail" and isinstance(grade.get("reason"), str):
+        why = grade["reason"].partition(". ")[0]
     probabilities = [decision.probability for decision in decisions if decision.probability is not None]
     undecided = [decision for decision in decisions if decision.outcome == outcome == "inconclusive"]
-    return Decision(
+    joint = Decision(
         outcome,
-        "; ".join(reasons) or None,
+        why,
         probability=min(probabilities) if probabilities and len(probabilities) == len(decisions) else None,
         method=next((decision.method for decision in decisions if decision.method), None),
         poses_to_decide=largest_known([decision.poses_to_decide for decision in undecided]),
         poses_if_true=largest_known([decision.poses_if_true for decision in undecided]),
     )
+    return CriterionEvaluation(criterion, joint, "grade", word=str(grade.get("grade")), n=n)
 
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:

@@ -15,6 +15,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import principal_axes
 from robacc.geometry import Array
 from robacc.iso_9283.visits import Characteristic, CommandedPose, IsoCriterion, Symbol, wrapped
 from robacc.statistics.distributions import normal_quantile, root, student_quantile
@@ -29,7 +30,6 @@ from robacc.statistics.intervals import (
     tails,
 )
 from robacc.statistics.lengths import length_probability, mean_lengths
-from robacc.statistics.multivariate import principal_axes
 
 CHI_SQUARE = "chi-square"
 MOVER = "from the intervals of both estimates (method of variance estimates recovery)"
@@ -108,7 +108,13 @@ def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimat
         lower, upper = difference_limits(after.value, ends[0], before.value, ends[1])
         bounds = (0.0, later.upper_bound), (two_sided or 0.0, 0.0)
         bound = difference_limits(after.value, bounds[0], before.value, bounds[1])[1]
-        return Interval(lower, upper, bound, confidence, MOVER)
+        return Interval(
+            lower,
+            upper,
+            bound,
+            confidence,
+            "from the intervals of both estimates (method of variance estimates recovery)",
+        )
 
     return IntervalEstimate(after.value - before.value, interval_at)
 
@@ -216,9 +222,9 @@ def _likeliest_mean(components: Array, variances: Array, length: float) -> Array
 
 # Position repeatability RP_l = mean l + 3 S_l with its interval.
 
-PIVOT = "parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter"
 DELTA = "delta method, normal"
 _DRAWS = 4000
+_PIVOT = f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws"
 _MAX_FOR_BOOTSTRAP = 300
 """With more visits, the delta method's error is far below the scatter of the draws."""
 
@@ -249,7 +255,7 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
 
     def interval_at(confidence: float) -> Interval:
         low, high, top = (value / ratio for ratio in quantiles(ratios, [1.0 - p for p in tails(confidence)]))
-        return Interval(low, high, top, confidence, f"{PIVOT}, {_DRAWS} draws")
+        return Interval(low, high, top, confidence, _PIVOT)
 
     return IntervalEstimate(value, interval_at)
 
@@ -257,10 +263,9 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
 # Characteristics from the estimates at each place: every place's figures, and the largest of them.
 
 NO_COMMAND = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-_NO_COMMANDED_ANGLES = "no orientation was commanded and measured"
 _NO_ANGLES = "no orientation was measured"
 _CRITERIA: dict[Symbol, tuple[str, str]] = {
-    "AP": ("7.2.1", _NO_COMMANDED_ANGLES),
+    "AP": ("7.2.1", "no orientation was commanded and measured"),
     "RP": ("7.2.2", _NO_ANGLES),
     "vAP": ("7.2.3", _NO_ANGLES),
     "AD": ("7.3.2", _NO_ANGLES),
@@ -384,7 +389,7 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
             return characteristic("AP", [], confidence, NO_COMMAND)
         covariance = np.cov(pose.deviation, ddof=1) / pose.n if pose.n > 1 else np.zeros((3, 3))
         position = distance(pose.deviation.mean(axis=1), covariance, pose.n - 1)
-        components = _each(mean, pose.deviation), _each(mean, pose.commanded_turn)
+        components = _each(mean, pose.deviation), _each(mean, pose.turn if pose.oriented else None)
         places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, *components))
     return characteristic("AP", places, confidence, NO_COMMAND)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from robacc.accuracy.error_statistics import assumption_tests
 from robacc.accuracy.estimation import (
     TOO_LARGE,
     UNREGISTERED,
@@ -32,7 +33,6 @@ from robacc.iso_9283.visits import Characteristic, CommandedPose, Condition, Iso
 from robacc.measurements import Measurements
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.description import Frame, Robot
-from robacc.statistics.multivariate import assumption_tests
 
 # Conditions of the standard's protocol, and whether the data meet them, violate them or do not record them.
 #

@@ -69,11 +69,6 @@ class CommandedPose:
         """Stream of random numbers of this pose, independent of the order of rows."""
         return self.number, zlib.crc32(self.label.encode())
 
-    @property
-    def commanded_turn(self) -> Array | None:
-        """The deviations of a, b, c from the commanded orientation; None where none was commanded."""
-        return self.turn if self.oriented else None
-
 
 @dataclass(frozen=True, slots=True)
 class IsoCriterion(Generic[Figure]):

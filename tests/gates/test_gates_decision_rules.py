@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.error_statistics import length_intervals, satterthwaite
+from robacc.accuracy.error_statistics import length_intervals, satterthwaite, second_moment
 from robacc.gates.evaluate import (
     LEVELS,
     BoundCurve,
@@ -22,7 +22,6 @@ from robacc.gates.evaluate import (
 from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
 from robacc.statistics.intervals import ASSURANCE, Interval, chi2_interval
-from robacc.statistics.multivariate import second_moment
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))

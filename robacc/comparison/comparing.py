@@ -8,6 +8,8 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Literal
 
+import numpy as np
+
 from robacc.accuracy.error_statistics import Unit, error_statistics
 from robacc.accuracy.grade import Scale, default_scale, grade
 from robacc.comparison.stored_results import (
@@ -40,12 +42,9 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     None stands for a pair without a test, stays None and does not count.
     """
     tested = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
-    corrected: list[float | None] = [None] * len(p_values)
-    largest = 0.0
-    for rank, (p, i) in enumerate(tested):
-        largest = max(largest, min(1.0, (len(tested) - rank) * p))
-        corrected[i] = largest
-    return corrected
+    raised = np.maximum.accumulate([min(1.0, (len(tested) - rank) * p) for rank, (p, _) in enumerate(tested)])
+    corrected = {i: p for (_, i), p in zip(tested, raised.tolist(), strict=True)}
+    return [corrected.get(i) for i in range(len(p_values))]
 
 
 def indistinguishable_groups(count: int, different: Set[tuple[int, int]]) -> list[tuple[int, ...]]:
@@ -141,16 +140,13 @@ def grade_statuses(
 
 
 def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
-    position, orientation = (
-        None
-        if (errors := result.errors.get(quantity)) is None
-        else error_statistics(
-            errors.vectors, unit, groups=errors.groups, share=errors.share, confidence=scale.confidence, seed=seed
-        )
+    of = partial(error_statistics, confidence=scale.confidence, seed=seed)
+    graded = [
+        of(errors.vectors, unit, groups=errors.groups, share=errors.share)
         for quantity, unit in _UNITS.items()
-    )
-    assert position is not None
-    assessed = grade(position, orientation, scale)
+        if (errors := result.errors.get(quantity)) is not None
+    ]
+    assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
     confirmed, met = assessed.confirmed_rank <= rank, assessed.rank <= rank
     missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
     why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
@@ -161,7 +157,7 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
         assessed.grade,
         assessed.probability_within(rank),
         figures[0],
-        figures[1] if orientation is not None else None,
+        figures[1] if len(figures) > 1 else None,
         assessed.poses_needed(rank) if met and not confirmed else None,
         None if confirmed or not met else why,
     )
@@ -176,9 +172,8 @@ def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> Grade
     own_rank = scale.rank_of("position", position.value)
     if orientation is not None:
         own_rank = max(own_rank, scale.rank_of("orientation", orientation.value))
-    why = "the result does not list the error of every pose"
-    if not result.measured:
-        why = "predicted from tolerances, not measured"
+    measured = "the result does not list the error of every pose"
+    why = measured if result.measured else "predicted from tolerances, not measured"
     verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
     return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, orientation, None, why)
 

@@ -291,7 +291,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     if command not in COMPARED:
         raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
     grade = document.get("grade") or {}
-    places = dict(_places(document, command))
+    places = _places(document, command)
     figures = dict(_figures(document, command, places))
     if not figures:
         raise ValueError("no figures to compare")
@@ -321,23 +321,23 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     )
 
 
-def _places(document: Document, command: str) -> Iterator[tuple[str, str]]:
-    """Yield the groups of figures, the starts of their keys, with their places in the document.
+def _places(document: Document, command: str) -> dict[str, str]:
+    """Return the places in the document of the groups of figures, by the starts of their keys.
 
     Without held-out poses, the stages of a fit on calibration poses take their place.
     """
     if command == "iso9283":
-        for symbol in _ISO9283:
-            yield from ((f"iso9283.{symbol}{part}",) * 2 for part in ("", ".orientation"))
-        return
-    has_held_out = _at(document, "after.held_out") is not None
-    for quantity in _QUANTITIES:
-        if command not in FITS:
-            yield quantity, quantity
-        for start, stage in _STAGES if command in FITS else ():
-            if has_held_out or "held_out" in stage:
-                poses = ("held_out", "held_out" if has_held_out else "fitted")
-                yield f"{start}{quantity}".replace(*poses), f"{stage}.{quantity}".replace(*poses)
+        groups = [f"iso9283.{symbol}{part}" for symbol in _ISO9283 for part in ("", ".orientation")]
+        return dict(zip(groups, groups, strict=True))
+    if command not in FITS:
+        return {quantity: quantity for quantity in _QUANTITIES}
+    poses = "fitted" if _at(document, "after.held_out") is None else "held_out"
+    return {
+        f"{start}{quantity}".replace("held_out", poses): f"{stage}.{quantity}".replace("held_out", poses)
+        for quantity in _QUANTITIES
+        for start, stage in _STAGES
+        if poses == "held_out" or "held_out" in stage
+    }
 
 
 def _figures(document: Document, command: str, places: Mapping[str, str]) -> Iterator[tuple[str, EstimatedValue]]:
@@ -358,19 +358,17 @@ def _provenance(document: Document, command: str, figures: Mapping[str, Estimate
     """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     held_out = fitted_to_these = None
-    alignment = "fitted with the model"
+    effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
+    alignment = f"{' and '.join(effects)} registered" if effects else "none"
     if command in FITS:
-        has_holdout = document.get("poses_apart") is not None
+        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
         held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
         if _at(document, "after.held_out") is None:
             held_out = "nothing (errors of calibration poses)"
-    else:
-        effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
-        alignment = f"{' and '.join(effects)} registered" if effects else "none"
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
     if fitted_to is not None:
         same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
-        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
+        fitted_to_these = f"{'' if same_poses else 'not '}fitted to {'the same' if same_poses else 'these'} poses"
     aspects = {
         "command": command,
         "robacc version": document["robacc"],

@@ -501,10 +501,6 @@ class GateOutcome:
         """Return the warnings of all criteria, without repetitions."""
         return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation.warnings))
 
-    def count(self, outcome: Outcome) -> int:
-        """Return the number of criteria with that outcome."""
-        return sum(evaluation.outcome == outcome for evaluation in self.evaluations)
-
 
 def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
     """Evaluate a gate on a result.

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -153,7 +153,7 @@ def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 NONCENTRAL = "noncentral: the true distances under which the measured distance is likely, scatter as between visits"
 _BISECTIONS = 60
-_ACCURACY = 1e-9
+_ACCURACY = 1e-7
 """Relative accuracy of a limit."""
 _SMALLEST_PROBABILITY = 1e-15
 """Probabilities are clipped to at least this, and to at most its complement."""
@@ -185,6 +185,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         quantile, outer = normal_quantile(probability), max(probability, 1.0 - probability)
         widened = variances * (student_quantile(outer, dof) / normal_quantile(outer)) ** 2
 
+        @cache
         def excess(length: float) -> float:
             """Return the normal quantile's excess, which rises nearly linearly through zero with the true length."""
             share = length_probability(value, _likeliest_mean(components, variances, length), widened)

@@ -62,11 +62,9 @@ class CubeFit:
 
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
-    level_axis = 1 if plane[0] == "x" else 0
-    outer = np.zeros((3, 4))
-    outer[level_axis] = (-1.0, 1.0, 1.0, -1.0)
-    outer[2] = (-1.0, -1.0, 1.0, 1.0)
-    outer[1 - level_axis] = outer[2] if plane[1] == "+" else -outer[2]
+    level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
+    along = up if plane[1] == "+" else -up
+    outer = np.stack((along, level, up) if plane[0] == "x" else (level, along, up))
     points = np.concatenate((np.zeros((3, 1)), (0.5 - FROM_CORNER) * edge * outer), axis=1)
     return np.asarray(np.asarray(centre, dtype=float)[:, None] + points)
 
@@ -87,15 +85,15 @@ def fit_cube(points: Array) -> CubeFit | str:
         return "the five poses are at the same position"
     gaps = np.sqrt(np.sum(np.square(outer[:, :, None] + outer[:, None, :]), axis=0)) / mean_radius
     opposite = np.argmin(gaps, axis=1)
-    if np.ptp(radii) > _SIZE_TOLERANCE * mean_radius or np.max(gaps[np.arange(4), opposite]) > _SIZE_TOLERANCE:
+    if np.ptp(radii) > _SIZE_TOLERANCE * mean_radius or np.max(gaps.min(axis=1)) > _SIZE_TOLERANCE:
         return "no pose is the centre of the other four"
     # A corner's coordinate along each axis is 1/sqrt(3) of its distance from the centre.
     half = mean_radius / math.sqrt(3.0)
     if np.max(np.abs(np.abs(outer) - half)) <= _SIZE_TOLERANCE * mean_radius:
-        slopes = {
-            plane: outer["xy".index(plane[0])] * outer[2] * (1.0 if plane[1] == "+" else -1.0) for plane in PLANES
-        }
-        return CubeFit(centre, float(half), next((plane for plane in PLANES if np.all(slopes[plane] > 0.0)), None))
+        # The four planes in their order: along x and y, rising and falling.
+        slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
+        rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
+        return CubeFit(centre, half, rising[0] if rising else None)
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:

@@ -133,11 +133,31 @@ def mixture_quantile(probability: float, variances: Array) -> float:
     return math.sqrt(_solved(probability, mixture, first)[0] * mean_power)
 
 
-def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``, by Carlson's elliptic integral R_G: NIST DLMF, 19.16.3."""
-    from scipy.special import elliprg
+_STEP = 0.1
+_NODES = np.exp(0.5 * math.pi * np.sinh(np.arange(-4.8, 4.0, _STEP)))
+_WEIGHTS = 0.25 * math.sqrt(math.pi) * _STEP * np.cosh(np.arange(-4.8, 4.0, _STEP)) * np.sqrt(_NODES)
+"""Path of the mean: its relative error is 2e-11."""
 
-    return np.asarray(math.sqrt(8.0 / math.pi) * elliprg(*variances))
+
+def mean_lengths(variances: Array) -> Array:
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``.
+
+    E|Z| = pi^(-1/2) int s^(-1/2) (-M'(s)) ds, from E sqrt(Q) = (4 pi)^(-1/2) int (1 - M(s)) s^(-3/2) ds by parts, on
+    the path s = exp(pi/2 sinh t), on which it falls double exponentially at both ends: H. Takahasi, M. Mori, "Double
+    exponential formulas for numerical integration", Publ. RIMS 9 (1974) 721-741. It is Carlson's elliptic integral R_G,
+    but the import of SciPy takes longer than a prediction.
+    """
+    result = np.zeros(variances.shape[1])
+    for start in range(0, result.size, BLOCK):
+        power = variances[:, start : start + BLOCK].sum(axis=0)
+        a, b, c = 2.0 * variances[:, start : start + BLOCK] / np.where(power > 0.0, power, 1.0)
+        total = np.zeros(power.size)
+        for s, weight in zip(_NODES.tolist(), _WEIGHTS.tolist(), strict=True):
+            x, y, z = 1.0 + s * a, 1.0 + s * b, 1.0 + s * c
+            product = x * y * z
+            total += weight * ((a * y + b * x) * z + c * x * y) / (product * np.sqrt(product))
+        result[start : start + BLOCK] = total * np.sqrt(power)
+    return result
 
 
 # One vector, to full precision.

@@ -100,14 +100,13 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
 
     (n - p) / (p (n - 1)) T^2 ~ F(p, n - p).
     """
-    p, why = values.size, None
-    if n <= rank or n < 2:
-        directions = "one direction" if rank == 1 else f"{rank or 3} directions"
-        why = f"{_poses(n)}: too few for scatter in {directions}"
-    elif p < rank:
-        why = "the errors do not scatter along every direction of their mean"
-    elif rank == 0:
-        why = "every error is zero"
+    p, directions = values.size, "one direction" if rank == 1 else f"{rank or 3} directions"
+    obstacles = (
+        (n <= rank or n < 2, f"{_poses(n)}: too few for scatter in {directions}"),
+        (p < rank, "the errors do not scatter along every direction of their mean"),
+        (rank == 0, "every error is zero"),
+    )
+    why = next((text for applies, text in obstacles if applies), None)
     statistic = p_value = None
     if why is None:
         statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
@@ -358,8 +357,12 @@ class _ErrorSample:
         # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
         zero_mean = sampling.n_groups <= 3 if p_values[2] is None else p_values[2] >= SIGNIFICANCE
         repeated = "commanded poses were repeated, and repetitions are not independent"
-        rejections = ["the errors are not Gaussian (Mardia)"] * (not shape)
-        rejections += ["their mean is not zero (Hotelling)"] * (not zero_mean) + [repeated] * (groups is not None)
+        assumptions = (
+            (shape, "the errors are not Gaussian (Mardia)"),
+            (zero_mean, "their mean is not zero (Hotelling)"),
+            (groups is None, repeated),
+        )
+        rejections = [text for holds, text in assumptions if not holds]
         text = f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
         if rejections:
             text = f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"

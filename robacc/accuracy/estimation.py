@@ -473,25 +473,30 @@ def _notes(
     commanded: Commanded,
     alignment: Alignment | None,
 ) -> tuple[str, ...]:
-    notes = []
-    if requested is None and frame == "base":
-        notes.append("no orientation was commanded, so the errors are in the measuring frame")
-    if data.rotation is None or not commanded.oriented:
-        missing = "measured" if data.rotation is None else "commanded"
-        notes.append(f"no orientation was {missing}, so there are no orientation errors")
-    if robot is not None and robot.effects:
-        names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
-        notes.append(f"effects of the robot file are applied: {', '.join(names)}")
+    effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
+    missing = "measured" if data.rotation is None else "commanded"
+    notes = (
+        (
+            requested is None and frame == "base",
+            "no orientation was commanded, so the errors are in the measuring frame",
+        ),
+        (
+            data.rotation is None or not commanded.oriented,
+            f"no orientation was {missing}, so there are no orientation errors",
+        ),
+        (bool(effects), f"effects of the robot file are applied: {', '.join(effects)}"),
+    )
+    texts = [note for applies, note in notes if applies]
     if alignment is not None:
-        notes.append(
+        texts += [
             f"{alignment.n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
-            "that with the frames registered to the other poses"
-        )
-        notes.extend(alignment.notes)
+            "that with the frames registered to the other poses",
+            *alignment.notes,
+        ]
     if data.sigma_position is not None:
         sigma = rms_length(data.sigma_position) * 1e3
-        notes.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
-    return tuple(notes)
+        texts.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
+    return tuple(texts)
 
 
 def _moves(data: Measurements) -> bool:
@@ -504,29 +509,31 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
     near, size = _near(errors.position), lengths(errors.position)
     usual, beyond = rms_length(errors.position[:, near]), np.flatnonzero(~near)
-    if beyond.size:
-        largest = beyond[np.argsort(-size[beyond])][:N_WORST]
-        named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
-        more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
-        return (
-            f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
-            "them: check these readings and their commands",
-        )
+    largest = beyond[np.argsort(-size[beyond])][:N_WORST]
+    named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
+    more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
-    if not (far or turned):
-        return ()
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
-    if far and outside:
-        return (
+    trace = "" if data.q is None else "; a trace names the probable mistake"
+    causes = (
+        (
+            beyond.size > 0,
+            f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
+            "them: check these readings and their commands",
+        ),
+        (not (far or turned), ""),
+        (
+            far and bool(outside),
             f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
-        )
-    if alignment is None:
-        return (UNREGISTERED,)
-    warning = TOO_LARGE
-    if not far:
-        warning = (
+        ),
+        (alignment is None, UNREGISTERED),
+        (far, f"{TOO_LARGE}{trace}"),
+        (
+            True,
             "the positions agree, but the orientation errors are too large for an arm: check the order of the "
-            "quaternion or the convention of the angles"
-        )
-    return (f"{warning}{'' if data.q is None else '; a trace names the probable mistake'}",)
+            f"quaternion or the convention of the angles{trace}",
+        ),
+    )
+    cause = next(text for applies, text in causes if applies)
+    return (cause,) if cause else ()

@@ -342,15 +342,13 @@ class Grade:
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
         unbounded = [f"{name} has no upper bound ({quantity.why})" for name, quantity in own.items() if quantity.why]
         best = f"grade {self.demonstrated_grade} is confirmed" if self.demonstrated_grade else "no grade is confirmed"
-        if self.demonstrated:
-            sentences.append(f"{at_confidence}: the upper bound is within the limit ({bounds})")
-        elif unbounded:
-            sentences.append(f"not {at_confidence}: {'; '.join(unbounded)}")
-        elif self.rank == len(scale.steps):
-            sentences.append("no step of the scale is met, so no grade can be confirmed")
-        else:
-            sentences.append(f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}")
-        return ". ".join(sentences)
+        confirmations = (
+            (self.demonstrated, f"{at_confidence}: the upper bound is within the limit ({bounds})"),
+            (bool(unbounded), f"not {at_confidence}: {'; '.join(unbounded)}"),
+            (self.rank == len(scale.steps), "no step of the scale is met, so no grade can be confirmed"),
+            (True, f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}"),
+        )
+        return ". ".join([*sentences, next(text for applies, text in confirmations if applies)])
 
     def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
         limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]

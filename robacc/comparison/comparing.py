@@ -348,25 +348,34 @@ def compare(
         UsageError: A name, key or grade does not exist, or the results share no figure.
     """
     names = [result.name for result in results]
-    if len(names) < 2:
-        raise UsageError("a comparison needs at least two results")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}")
-    if baseline is not None and baseline not in names:
-        raise UsageError(f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}")
     # Components are comparable only if the frames agree.
     excluded = frozenset() if len({result.frame for result in results}) == 1 else VECTORIAL
     keys = [
         key
-        for key in results[0].figures
+        for key in (results[0].figures if results else ())
         if split_key(key)[1] not in excluded and all(key in result.figures for result in results)
     ]
-    if not keys:
-        commands = " and ".join(dict.fromkeys(result.command for result in results))
-        raise UsageError(f"results of {commands} have no figure in common to compare")
     rankable = [key for key in keys if split_key(key)[1] not in _SIGNED]
-    if by is not None and by not in rankable:
-        raise UsageError(f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}")
+    commands = " and ".join(dict.fromkeys(result.command for result in results))
+    mistakes = (
+        (len(names) < 2, "a comparison needs at least two results"),
+        (
+            not 0.5 <= confidence < 1.0,
+            f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}",
+        ),
+        (
+            baseline is not None and baseline not in names,
+            f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}",
+        ),
+        (not keys, f"results of {commands} have no figure in common to compare"),
+        (
+            by is not None and by not in rankable,
+            f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}",
+        ),
+    )
+    for applies, message in mistakes:
+        if applies:
+            raise UsageError(message)
     reference = names.index(baseline) if baseline is not None else 0
 
     @cache

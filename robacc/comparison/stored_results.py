@@ -77,8 +77,8 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
     """
     value, holder, name = value_at(document, key)
     stored = [(holder.get("intervals") or {}).get(name), holder.get("interval")]
-    if isinstance(stored[0], list):
-        stored[0] = stored[0][int(key.rpartition(".")[2])]
+    if isinstance(stored[0], list) and (index := key.rpartition(".")[2]).isdecimal():
+        stored[0] = stored[0][int(index)]
     if isinstance(value, Mapping):
         stored, value = [value], value.get("value")
     if (number := finite_number(value)) is None:
@@ -368,7 +368,7 @@ def _provenance(document: Document, command: str, figures: Mapping[str, Estimate
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
     if fitted_to is not None:
         same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
-        fitted_to_these = f"{'' if same_poses else 'not '}fitted to {'the same' if same_poses else 'these'} poses"
+        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
     aspects = {
         "command": command,
         "robacc version": document["robacc"],
@@ -520,16 +520,20 @@ def difference(
     else:
         values = [np.array(quantiles(part.lengths, [0.95 if statistic == "p95" else 1.0])) for part in sets]
     value = float(values[1][0] - values[0][0])
-    why = None
-    if statistic == "max":
-        why = NO_TEST_OF_MAXIMUM
-    elif min(sizes) < 2:
-        why = "one commanded pose shows no scatter between poses"
-    elif statistic == "p95" and min(sizes) < FEWEST_FOR_PERCENTILE:
-        why = f"{min(sizes)} poses: too few to compare 95th percentiles; at least {FEWEST_FOR_PERCENTILE} are needed"
-    elif statistic.startswith("sd_") and min(sizes) < FEWEST_FOR_BOOTSTRAP:
-        why = f"fewer than {FEWEST_FOR_BOOTSTRAP} poses: too few to compare standard deviations"
-    if why is not None:
+    fewest = FEWEST_FOR_PERCENTILE if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
+    obstacles = (
+        (statistic == "max", NO_TEST_OF_MAXIMUM),
+        (min(sizes) < 2, "one commanded pose shows no scatter between poses"),
+        (
+            statistic == "p95" and min(sizes) < fewest,
+            f"{min(sizes)} poses: too few to compare 95th percentiles; at least {fewest} are needed",
+        ),
+        (
+            statistic.startswith("sd_") and min(sizes) < fewest,
+            f"fewer than {fewest} poses: too few to compare standard deviations",
+        ),
+    )
+    if (why := next((text for applies, text in obstacles if applies), None)) is not None:
         n = n if statistic == "p95" and min(sizes) > 1 else None
         return Difference(value, Interval.missing(confidence, why), None, paired, n)
     if is_smooth:

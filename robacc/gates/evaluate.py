@@ -125,8 +125,8 @@ class BoundCurve:
 
         If a bound is missing, the distance of the other bound from the median takes its place.
         """
-        low, _, high = bounds = [self.bound(probability) for probability in (1.0 - level, 0.5, level)]
-        known = [self.scale(bound) for bound in bounds if bound is not None]
+        low, median, high = (self.bound(probability) for probability in (1.0 - level, 0.5, level))
+        known = [self.scale(bound) for bound in (low, median, high) if bound is not None]
         if len(known) < 2:
             return None
         quantiles = 1.0 if low is None or high is None else 2.0
@@ -638,16 +638,17 @@ def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> 
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
-    warnings = []
-    if ratio is not None and ratio > MOST_OF_TOLERANCE:
-        warnings.append(
-            f"{criterion.name}: the instrument's expanded uncertainty (k = 2) is {100 * ratio:.0f} % of the limit, "
-            f"more than the recommended {100 * MOST_OF_TOLERANCE:.0f} %"
-        )
-    if ".fitted." in criterion.key and not criterion.key.startswith("nominal."):
-        held_out = criterion.key.replace(".fitted.", ".held_out.")
-        warnings.append(
-            f"{criterion.name}: {criterion.key} is computed on the calibration poses and is too optimistic; "
-            f"use {held_out}"
-        )
-    return tuple(warnings)
+    key, share = criterion.key, 0.0 if ratio is None else ratio
+    warnings = (
+        (
+            share > MOST_OF_TOLERANCE,
+            f"the instrument's expanded uncertainty (k = 2) is {100 * share:.0f} % of the limit, more than the "
+            f"recommended {100 * MOST_OF_TOLERANCE:.0f} %",
+        ),
+        (
+            ".fitted." in key and not key.startswith("nominal."),
+            f"{key} is computed on the calibration poses and is too optimistic; use "
+            f"{key.replace('.fitted.', '.held_out.')}",
+        ),
+    )
+    return tuple(f"{criterion.name}: {text}" for applies, text in warnings if applies)

@@ -220,12 +220,20 @@ def iso9283(
         InputError: The data lack something that the call needs.
     """
     check_confidence(confidence)
-    if not files:
-        raise UsageError("no file of measured poses is given; give at least one")
-    if windows is not None and windows < 2:
-        raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
-    if rated_load is not None and not 0.0 < rated_load < np.inf:
-        raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
+    mistakes = (
+        (not files, "no file of measured poses is given; give at least one"),
+        (
+            windows is not None and windows < 2,
+            f"drift is a change between windows: `drift_windows` is at least 2, not {windows}",
+        ),
+        (
+            rated_load is not None and not 0.0 < rated_load < np.inf,
+            f"`rated_load` is above 0 kg, not {rated_load or 0:g}",
+        ),
+    )
+    for applies, message in mistakes:
+        if applies:
+            raise UsageError(message)
     names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.

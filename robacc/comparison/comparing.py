@@ -227,15 +227,25 @@ def _warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -
 
 def _notes(
     results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
-) -> Iterator[str]:
-    """Yield the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
-    if tested:
-        yield "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)"
-        yield "the tests apply to other poses of the same robots, not to other robots"
-    if any(result.command in FITS for result in results):
-        yield "position and orientation of calibrate and trace are those after the fit, on held-out poses"
-    if scale is not None and sum(status.verdict == "demonstrated" for status in statuses) > 1:
-        yield f"each grade by itself is confirmed at {100 * scale.confidence:g} % confidence, not all together"
+) -> tuple[str, ...]:
+    """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
+    level = 0.0 if scale is None else 100 * scale.confidence
+    notes = (
+        (
+            tested,
+            "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)",
+        ),
+        (tested, "the tests apply to other poses of the same robots, not to other robots"),
+        (
+            any(result.command in FITS for result in results),
+            "position and orientation of calibrate and trace are those after the fit, on held-out poses",
+        ),
+        (
+            sum(status.verdict == "demonstrated" for status in statuses) > 1,
+            f"each grade by itself is confirmed at {level:g} % confidence, not all together",
+        ),
+    )
+    return tuple(note for applies, note in notes if applies)
 
 
 RANKED_BY = "position.rms"
@@ -434,7 +444,7 @@ def compare(
         scale=grade_scale,
         required_grade=required_grade,
         grade_statuses=statuses,
-        notes=tuple(_notes(results, tested, statuses, grade_scale)),
+        notes=_notes(results, tested, statuses, grade_scale),
         warnings=tuple(_warnings(results, matches)),
     )
 

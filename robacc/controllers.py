@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from robacc.accuracy.pose_errors import pose_metrics
+from robacc.accuracy.estimation import pose_metrics
 from robacc.effects.base import Effect
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.errors import InputError, Problem, RobaccError, UsageError

@@ -27,8 +27,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.effects.base import Effect, Part, Term
 from robacc.errors import InputError, Problem
 from robacc.fitting.parameters import absorb_constants

@@ -8,42 +8,306 @@ commanded poses were repeated, intervals come from resampling poses. Each interv
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.geometry import Array
-from robacc.statistics.confidence_curves import PercentileCurve
+from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
+    PercentileCurve,
     PoseSampling,
+    chi2_interval,
+    covariance_element,
     interpolated,
     percentile_levels,
+    quantiles,
     student_interval,
 )
-from robacc.statistics.multivariate import AssumptionTests, assumption_tests, pose_structure, second_moment
-from robacc.statistics.quadratic_form import LengthShape, ScaledPercentileCurve
-from robacc.statistics.records import (
-    ErrorStatistics,
-    Intervals,
-    Statistic,
-    Unit,
-    ellipsoid,
-    matrix_interval,
-    radius95,
-    satterthwaite,
+from robacc.statistics.lengths import ScaledPercentileCurve, length_quantile, squared_quantile_gradient
+
+Unit = Literal["m", "rad"]
+Statistic = Literal["rms", "mean_error", "p95", "max"]
+Shape = tuple[Array, Array] | None
+"""Mean and variances ``(3,)`` along principal axes of the Gaussian that the lengths' distribution comes from."""
+
+
+# Second moments and principal axes of errors ``(3, N)``; tests of equation (13), which assumes Gaussian errors of
+# zero mean.
+
+BLOCK = 16384
+NIL = 1e-12
+"""Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
+
+
+@dataclass(frozen=True, slots=True)
+class AssumptionTest:
+    """Result of a statistical test; statistic and p-value are None where ``why`` gives the reason."""
+
+    method: str
+    statistic: float | None
+    p_value: float | None
+    dimension: int
+    """Number of directions in which the errors scatter: 3 unless they are coplanar or collinear."""
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AssumptionTests:
+    """Tests of the assumptions of a zero-mean Gaussian."""
+
+    zero_mean: AssumptionTest
+    skewness: AssumptionTest
+    kurtosis: AssumptionTest
+
+
+def second_moment(errors: Array) -> Array:
+    """Return the mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
+    return np.asarray(errors @ errors.T / errors.shape[1])
+
+
+def principal_axes(matrix: Array) -> tuple[Array, Array]:
+    """Return eigenvalues ``(3,)``, descending and not negative, and unit eigenvectors ``(3, 3)`` as columns.
+
+    The largest component of each axis is positive, so that every machine gives the same axes.
+    """
+    values, vectors = np.linalg.eigh(matrix)
+    values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1]
+    signs = np.sign(vectors[np.argmax(np.abs(vectors), axis=0), np.arange(3)])
+    return np.where(values > NIL * values[0], values, 0.0), vectors * signs
+
+
+def assumption_tests(errors: Array) -> AssumptionTests:
+    """Apply Hotelling's and Mardia's tests to independent errors ``(3, N)``."""
+    mean = np.mean(errors, axis=1)
+    about_zero, _ = principal_axes(second_moment(errors))
+    values, axes = principal_axes(second_moment(errors - mean[:, None]))
+    scatter = int(np.count_nonzero(values > NIL * about_zero[0]))
+    values, axes = values[:scatter], axes[:, :scatter]
+    hotelling = _hotelling(mean, values, axes, int(np.count_nonzero(about_zero)), errors.shape[1])
+    return AssumptionTests(hotelling, *_mardia(errors, mean, values, axes))
+
+
+def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
+    """Test the mean by T^2 = n m' S^-1 m, S with divisor n - 1 (Hotelling 1931).
+
+    (n - p) / (p (n - 1)) T^2 ~ F(p, n - p).
+    """
+    p, directions = values.size, "one direction" if rank == 1 else f"{rank or 3} directions"
+    obstacles = (
+        (n <= rank or n < 2, f"{_poses(n)}: too few for scatter in {directions}"),
+        (p < rank, "the errors do not scatter along every direction of their mean"),
+        (rank == 0, "every error is zero"),
+    )
+    why = next((text for applies, text in obstacles if applies), None)
+    statistic = p_value = None
+    if why is None:
+        statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
+        p_value = f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p)
+    return AssumptionTest("Hotelling's T-squared: the mean is zero", statistic, p_value, p, why)
+
+
+def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[AssumptionTest, AssumptionTest]:
+    """Test by Mardia's b1 and b2, with his small-sample corrections.
+
+    Sources: K. V. Mardia, "Measures of multivariate skewness and kurtosis with applications", Biometrika 57 (1970);
+    "Applications of some measures of multivariate skewness and kurtosis in testing normality and robustness studies",
+    Sankhya B 36 (1974): exact mean of b1 and exact mean and variance of b2 for Gaussian data.
+    """
+    n, p = errors.shape[1], values.size
+    too_few = f"{_poses(n)}: too few to test the shape of the distribution"
+    reasons: list[str | None] = ["the errors do not scatter" if p == 0 and n > 1 else too_few] * 2
+    skewness = p_skewness = kurtosis = p_kurtosis = None
+    if p > 0 and n >= p + 2:
+        reasons = [None, too_few]
+        # b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z: a pass over
+        # the poses replaces a pass over their pairs.
+        third, fourth = np.zeros((p, p * p)), 0.0
+        for start in range(0, n, BLOCK):
+            z = (axes / np.sqrt(values)).T @ (errors[:, start : start + BLOCK] - mean[:, None])
+            third += z @ (z[:, None] * z[None]).reshape(p * p, -1).T
+            fourth += float(np.sum(np.square(np.einsum("in,in->n", z, z))))
+        skewness = float(np.sum(np.square(third / n)))
+        correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
+        p_skewness = chi2_sf(n * correction * skewness / 6.0, p * (p + 1) * (p + 2) / 6)
+        variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
+        if variance > 0.0:
+            expected, kurtosis, reasons = p * (p + 2) * (n - 1) / (n + 1), fourth / n, [None, None]
+            p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
+    return (
+        AssumptionTest("Mardia's skewness: the errors are Gaussian", skewness, p_skewness, p, reasons[0]),
+        AssumptionTest("Mardia's kurtosis: the errors are Gaussian", kurtosis, p_kurtosis, p, reasons[1]),
+    )
+
+
+def _poses(n: int) -> str:
+    return "one pose" if n == 1 else f"{n} poses"
+
+
+# Variance between and within commanded poses: the dependence of errors that equation (13) ignores.
+#
+# Wu and Lee's equation (13) sums over errors as if they were independent draws. Errors of one robot come from one set
+# of parameter errors, so they vary with the pose and not at random; only repetitions of a pose show the random part.
+
+SHARED = (
+    "all poses share the parameter errors of one robot, so they are not independent draws: the intervals hold for "
+    "other poses of this robot, chosen in the same manner, not for other robots"
 )
+
+
+@dataclass(frozen=True, slots=True)
+class PoseStructure:
+    """Components of the errors' variance (sum over x, y, z) between and within commanded poses."""
+
+    n: int
+    n_poses: int
+    """Commanded poses."""
+    between: float | None
+    """Variance over poses of a commanded pose's mean error, m^2 or rad^2."""
+    within: float | None
+    """Variance of one repetition about the mean error of its pose."""
+    intraclass_correlation: float | None
+    """between / (between + within)"""
+    effective_poses: float | None
+    """Independent poses with the same uncertainty of the mean: n / (1 + (k - 1) ICC), k repetitions a pose."""
+    text: str
+    why: str | None = None
+
+
+def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStructure:
+    """Analyse the variance of errors ``(3, N)`` over commanded poses ``groups`` ``(N,)``, one-way random effects.
+
+    Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 3.6 (unequal numbers); effective
+    number by L. Kish, Survey Sampling (1965), 5.4.
+    """
+    n = errors.shape[1]
+    sizes = np.ones(n) if groups is None else np.bincount(groups).astype(float)
+    number = sizes.size
+    if groups is None or number in (1, n):
+        why = "no commanded pose was repeated"
+        text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
+        if number == 1 and n > 1:
+            why = "all rows are of one commanded pose"
+            text = f"{why}: the scatter is repeatability and does not describe other poses"
+        return PoseStructure(n, number, None, None, None, None, text, why)
+    centred = errors - np.mean(errors, axis=1)[:, None]
+    sums = np.stack([np.bincount(groups, weights=component) for component in centred])
+    explained = float(np.sum(np.sum(np.square(sums), axis=0) / sizes))
+    within = max(float(np.sum(np.square(centred))) - explained, 0.0) / (n - number)
+    # Kish's mean number of repetitions weights each pose by its number of rows.
+    mean_size = float(np.sum(np.square(sizes))) / n
+    between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
+    if between + within <= 0.0:
+        why = "the errors do not scatter"
+        return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
+    correlation = between / (between + within)
+    effective = n / (1.0 + (mean_size - 1.0) * correlation)
+    text = (
+        f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
+        f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
+    )
+    return PoseStructure(n, number, between, within, correlation, effective, text)
+
+
+# Statistics of errors, and their intervals.
+
+
+@dataclass(frozen=True, slots=True)
+class MatrixInterval:
+    """Confidence intervals of a covariance matrix, element by element (not for all elements at once)."""
+
+    lower: Array | None
+    upper: Array | None
+    """``(3, 3)`` each, m^2 or rad^2"""
+    confidence: float
+    method: str
+    why: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipsoid:
+    """Principal axes of the covariance about zero, longest first."""
+
+    axes: Array
+    """``(3, 3)``, unit vectors as columns, in the frame of the errors"""
+    sd: Array
+    """``(3,)`` principal standard deviations, m or rad"""
+    intervals: tuple[Interval, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Intervals:
+    """Intervals of the numbers of the same name in :class:`ErrorStatistics`."""
+
+    mean: tuple[Interval, ...]
+    covariance: MatrixInterval
+    centred_covariance: MatrixInterval
+    rms: Interval
+    mean_error: Interval
+    p95: Interval
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorStatistics:
+    """Statistics of N position or orientation errors, in m and m^2 or rad and rad^2."""
+
+    unit: Unit
+    n: int
+    n_poses: int
+    """Commanded poses: fewer than ``n`` where some were repeated."""
+    n_independent: float
+    """Poses that intervals count: commanded poses less the share of the frames that were fitted to them."""
+    confidence: float
+    mean: Array
+    """``(3,)``"""
+    covariance: Array
+    """``(3, 3)`` maximum likelihood about zero, divisor N: equation (13) or (14) of Wu and Lee"""
+    centred_covariance: Array
+    """``(3, 3)`` about the mean, divisor N"""
+    rms: float
+    """RMS of the error's length: the root of the covariance's trace. The next three are of the length too."""
+    mean_error: float
+    p95: float
+    """95th percentile of the sample, interpolated linearly at (N - 1) p: Hyndman and Fan's type 7, numpy's default."""
+    max: float
+    share_below_max: float
+    """Share of all poses whose error is below ``max`` with ``confidence``; ``max`` itself has no interval."""
+    intervals: Intervals
+    ellipsoid: Ellipsoid
+    radius95_zero_mean: EstimateOrReason
+    """Radius of the sphere about zero that contains 95 % of N(0, covariance)."""
+    radius95_fitted_mean: EstimateOrReason
+    """Radius of the sphere about zero that contains 95 % of N(mean, centred_covariance)."""
+    tests: AssumptionTests
+    structure: PoseStructure
+    assumption: str
+    """Assumptions of the intervals, and the reasons."""
+
+    def estimate(self, statistic: Statistic) -> tuple[float, Interval]:
+        """Return the value and interval of the named statistic of the error's length."""
+        if statistic == "max":
+            why = (
+                f"the largest error of all poses has no interval: with {100 * self.confidence:g} % confidence, "
+                f"{100 * self.share_below_max:.3g} % of poses are below the largest of these {self.n_poses}"
+            )
+            return self.max, Interval.missing(self.confidence, why)
+        return getattr(self, statistic), getattr(self.intervals, statistic)
+
 
 SIGNIFICANCE = 0.01
 """Significance level: an assumption with a smaller p-value is rejected."""
 FEWEST_FOR_MODEL = 10
 """Fewer poses cannot contradict a Gaussian, so no interval relies on its tail."""
 _BY_SHAPE = "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
+PROBABILITY = 0.95
+"""Share of poses within a radius, and level of the percentile."""
 
 
 @dataclass(frozen=True)
@@ -54,8 +318,6 @@ class _ErrorSample:
     """``(3, N)``"""
     sampling: PoseSampling
     tests: AssumptionTests
-    gaussian: bool
-    """The errors of the commanded poses look Gaussian, and no commanded pose was repeated."""
     shape: bool
     """The errors of the commanded poses look Gaussian."""
     zero_mean: bool
@@ -89,88 +351,174 @@ class _ErrorSample:
             # Without repetitions: the faster and exact case.
             groups = None if unique.size == n else index.astype(np.int64)
         sampling = PoseSampling(n, groups, draws, seed, share)
-        means = errors if groups is None else np.stack([sampling.sums(part) for part in errors]) / sampling.sizes
-        tests = assumption_tests(means)
-        shape_p_values = [test.p_value for test in (tests.skewness, tests.kurtosis)]
-        shape = all(p is None or p >= SIGNIFICANCE for p in shape_p_values)
-        zero_mean_p = tests.zero_mean.p_value
+        tests = assumption_tests(np.stack([sampling.sums(part) for part in errors]) / sampling.sizes)
+        p_values = [test.p_value for test in (tests.skewness, tests.kurtosis, tests.zero_mean)]
+        shape = all(p is None or p >= SIGNIFICANCE for p in p_values[:2])
         # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
-        zero_mean = sampling.n_groups <= 3 if zero_mean_p is None else zero_mean_p >= SIGNIFICANCE
+        zero_mean = sampling.n_groups <= 3 if p_values[2] is None else p_values[2] >= SIGNIFICANCE
         repeated = "commanded poses were repeated, and repetitions are not independent"
-        rejections = [
-            text
-            for holds, text in (
-                (shape, "the errors are not Gaussian (Mardia)"),
-                (zero_mean, "their mean is not zero (Hotelling)"),
-                (groups is None, repeated),
-            )
-            if not holds
-        ]
+        assumptions = (
+            (shape, "the errors are not Gaussian (Mardia)"),
+            (zero_mean, "their mean is not zero (Hotelling)"),
+            (groups is None, repeated),
+        )
+        rejections = [text for holds, text in assumptions if not holds]
         text = f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
         if rejections:
             text = f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
-        elif zero_mean_p is None or None in shape_p_values:
+        elif None in p_values:
             text = "errors assumed Gaussian with zero mean; the poses are too few to test it"
         mean = np.mean(errors, axis=1)
         centred = errors - mean[:, None]
         # A component that is equal in all errors becomes exactly zero, without rounding residue.
         low, high = np.min(errors, axis=1), np.max(errors, axis=1)
         centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
-        lengths = np.sqrt(np.einsum("in,in->n", errors, errors))
         moments = mean, second_moment(errors), centred, second_moment(centred)
-        return cls(errors, sampling, tests, shape and groups is None, shape, zero_mean, text, *moments, lengths)
+        lengths = np.sqrt(np.einsum("in,in->n", errors, errors))
+        return cls(errors, sampling, tests, shape, zero_mean, text, *moments, lengths)
 
-    def radius95(self, about_zero: bool, confidence: float) -> tuple[EstimateOrReason, LengthShape | None]:
-        """Return the radius of the Gaussian about zero or about the mean, and the shape of its lengths."""
-        if about_zero:
-            gaussian = self.gaussian and self.zero_mean
-            return radius95(self.errors, np.zeros(3), self.covariance, gaussian, self.sampling, confidence)
-        return radius95(self.errors, self.mean, self.centred_covariance, self.gaussian, self.sampling, confidence)
+    @property
+    def gaussian(self) -> bool:
+        """The errors of the commanded poses look Gaussian, and no commanded pose was repeated."""
+        return self.shape and self.sampling.groups is None
 
-    def mean_intervals(self, confidence: float) -> tuple[Interval, Interval, Interval]:
+    def mean_intervals(self, confidence: float) -> tuple[Interval, ...]:
         """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
-        n = self.sampling.n_independent
+        dof = self.sampling.n_independent - 1.0
         if self.sampling.too_few or not self.gaussian:
-            x, y, z = (self.sampling.mean_interval(part, confidence, positive=False) for part in self.errors)
-            return x, y, z
-        errors = np.sqrt(np.diag(self.centred_covariance) / (n - 1.0))
-        x, y, z = (
-            student_interval(*part, n - 1.0, confidence)
-            for part in zip(self.mean.tolist(), errors.tolist(), strict=True)
-        )
-        return x, y, z
+            return tuple(self.sampling.mean_interval(part, confidence, positive=False) for part in self.errors)
+        errors = np.sqrt(np.diag(self.centred_covariance) / dof)
+        parts = zip(self.mean.tolist(), errors.tolist(), strict=True)
+        return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
+
+    def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:
+        """Return intervals of the elements of the covariance about zero or about the mean."""
+        sampling, errors = self.sampling, self.errors if about_zero else self.centred
+        if (why := sampling.too_few) is not None:
+            return MatrixInterval(None, None, confidence, "none", why)
+        # Gaussian errors have N degrees of freedom about their known mean and N - 1 about the estimated one.
+        is_gaussian = self.gaussian and (self.zero_mean or not about_zero)
+        dof = sampling.n_independent - (not about_zero)
+        unbiased = self.covariance if about_zero else self.centred_covariance * sampling.n_independent / dof
+        limits, method = np.empty((2, 3, 3)), "Wishart (chi-square)"
+        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+            if not is_gaussian:
+                interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+            elif i == j:
+                interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
+                interval = sampling.cautious(interval, np.square(errors[i]), confidence)
+            else:
+                ends = covariance_element(unbiased[i, i], unbiased[j, j], unbiased[i, j], dof, confidence)
+                interval = Interval(*ends, None, confidence, method)
+            limits[:, i, j] = limits[:, j, i] = interval.lower, interval.upper
+        return MatrixInterval(limits[0], limits[1], confidence, interval.method)
+
+    def ellipsoid(self, confidence: float) -> Ellipsoid:
+        """Return the principal axes of the covariance about zero and intervals of the standard deviations along them.
+
+        Sampling separates the estimated variances of nearly equal axes, and no interval around either keeps its
+        confidence. Such axes share an interval, from the lower limit of the smallest to the upper limit of the largest;
+        it contains each with at least the confidence. The interval of a distinct axis is corrected for the bias of a
+        sample's principal variances, of which the smallest are too small and the largest too large (D. N. Lawley,
+        "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
+        """
+        sampling, n = self.sampling, self.sampling.n_independent
+        variances, axes = principal_axes(self.covariance)
+        if (why := sampling.too_few) is not None:
+            return Ellipsoid(axes, np.sqrt(variances), (Interval.missing(confidence, why),) * 3)
+        runs = [[0]]
+        for k in (1, 2):
+            large, small = float(variances[k - 1]), float(variances[k])
+            # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
+            apart = math.log(large / small) > _DISTINCT * math.sqrt(4.0 / n) if small > 0.0 else large > 0.0
+            runs = [*runs, [k]] if apart else [*runs[:-1], [*runs[-1], k]]
+        single = []
+        for k in range(3):
+            unbias = 1.0
+            # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
+            if [k] in runs and variances[k] > 0.0 and n >= 4:
+                others = np.delete(variances, k)
+                unbias = 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)
+            squares = unbias * np.square(axes[:, k] @ self.errors)
+            if self.gaussian and self.zero_mean:
+                own = chi2_interval(unbias * float(variances[k]), n, confidence, "chi-square along a principal axis")
+                single.append(sampling.cautious(own, squares, confidence))
+            else:
+                single.append(sampling.mean_interval(squares, confidence, positive=True))
+        intervals: list[Interval] = []
+        for run in runs:
+            first, last = single[run[0]], single[run[-1]]
+            if len(run) > 1:
+                method = f"{first.method}, shared by {len(run)} axes that are not distinguishable on these poses"
+                method += ", with at least the confidence"
+                first = Interval(last.lower, first.upper, first.upper_bound, confidence, method)
+            intervals += [first.root()] * len(run)
+        return Ellipsoid(axes, np.sqrt(variances), tuple(intervals))
+
+    def radius95(self, about_zero: bool, confidence: float) -> tuple[EstimateOrReason, Shape]:
+        """Return the radius about zero that contains 95 % of the fitted Gaussian, and the shape of its lengths.
+
+        The Gaussian is about zero or about the mean; the shape is None without scatter. Where the errors are not
+        Gaussian, the interval comes from resampling the poses' first-order influence on the squared radius; if frames
+        were fitted, it is the wider of both.
+        """
+        sampling, n = self.sampling, self.sampling.n_independent
+        fewest = 3 if about_zero else 4
+        if n < fewest:
+            why = f"{sampling.described}: scatter in three directions needs at least {fewest}"
+            return EstimateOrReason.missing(confidence, why), None
+        variances, axes = principal_axes(self.covariance if about_zero else self.centred_covariance)
+        along = np.zeros(3) if about_zero else axes.T @ self.mean
+        variances = np.where(variances > NIL * (variances[0] + along @ along), variances, 0.0)
+        radius = length_quantile(PROBABILITY, along, variances)
+        if not np.any(variances):
+            return EstimateOrReason(radius, Interval.exact(radius, confidence)), None
+        shrunk, interval = _shrunk_to_mean(variances, n), None
+        if self.gaussian and (self.zero_mean or not about_zero):
+            # The first-order variance of the squared radius over mean and covariance.
+            square = length_quantile(PROBABILITY, along, shrunk) ** 2
+            by_mean, by_covariance = squared_quantile_gradient(math.sqrt(square), along, shrunk)
+            weighted = by_covariance * shrunk
+            variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ shrunk)) / n
+            interval = chi2_interval(square, 2.0 * square**2 / variance, confidence, _METHOD)
+        if interval is None or sampling.share != 1.0:
+            by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
+            influence = np.empty(sampling.n)
+            for start in range(0, influence.size, BLOCK):
+                principal = axes.T @ self.errors[:, start : start + BLOCK] - along[:, None]
+                quadratic = np.einsum("in,in->n", principal, by_covariance @ principal)
+                influence[start : start + BLOCK] = quadratic + by_mean @ principal
+            influence += radius**2 - float(np.diag(by_covariance) @ variances)
+            resampled = sampling.mean_interval(influence, confidence, positive=True)
+            interval = resampled if interval is None else interval.wider(resampled)
+        return EstimateOrReason(radius, interval.root()), (along, shrunk)
 
     def length_intervals(
-        self, radius: EstimateOrReason, shape: LengthShape | None, confidence: float
-    ) -> dict[Statistic, Interval]:
+        self, radius: EstimateOrReason, shape: Shape, confidence: float
+    ) -> tuple[Interval, Interval, Interval]:
         """Return the intervals of RMS, mean and 95th percentile of the length.
 
         ``radius`` and ``shape`` are those of the Gaussian about zero if its mean is assumed to be zero, else about the
         mean.
         """
         sampling, squares = self.sampling, np.square(self.lengths)
-        if (why := sampling.too_few) is not None:
-            rms = Interval.missing(confidence, why)
-        elif self.gaussian and self.zero_mean:
-            rms = satterthwaite(self.covariance, sampling.n_independent, confidence)
-            rms = sampling.cautious(rms, squares, confidence).root()
+        if self.gaussian and self.zero_mean and sampling.too_few is None:
+            own = satterthwaite(self.covariance, sampling.n_independent, confidence)
+            rms = sampling.cautious(own, squares, confidence)
         else:
-            rms = sampling.mean_interval(squares, confidence, positive=True).root()
-        return {
-            "rms": rms,
-            "mean_error": sampling.mean_interval(self.lengths, confidence, positive=True),
-            "p95": self._p95_interval(radius, shape, confidence),
-        }
+            rms = sampling.mean_interval(squares, confidence, positive=True)
+        mean = sampling.mean_interval(self.lengths, confidence, positive=True)
+        return rms.root(), mean, self._p95_interval(radius, shape, confidence)
 
-    def _p95_interval(self, radius: EstimateOrReason, shape: LengthShape | None, confidence: float) -> Interval:
+    def _p95_interval(self, radius: EstimateOrReason, shape: Shape, confidence: float) -> Interval:
         """Return the interval of the 95th percentile: order statistics if there are enough poses, else by the shape.
 
         Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only,
-        not its scale; see :mod:`robacc.statistics.quadratic_form`.
+        not its scale; see :mod:`robacc.statistics.lengths`.
         """
         sampling, lengths = self.sampling, self.lengths
         n = int(sampling.n_independent)
-        levels = percentile_levels(n, 0.95, confidence)
+        levels = percentile_levels(n, PROBABILITY, confidence)
         # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
         by_model = levels[1] is None and self.shape and n >= FEWEST_FOR_MODEL
         if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
@@ -180,12 +528,14 @@ class _ErrorSample:
         # Lengths beyond the sample: scaled to the fitted Gaussian, shaped like the sample's squares.
         variance = float(np.var(np.square(lengths)))
         dof = 2.0 * float(np.mean(np.square(lengths))) ** 2 / variance if variance > 0.0 else None
-        curve = PercentileCurve(lengths, n, 0.95, radius.interval.curve, radius.value, dof, by_model)
+        curve = PercentileCurve(lengths, n, PROBABILITY, radius.interval.curve, radius.value, dof, by_model)
         if by_model and shape is not None:
-            scaled = ScaledPercentileCurve.of(percentile95(lengths), n, 0.95, shape)
-            return dataclasses.replace(
-                scaled.interval(confidence, _BY_SHAPE), curve=dataclasses.replace(curve, model=scaled)
+            model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
+            curve = dataclasses.replace(curve, model=model)
+            by_shape = (
+                "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
             )
+            return dataclasses.replace(model.interval(confidence, by_shape), curve=curve)
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
         limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
         lower, upper, bound = (None if level is None else next(limits) for level in levels)
@@ -194,11 +544,6 @@ class _ErrorSample:
         if sampling.groups is not None:
             method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
         return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
-
-
-def percentile95(lengths: Array) -> float:
-    """Return the sample's 95th percentile, linear between order statistics (Hyndman and Fan's type 7)."""
-    return interpolated(lengths, [0.95 * (lengths.size - 1)])[0]
 
 
 def error_statistics(
@@ -228,34 +573,29 @@ def error_statistics(
         ValueError: The shape of ``errors`` or ``groups`` is wrong.
     """
     sample = _ErrorSample.of(errors, groups, share, bootstrap, seed)
-    sampling, n = sample.sampling, sample.sampling.n_independent
-    dof = n if sample.gaussian and sample.zero_mean else None
-    dof_centred = n - 1.0 if sample.gaussian else None
+    sampling = sample.sampling
     about_zero, about_mean = (sample.radius95(zero, confidence) for zero in (True, False))
-    by_length = sample.length_intervals(*(about_zero if sample.zero_mean else about_mean), confidence)
     return ErrorStatistics(
         unit=unit,
         n=sampling.n,
         n_poses=sampling.n_groups,
-        n_independent=n,
+        n_independent=sampling.n_independent,
         confidence=confidence,
         mean=sample.mean,
         covariance=sample.covariance,
         centred_covariance=sample.centred_covariance,
         rms=float(np.sqrt(np.trace(sample.covariance))),
         mean_error=float(np.mean(sample.lengths)),
-        p95=percentile95(sample.lengths),
+        p95=quantiles(sample.lengths, [PROBABILITY])[0],
         max=float(np.max(sample.lengths)),
-        share_below_max=(1.0 - confidence) ** (1.0 / n),  # Wilks, as for a gate's largest error
+        share_below_max=(1.0 - confidence) ** (1.0 / sampling.n_independent),  # Wilks, as for a gate's largest error
         intervals=Intervals(
             sample.mean_intervals(confidence),
-            matrix_interval(sample.errors, sample.covariance, dof, sampling, confidence),
-            matrix_interval(sample.centred, sample.centred_covariance, dof_centred, sampling, confidence),
-            by_length["rms"],
-            by_length["mean_error"],
-            by_length["p95"],
+            sample.matrix_interval(True, confidence),
+            sample.matrix_interval(False, confidence),
+            *sample.length_intervals(*(about_zero if sample.zero_mean else about_mean), confidence),
         ),
-        ellipsoid=ellipsoid(sample.errors, sample.covariance, dof is not None, sampling, confidence),
+        ellipsoid=sample.ellipsoid(confidence),
         radius95_zero_mean=about_zero[0],
         radius95_fitted_mean=about_mean[0],
         tests=sample.tests,
@@ -275,22 +615,56 @@ def length_intervals(
 ) -> tuple[Mapping[Statistic, Interval], ...]:
     """Return the intervals of the error's length alone, at each of ``confidences``.
 
-    They are those of :func:`error_statistics`.
-
-    Args:
-        errors: ``(3, N)``, as in :func:`error_statistics`.
-        confidences: Confidences of the intervals, between 0 and 1.
-        groups: As in :func:`error_statistics`.
-        share: As in :func:`error_statistics`.
-        bootstrap: As in :func:`error_statistics`.
-        seed: As in :func:`error_statistics`.
-
-    Raises:
-        InputError: There are no errors, or some are not finite.
-        ValueError: The shape of ``errors`` or ``groups`` is wrong.
+    They are those of :func:`error_statistics`, whose arguments and errors these are.
     """
     sample = _ErrorSample.of(errors, groups, share, bootstrap, seed)
+    names: tuple[Statistic, ...] = ("rms", "mean_error", "p95")
     return tuple(
-        sample.length_intervals(*sample.radius95(sample.zero_mean, confidence), confidence)
-        for confidence in confidences
+        dict(zip(names, sample.length_intervals(*sample.radius95(sample.zero_mean, c), c), strict=True))
+        for c in confidences
     )
+
+
+# Effective degrees of freedom of a sum of variances.
+
+_METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
+_DISTINCT = 2.5
+"""Standard errors by which the logarithms of two neighbouring principal variances must differ to count as distinct."""
+
+
+def satterthwaite(covariance: Array, n: float, confidence: float) -> Interval:
+    """Return the interval of the mean squared length of Gaussian errors with zero mean, of ``n`` independent poses.
+
+    n rms^2 is a sum of chi-squares weighted by the principal variances; a chi-square with (tr V)^2 n / tr(V^2)
+    degrees of freedom has its mean and variance. (tr V)^2 and tr(V^2) are estimated without the bias of a sample's
+    traces, which at ten poses is a quarter of the second.
+
+    Source: F. E. Satterthwaite, "An approximate distribution of estimates of variance components", Biometrics
+    Bulletin 2, 1946; moments of the Wishart distribution as in R. J. Muirhead (1982), 3.2.
+    """
+    trace = float(np.trace(covariance))
+    if trace == 0.0:
+        return Interval.exact(0.0, confidence)
+    dof = n / _concentration(float(np.sum(np.square(covariance))) / trace**2, n)
+    return chi2_interval(trace, dof, confidence, _METHOD)
+
+
+def _concentration(ratio: float, n: float) -> float:
+    """Estimate tr(S^2) / (tr S)^2, from 1/3 (equal axes) to 1 (one direction), from the ``ratio`` of the sample.
+
+    For nV ~ W(n, S): E[(tr V)^2] = t + 2 s / n and E[tr(V^2)] = (1 + 1/n) s + t / n, with t = (tr S)^2, s = tr(S^2).
+    """
+    s = (n * ratio - 1.0) / (n + 1.0 - 2.0 / n)
+    return min(max(s / (1.0 - 2.0 * s / n), 1.0 / 3.0), 1.0)
+
+
+def _shrunk_to_mean(variances: Array, n: float) -> Array:
+    """Shrink principal variances towards their mean by the dispersion that sampling n poses adds; the sum stays.
+
+    A radius grows as the same trace goes into fewer axes, so a sample's own radius is too large for equal axes.
+    """
+    mean = float(np.mean(variances))
+    ratio = float(np.sum(np.square(variances))) / (3.0 * mean) ** 2
+    dispersion = ratio - 1.0 / 3.0
+    shrink = min((_concentration(ratio, n) - 1.0 / 3.0) / dispersion, 1.0) ** 0.5 if dispersion > 0.0 else 1.0
+    return np.asarray(mean + shrink * (variances - mean))

@@ -1,41 +1,217 @@
-"""Accuracy of measured poses: registration, errors, statistics and grade.
+"""Accuracy of measured poses: errors by (3)-(5) of Wu and Lee, their metrics and axes, registration, and the estimate.
 
-:mod:`robacc.accuracy.pose_errors` computes the error of each pose, :mod:`robacc.accuracy.error_statistics` the
-statistics.
+Source: C. H. Wu and C. C. Lee, "Estimation of the Accuracy of a Robot Manipulator" (IEEE TAC, 1985). Their attained
+pose is T + dT = T (I + δT) with δT built of the translation d and the rotation δ in the target's frame, to first order.
+Here, with T_c = [R_c p_c] commanded and T_a = [R_a p_a] attained in the measuring frame,
+
+    frame "tool":  d = R_c^T (p_a - p_c),  δ = log(R_c^T R_a)
+    frame "base":  d = p_a - p_c,          δ = log(R_a R_c^T)
+
+and log is the exact rotation vector, so that large errors are exact too. "tool" gives both in the axes of the
+commanded target, "base" in those of the measuring frame.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from functools import cache, partial
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.accuracy.pose_errors import (
-    Commanded,
-    CommandSource,
-    ErrorFrame,
-    PoseErrors,
-    commanded_poses,
-    lengths,
-    pose_errors,
-    pose_metrics,
-    registered_poses,
-)
-from robacc.errors import InputError, Note, RobaccError, UsageError
+from robacc.errors import InputError, Note, Problem, RobaccError, UsageError
 from robacc.fitting.outliers import inlier_mask
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
-from robacc.statistics.records import ErrorStatistics, Unit
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics, PoseMetrics
     from robacc.fitting.registration import Alignment
+
+
+# RMS, mean, 95th percentile and maximum of the error's length: the metrics that every comparison uses.
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorMetrics:
+    """Metrics of the error's length over poses, m or rad."""
+
+    rms: float
+    mean: float
+    p95: float
+    """Interpolated linearly between order statistics."""
+    max: float
+
+
+@dataclass(frozen=True, slots=True)
+class PoseMetrics:
+    """Metrics of position and, where it was measured, of orientation."""
+
+    position: ErrorMetrics
+    orientation: ErrorMetrics | None
+
+
+def pose_metrics(residual: Array) -> PoseMetrics:
+    """Return the metrics of residuals ``(3 or 6, N)`` in m and rad."""
+    orientation = length_metrics(lengths(residual[3:])) if residual.shape[0] == 6 else None
+    return PoseMetrics(length_metrics(lengths(residual[:3])), orientation)
+
+
+def length_metrics(length: Array) -> ErrorMetrics:
+    """Return the metrics of lengths ``(N,)``, m or rad; NaN without any."""
+    own = length if length.size else np.full(1, np.nan)
+    figures = np.sqrt(np.mean(np.square(own))), np.mean(own), np.percentile(own, 95.0), np.max(own)
+    return ErrorMetrics(*map(float, figures))
+
+
+ErrorFrame = Literal["tool", "base"]
+CommandSource = Literal["robot", "file"]
+
+_BLOCK = 16384
+"""Poses per block: the working arrays of a block stay in the cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Commanded:
+    """Commanded poses of the target, computed block by block so that a million poses never fill the memory."""
+
+    source: CommandSource
+    """The robot model at the commanded joints, or the ``cmd_`` columns."""
+    oriented: bool
+    """An orientation was commanded, not only a position."""
+    block: Callable[[slice], tuple[Array, Array | None]]
+    """Positions ``(3, n)`` in the measuring frame, m, and rotations ``(3, 3, n)`` of a slice of the poses."""
+
+    @classmethod
+    def at(cls, position: Array, rotation: Array | None, source: CommandSource) -> Commanded:
+        """Return the commanded poses of given positions ``(3, N)`` and rotations ``(3, 3, N)``."""
+        return cls(
+            source, rotation is not None, lambda b: (position[:, b], None if rotation is None else rotation[..., b])
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PoseErrors:
+    """Error vectors of all poses."""
+
+    frame: ErrorFrame
+    position: Array
+    """``(3, N)`` d, m."""
+    rotation: Array | None
+    """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is unknown."""
+
+    def metrics(self) -> PoseMetrics:
+        """Return RMS, mean, 95th percentile and maximum of the lengths."""
+        return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
+
+
+def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
+    """Return the commanded poses: predicted by ``robot`` if given, else from the file.
+
+    Raises:
+        UsageError: There are neither a robot nor commanded poses.
+        InputError: There is a robot, but the data have no joint variables.
+    """
+    if robot is not None:
+        if data.q is None:
+            fix = "add the commanded joints q1, q2, …"
+            if data.commanded_position is not None:
+                fix += ", or omit `robot` to use the cmd_ columns of the file"
+            raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
+        return _predicted(robot, data, data.q)
+    if data.commanded_position is None:
+        ways = "`robot`" if data.q is not None else "`commanded`, a robot program or a table of joints or poses"
+        raise UsageError(f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z")
+    return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
+
+
+def registered_poses(data: Measurements, robot: Robot | None, alignment: Alignment | None) -> Commanded:
+    """Return the commanded poses after an alignment, or those of :func:`commanded_poses` without."""
+    if alignment is None:
+        return commanded_poses(data, robot)
+    oriented = robot is not None or data.commanded_rotation is not None
+    poses = alignment.commanded
+    return Commanded.at(poses.translation, poses.rotation if oriented else None, "file" if robot is None else "robot")
+
+
+def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
+    if not robot.effects and not robot.targets and len(q) == len(robot.variables):
+        # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
+        from robacc.robots.arm import build_chain
+
+        chain = build_chain(robot)
+
+        def block(part: slice) -> tuple[Array, Array]:
+            poses = chain.forward(q[:, part])
+            return poses.translation, poses.rotation
+
+        return Commanded("robot", True, block)
+    from robacc.modelling.model import predict
+
+    poses = predict(robot, data)
+    return Commanded.at(poses.translation, poses.rotation, "robot")
+
+
+def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:
+    """Compute equations (3)-(5) in ``frame``, as written at the top of this module.
+
+    Raises:
+        UsageError: The frame is "tool", but no orientation was commanded.
+    """
+    if frame == "tool" and not commanded.oriented:
+        raise UsageError(
+            "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
+        )
+    position = np.empty((3, data.n))
+    rotation = np.empty((3, data.n)) if data.rotation is not None and commanded.oriented else None
+    for start in range(0, data.n, _BLOCK):
+        block = slice(start, start + _BLOCK)
+        target, turn = commanded.block(block)
+        difference = data.position[:, block] - target
+        position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
+        if rotation is not None and data.rotation is not None and turn is not None:
+            attained = data.rotation[..., block]
+            pair = (transpose(turn), transpose(attained)) if frame == "tool" else (attained, turn)
+            rotation[:, block] = log_between(*pair)
+    return PoseErrors(frame, position, rotation)
+
+
+def lengths(errors: Array) -> Array:
+    """Return the lengths ``(N,)`` of errors ``(3, N)``."""
+    return np.asarray(np.sqrt(np.einsum("in,in->n", errors, errors)))
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStatistics:
+    """Position errors in one frame, their mean and covariance.
+
+    A cloud that is round in one frame may be long in the other: errors of the tool turn with the tool, errors of the
+    base stay fixed in the room.
+    """
+
+    errors: Array
+    """``(3, N)`` m"""
+    mean: Array
+    """``(3,)`` m"""
+    covariance: Array
+    """``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee (1985), m²."""
+    centred: Array
+    """``(3, 3)`` about the mean, divisor N, m²."""
+
+
+def position_statistics(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, FrameStatistics]:
+    """Return the statistics in the measuring frame, and in the tool's where a commanded orientation is known."""
+    frames: tuple[ErrorFrame, ...] = ("tool", "base") if commanded.oriented else ("base",)
+    statistics = {}
+    for frame in frames:
+        errors = pose_errors(data, commanded, frame).position
+        mean, covariance = errors.mean(axis=1), errors @ errors.T / data.n
+        statistics[frame] = FrameStatistics(errors, mean, covariance, covariance - np.outer(mean, mean))
+    return statistics
 
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.
@@ -100,17 +276,15 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
     return ()
 
 
-def unregistered_warning(registered: bool) -> str:
-    """Return the warning of errors that are too large for an arm."""
-    if registered:
-        return (
-            "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each "
-            "row has its own command, and that the axes are right-handed"
-        )
-    return (
-        "the errors are too large for an arm and suggest frames that are not registered; register the frames with "
-        '`align="base_frame,tool_frame"`'
-    )
+UNREGISTERED = (
+    "the errors are too large for an arm and suggest frames that are not registered; register the frames with "
+    '`align="base_frame,tool_frame"`'
+)
+TOO_LARGE = (
+    "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each row has "
+    "its own command, and that the axes are right-handed"
+)
+"""Warnings of errors that are too large for an arm, before a registration and after it."""
 
 
 def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
@@ -230,15 +404,17 @@ def estimate(
         alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
         commanded = registered_poses(data, robot, alignment)
         errors = pose_errors(data, commanded, chosen)
-    repetitions = data.repetitions()
+    repetitions, share = data.repetitions(), 1.0 if alignment is None else alignment.share
     groups = None if repetitions is None else repetitions.repeated
-    share = 1.0 if alignment is None else alignment.share
-    position, orientation = _statistics(groups, errors, share, confidence, seed)
+
+    @cache
+    def statistics(level: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
+        of = partial(error_statistics, groups=groups, share=share, confidence=level, seed=seed)
+        return of(errors.position, "m"), None if errors.rotation is None else of(errors.rotation, "rad")
+
     scale = scale or default_scale()
-    graded = position, orientation
-    if scale.confidence != confidence:
-        # The scale has its own confidence; the reported statistics keep the requested confidence.
-        graded = _statistics(groups, errors, share, scale.confidence, seed)
+    # The scale has its own confidence; the reported statistics keep the requested confidence.
+    (position, orientation), graded = statistics(confidence), statistics(scale.confidence)
     names = () if data.target is None else np.unique(data.target)
     rows_of = {str(name): errors.position[:, data.target == name] for name in names}
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
@@ -264,15 +440,6 @@ def estimate(
     )
 
 
-def _statistics(
-    groups: NDArray[np.int64] | None, errors: PoseErrors, share: float, confidence: float, seed: int
-) -> tuple[ErrorStatistics, ErrorStatistics | None]:
-    def statistics(vectors: Array, unit: Unit) -> ErrorStatistics:
-        return error_statistics(vectors, unit, groups=groups, share=share, confidence=confidence, seed=seed)
-
-    return statistics(errors.position, "m"), None if errors.rotation is None else statistics(errors.rotation, "rad")
-
-
 def check_confidence(confidence: float) -> None:
     """Raise UsageError if the confidence is not in [0.5, 1)."""
     if not 0.5 <= confidence < 1.0:
@@ -281,12 +448,8 @@ def check_confidence(confidence: float) -> None:
 
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
     """Return the poses with the longest ``vectors`` ``(3, N)``, descending; equal lengths in the order of rows."""
-    size = lengths(vectors)
-    candidates = np.arange(size.size)
-    if size.size > N_WORST:
-        # All poses that reach the last listed length, so that the choice among ties does not depend on the sort.
-        candidates = np.flatnonzero(size >= np.partition(size, -N_WORST)[-N_WORST])
-    order = candidates[np.argsort(-size[candidates], kind="stable")][:N_WORST]
+    # A stable sort, so that the choice among ties does not depend on it.
+    order = np.argsort(-lengths(vectors), kind="stable")[:N_WORST]
     position = lengths(errors.position[:, order])
     orientation = [None] * order.size if errors.rotation is None else lengths(errors.rotation[:, order]).tolist()
     return tuple(
@@ -310,26 +473,30 @@ def _notes(
     commanded: Commanded,
     alignment: Alignment | None,
 ) -> tuple[str, ...]:
-    notes = []
-    if requested is None and frame == "base":
-        notes.append("no orientation was commanded, so the errors are in the measuring frame")
-    if data.rotation is None:
-        notes.append("no orientation was measured, so there are no orientation errors")
-    elif not commanded.oriented:
-        notes.append("no orientation was commanded, so there are no orientation errors")
-    if robot is not None and robot.effects:
-        names = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)
-        notes.append(f"effects of the robot file are applied: {', '.join(names)}")
+    effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
+    missing = "measured" if data.rotation is None else "commanded"
+    notes = (
+        (
+            requested is None and frame == "base",
+            "no orientation was commanded, so the errors are in the measuring frame",
+        ),
+        (
+            data.rotation is None or not commanded.oriented,
+            f"no orientation was {missing}, so there are no orientation errors",
+        ),
+        (bool(effects), f"effects of the robot file are applied: {', '.join(effects)}"),
+    )
+    texts = [note for applies, note in notes if applies]
     if alignment is not None:
-        notes.append(
+        texts += [
             f"{alignment.n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
-            "that with the frames registered to the other poses"
-        )
-        notes.extend(alignment.notes)
+            "that with the frames registered to the other poses",
+            *alignment.notes,
+        ]
     if data.sigma_position is not None:
         sigma = rms_length(data.sigma_position) * 1e3
-        notes.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
-    return tuple(notes)
+        texts.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
+    return tuple(texts)
 
 
 def _moves(data: Measurements) -> bool:
@@ -342,29 +509,31 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
     near, size = _near(errors.position), lengths(errors.position)
     usual, beyond = rms_length(errors.position[:, near]), np.flatnonzero(~near)
-    if beyond.size:
-        largest = beyond[np.argsort(-size[beyond])][:N_WORST]
-        named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
-        more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
-        return (
-            f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
-            "them: check these readings and their commands",
-        )
+    largest = beyond[np.argsort(-size[beyond])][:N_WORST]
+    named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
+    more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
     turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
-    if not (far or turned):
-        return ()
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
-    if far and outside:
-        return (
+    trace = "" if data.q is None else "; a trace names the probable mistake"
+    causes = (
+        (
+            beyond.size > 0,
+            f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
+            "them: check these readings and their commands",
+        ),
+        (not (far or turned), ""),
+        (
+            far and bool(outside),
             f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
-        )
-    if alignment is None:
-        return (unregistered_warning(registered=False),)
-    warning = unregistered_warning(registered=True)
-    if not far:
-        warning = (
+        ),
+        (alignment is None, UNREGISTERED),
+        (far, f"{TOO_LARGE}{trace}"),
+        (
+            True,
             "the positions agree, but the orientation errors are too large for an arm: check the order of the "
-            "quaternion or the convention of the angles"
-        )
-    return (f"{warning}{'' if data.q is None else '; a trace names the probable mistake'}",)
+            f"quaternion or the convention of the angles{trace}",
+        ),
+    )
+    cause = next(text for applies, text in causes if applies)
+    return (cause,) if cause else ()

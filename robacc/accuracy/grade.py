@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast, get_args
 
+from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import UsageError
 from robacc.quantities import UNITS
-from robacc.statistics.intervals import Interval
-from robacc.statistics.records import ErrorStatistics, Statistic, Unit
+from robacc.statistics.intervals import Interval, largest_known
 
 if TYPE_CHECKING:
     import yaml
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 Quantity = Literal["position", "orientation"]
 
 VERSION = "1"
-STATISTICS: tuple[str, ...] = get_args(Statistic)
 _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
 _STEP_KEYS = ("grade", "position", "orientation")
 
@@ -94,35 +93,32 @@ def load_scale(text: str, file: str) -> Scale:
 
 
 def _scale_of(root: yaml.Node | None, file: str) -> Scale:
+    """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
     from robacc.io.yaml_nodes import Source
 
-    source = Source(file)
-    top = None if root is None else source.section(root, "", _KEYS)
-    scale = None if top is None else _read_scale(top)
+    source, scale = Source(file), None
+    if root is not None and (top := source.section(root, "", _KEYS)) is not None:
+        _text(top, "robacc", (VERSION,))
+        confidence = _positive(top, "confidence")
+        if confidence < 0.5 or confidence >= 1.0:
+            message = f"found {confidence:g}, expected at least 0.5 and less than 1"
+            source.report(top.values["confidence"], "confidence", message)
+        if (node := top.get("units")) is None:
+            source.report(top.node, "units", "is missing", "add it, for example units: {length: mm, angle: deg}")
+        section = None if node is None else source.section(node, "units", tuple(UNITS))
+        factors = [
+            1.0 if section is None else sizes.get(_text(section, key, sizes), 1.0) for key, sizes in UNITS.items()
+        ]
+        steps = tuple(_read_steps(top, *factors))
+        otherwise = _text(top, "otherwise")
+        if otherwise in [step.grade for step in steps]:
+            message = f"{otherwise!r} is also the grade of a step"
+            source.report(top.values["otherwise"], "otherwise", message, "choose another name")
+        statistic = cast("Statistic", _text(top, "statistic", get_args(Statistic)))
+        scale = Scale(_text(top, "name"), statistic, confidence, steps, otherwise)
     source.finish()
     assert scale is not None  # else there is a problem
     return scale
-
-
-def _read_scale(top: YamlSection) -> Scale:
-    """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
-    source = top.source
-    _text(top, "robacc", (VERSION,))
-    confidence = _positive(top, "confidence")
-    if confidence < 0.5 or confidence >= 1.0:
-        message = f"found {confidence:g}, expected at least 0.5 and less than 1"
-        source.report(top.values["confidence"], "confidence", message)
-    if (node := top.get("units")) is None:
-        source.report(top.node, "units", "is missing", "add it, for example units: {length: mm, angle: deg}")
-    section = None if node is None else source.section(node, "units", tuple(UNITS))
-    factors = [1.0 if section is None else sizes.get(_text(section, key, sizes), 1.0) for key, sizes in UNITS.items()]
-    steps = tuple(_read_steps(top, *factors))
-    otherwise = _text(top, "otherwise")
-    if otherwise in [step.grade for step in steps]:
-        message = f"{otherwise!r} is also the grade of a step"
-        source.report(top.values["otherwise"], "otherwise", message, "choose another name")
-    statistic = cast("Statistic", _text(top, "statistic", STATISTICS))
-    return Scale(_text(top, "name"), statistic, confidence, steps, otherwise)
 
 
 def _read_steps(top: YamlSection, length: float, angle: float) -> list[GradeStep]:
@@ -140,17 +136,31 @@ def _read_steps(top: YamlSection, length: float, angle: float) -> list[GradeStep
         step = GradeStep(_text(section, "grade"), _positive(section, "position") * length, orientation)
         if step.grade and step.grade in [earlier.grade for earlier in steps]:
             source.report(item, section.at("grade"), f"the grade {step.grade!r} is listed twice")
-        if steps:
-            better, fix = steps[-1], "list the best grade first"
-            if step.position <= better.position:
-                message = f"the limit is not wider than that of grade {better.grade}"
-                source.report(item, section.at("position"), message, fix)
-            if orientation is not None and better.orientation is None:
-                message = f"the better grade {better.grade} has no limit of orientation"
-                source.report(item, section.at("orientation"), message)
-            elif orientation is not None and orientation < (better.orientation or 0.0):
-                message = f"the limit is narrower than that of grade {better.grade}"
-                source.report(item, section.at("orientation"), message, fix)
+        better = steps[-1] if steps else GradeStep("", -math.inf, 0.0)
+        has_limit, wider = better.orientation is not None, "list the best grade first"
+        contradictions = (
+            (
+                step.position <= better.position,
+                "position",
+                f"the limit is not wider than that of grade {better.grade}",
+                wider,
+            ),
+            (
+                orientation is not None and not has_limit,
+                "orientation",
+                f"the better grade {better.grade} has no limit of orientation",
+                None,
+            ),
+            (
+                orientation is not None and orientation < (better.orientation or 0.0),
+                "orientation",
+                f"the limit is narrower than that of grade {better.grade}",
+                wider,
+            ),
+        )
+        for applies, key, message, fix in contradictions:
+            if applies:
+                source.report(item, section.at(key), message, fix)
         steps.append(step)
     return steps
 
@@ -214,7 +224,7 @@ class Grade:
     The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed
     where the one-sided upper confidence bound of that statistic meets the grade's limits too: few poses can reach a
     grade without confirming it. The probability of each grade is the confidence between its limits and those of the
-    next better grade (:mod:`robacc.statistics.confidence_curves`), so a confirmed grade or a better one has at least
+    next better grade (:mod:`robacc.statistics.intervals`), so a confirmed grade or a better one has at least
     the scale's confidence.
     """
 
@@ -306,55 +316,50 @@ class Grade:
         """
         if rank == len(self.scale.steps):
             return None
-        largest = 0
-        for name, quantity in self.quantities.items():
-            limit = self.scale.steps[rank].limit(name)
-            if limit is None:
-                continue
-            bound, curve = quantity.interval.upper_bound, quantity.interval.curve
-            needed: int | None = quantity.n_poses + 1
-            if bound is None or bound > limit:
-                needed = None if curve is None else curve.poses_for(limit, self.scale.confidence, quantity.n_poses)
-            if needed is None:
-                return None
-            largest = max(largest, needed, quantity.n_poses + 1)
-        return largest
+        needed: list[int | None] = []
+        for name, own in self.quantities.items():
+            bound, curve, limit = own.interval.upper_bound, own.interval.curve, self.scale.steps[rank].limit(name)
+            if limit is not None:
+                needed.append(own.n_poses + 1)
+            if limit is not None and (bound is None or bound > limit):
+                needed.append(None if curve is None else curve.poses_for(limit, self.scale.confidence, own.n_poses))
+        return largest_known(needed)
 
     @property
     def reason(self) -> str:
         """Estimates, their limits, the next better grade and the confirmation, in sentences."""
-        scale, following = self.scale, self.next
-        sentences = ["; ".join(self._estimate(name, quantity) for name, quantity in self.quantities.items())]
+        scale, following, own = self.scale, self.next, self.quantities
+        sentences = ["; ".join(self._estimate(name, quantity) for name, quantity in own.items())]
         if self.orientation is None:
             sentences.append("orientation was not measured, so the grade covers position only")
         if following is not None:
-            excesses = zip(self.quantities.items(), (following.position, following.orientation), strict=False)
-            missing = [f"{_amount(excess, own.unit)} less in {name}" for (name, own), excess in excesses if excess]
+            excesses = zip(own, (following.position, following.orientation), strict=False)
+            missing = [f"{_amount(excess, own[name].unit)} less in {name}" for name, excess in excesses if excess]
             limited_by = " and ".join(self.limited_by)
             sentences.append(f"limited by {limited_by}: grade {following.grade} needs {' and '.join(missing)}")
         at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
-        bounds = ", ".join(
-            f"{name} {_amount(bound, own.unit)}"
-            for name, own in self.quantities.items()
-            if (bound := own.interval.upper_bound) is not None
+        known = [(name, quantity.interval.upper_bound, quantity.unit) for name, quantity in own.items()]
+        bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
+        unbounded = [f"{name} has no upper bound ({quantity.why})" for name, quantity in own.items() if quantity.why]
+        best = f"grade {self.demonstrated_grade} is confirmed" if self.demonstrated_grade else "no grade is confirmed"
+        confirmations = (
+            (self.demonstrated, f"{at_confidence}: the upper bound is within the limit ({bounds})"),
+            (bool(unbounded), f"not {at_confidence}: {'; '.join(unbounded)}"),
+            (self.rank == len(scale.steps), "no step of the scale is met, so no grade can be confirmed"),
+            (True, f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}"),
         )
-        unbounded = [f"{name} has no upper bound ({own.why})" for name, own in self.quantities.items() if own.why]
-        if self.demonstrated:
-            sentences.append(f"{at_confidence}: the upper bound is within the limit ({bounds})")
-        elif unbounded:
-            sentences.append(f"not {at_confidence}: {'; '.join(unbounded)}")
-        elif self.rank == len(scale.steps):
-            sentences.append("no step of the scale is met, so no grade can be confirmed")
-        else:
-            best = (
-                f"grade {self.demonstrated_grade} is confirmed" if self.demonstrated_grade else "no grade is confirmed"
-            )
-            sentences.append(f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}")
-        return ". ".join(sentences)
+        return ". ".join([*sentences, next(text for applies, text in confirmations if applies)])
 
     def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
         limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]
-        text = f"{name}: {_NAMES[self.scale.statistic]} {_beside(quantity.value, limits, quantity.unit)}"
+        # More digits where rounding would move the value onto or over a limit.
+        factor, digits = _FACTORS[quantity.unit], 3
+        while digits < _MOST_DIGITS and not all(
+            (float(f"{factor * quantity.value:.{digits}g}") > factor * limit * (1 + 1e-12)) == (quantity.value > limit)
+            for limit in limits
+        ):
+            digits += 1
+        text = f"{name}: {_NAMES[self.scale.statistic]} {_amount(quantity.value, quantity.unit, digits)}"
         if quantity.limit is not None:
             return f"{text}, within {_amount(quantity.limit, quantity.unit)}"
         if self.rank < len(self.scale.steps) or name not in self.limited_by:
@@ -383,25 +388,14 @@ _NAMES: dict[Statistic, str] = {
     "p95": "95th percentile of the error",
     "max": "largest error",
 }
-_DIGITS = 3
+_FACTORS: dict[Unit, float] = {"m": 1e3, "rad": math.degrees(1.0)}
 _MOST_DIGITS = 6
 
 
-def _beside(value: float, limits: Sequence[float], unit: Unit) -> str:
-    """Format as :func:`_amount`, with more digits where rounding would move the value onto or over a limit."""
-    factor = 1e3 if unit == "m" else math.degrees(1.0)
-    for digits in range(_DIGITS, _MOST_DIGITS):
-        rounded = float(f"{factor * value:.{digits}g}")
-        if all((rounded > factor * limit * (1 + 1e-12)) == (value > limit) for limit in limits):
-            return _amount(value, unit, digits)
-    return _amount(value, unit, _MOST_DIGITS)
-
-
-def _amount(value: float, unit: Unit, digits: int = _DIGITS) -> str:
+def _amount(value: float, unit: Unit, digits: int = 3) -> str:
     """Format in mm or degrees, with three significant digits unless more are asked for."""
-    shown = 1e3 * value if unit == "m" else math.degrees(value)
     # Without an exponent for errors of metres.
-    return f"{float(f'{shown:.{digits}g}'):.{max(digits, 6)}g}{' mm' if unit == 'm' else '°'}"
+    return f"{float(f'{_FACTORS[unit] * value:.{digits}g}'):.{max(digits, 6)}g}{' mm' if unit == 'm' else '°'}"
 
 
 def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale: Scale) -> Grade:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.pose_errors import PoseMetrics, pose_metrics
+from robacc.accuracy.estimation import PoseMetrics, pose_metrics
 from robacc.effects.base import Effect, effect_class
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options

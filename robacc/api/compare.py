@@ -24,7 +24,7 @@ from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
-from robacc.comparison.reading import ComparedResult, read_compared_result
+from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.envelope import InputFile, StoredResult, understood
 from robacc.errors import InputError, Problem, UsageError
 from robacc.prediction.model_fit import model_fit

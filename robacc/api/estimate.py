@@ -64,7 +64,7 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.accuracy.pose_errors import position_statistics, registered_poses
+        from robacc.accuracy.estimation import position_statistics, registered_poses
         from robacc.documents.accuracy import ESTIMATE_ITSELF, estimate_poses
 
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
@@ -178,8 +178,7 @@ def estimate(
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
     """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
-    from robacc.accuracy.estimation import moved_warning
-    from robacc.accuracy.pose_errors import commanded_poses
+    from robacc.accuracy.estimation import commanded_poses, moved_warning
 
     rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment

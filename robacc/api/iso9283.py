@@ -30,7 +30,7 @@ from robacc.api.parameters import (
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.errors import UsageError
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
-from robacc.iso_9283.records import Iso9283Result
+from robacc.iso_9283.visits import Iso9283Result
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
 
+from robacc.accuracy.error_statistics import Statistic
 from robacc.api.inputs import (
     load_grade_scale,
     load_poses,
@@ -58,7 +59,6 @@ from robacc.planning.candidates import (
 from robacc.plug_ins import plug_in
 from robacc.quantities import optional_size, size
 from robacc.robots.description import Robot
-from robacc.statistics.records import Statistic
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource, RobotSource

@@ -8,22 +8,26 @@ from functools import cache, partial
 from itertools import combinations
 from typing import Literal
 
-from robacc.accuracy.error_statistics import error_statistics
+import numpy as np
+
+from robacc.accuracy.error_statistics import Unit, error_statistics
 from robacc.accuracy.grade import Scale, default_scale, grade
-from robacc.comparison.differences import (
+from robacc.comparison.stored_results import (
+    FITS,
     NO_TEST_OF_MAXIMUM,
     RESAMPLED,
     VECTORIAL,
+    ComparedResult,
     Difference,
-    Pairing,
+    ErrorSet,
     difference,
     from_intervals,
     pair_poses,
+    split_key,
+    unit_of,
 )
-from robacc.comparison.reading import ComparedResult, split_key, unit_of
 from robacc.errors import UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
-from robacc.statistics.records import Unit
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 #
@@ -38,12 +42,9 @@ def holm(p_values: Sequence[float | None]) -> list[float | None]:
     None stands for a pair without a test, stays None and does not count.
     """
     tested = sorted((p, i) for i, p in enumerate(p_values) if p is not None)
-    corrected: list[float | None] = [None] * len(p_values)
-    largest = 0.0
-    for rank, (p, i) in enumerate(tested):
-        largest = max(largest, min(1.0, (len(tested) - rank) * p))
-        corrected[i] = largest
-    return corrected
+    raised = np.maximum.accumulate([min(1.0, (len(tested) - rank) * p) for rank, (p, _) in enumerate(tested)])
+    corrected = {i: p for (_, i), p in zip(tested, raised.tolist(), strict=True)}
+    return [corrected.get(i) for i in range(len(p_values))]
 
 
 def indistinguishable_groups(count: int, different: Set[tuple[int, int]]) -> list[tuple[int, ...]]:
@@ -54,12 +55,9 @@ def indistinguishable_groups(count: int, different: Set[tuple[int, int]]) -> lis
     """
     groups: list[frozenset[int]] = [frozenset(range(count))]
     for first, second in sorted(different):
-        split: list[frozenset[int]] = []
-        for group in groups:
-            if first in group and second in group:
-                split += [group - {second}, group - {first}]
-            else:
-                split.append(group)
+        pair = {first, second}
+        parts = [group - {member} for group in groups if pair <= group for member in (second, first)]
+        split = [*(group for group in groups if not pair <= group), *parts]
         groups = [group for group in dict.fromkeys(split) if not any(group < other for other in split)]
     return sorted(tuple(sorted(group)) for group in groups)
 
@@ -105,15 +103,14 @@ def common_scale(results: Sequence[ComparedResult]) -> Scale:
     """
     names = {result.scale_name for result in results if result.scale_name is not None}
     scales = {result.scale for result in results if result.scale is not None}
-    default = default_scale()
     if len(names) > 1 or len(scales) > 1:
         conflict = " and ".join(sorted(names)) if len(names) > 1 else f"different scales with the name {min(names)}"
         raise UsageError(f"the results were graded on {conflict}; choose the scale with `scale`")
-    if scales:
-        return next(iter(scales))
-    if names <= {default.name}:
-        return default
-    raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
+    if not scales:
+        scales = {default_scale()}
+        if not names <= {scale.name for scale in scales}:
+            raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
+    return scales.pop()
 
 
 def grade_statuses(
@@ -143,25 +140,24 @@ def grade_statuses(
 
 
 def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
-    statistics = {}
-    for quantity, unit in _UNITS.items():
-        if (errors := result.errors.get(quantity)) is not None:
-            share = (errors.independent_poses or errors.n_groups) / errors.n_groups
-            statistics[quantity] = error_statistics(
-                errors.vectors, unit, groups=errors.groups, share=share, confidence=scale.confidence, seed=seed
-            )
-    assessed = grade(statistics["position"], statistics.get("orientation"), scale)
+    of = partial(error_statistics, confidence=scale.confidence, seed=seed)
+    graded = [
+        of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+        for quantity, unit in _UNITS.items()
+        if (errors := result.errors.get(quantity)) is not None
+    ]
+    assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
     confirmed, met = assessed.confirmed_rank <= rank, assessed.rank <= rank
     missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
     why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
-    position, *orientation = (EstimatedValue(own.value, own.interval) for own in assessed.quantities.values())
+    figures = [EstimatedValue(own.value, own.interval) for own in assessed.quantities.values()]
     return GradeStatus(
         result.name,
         "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
         assessed.grade,
         assessed.probability_within(rank),
-        position,
-        orientation[0] if orientation else None,
+        figures[0],
+        figures[1] if len(figures) > 1 else None,
         assessed.poses_needed(rank) if met and not confirmed else None,
         None if confirmed or not met else why,
     )
@@ -176,9 +172,8 @@ def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> Grade
     own_rank = scale.rank_of("position", position.value)
     if orientation is not None:
         own_rank = max(own_rank, scale.rank_of("orientation", orientation.value))
-    why = "the result does not list the error of every pose"
-    if not result.measured:
-        why = "predicted from tolerances, not measured"
+    measured = "the result does not list the error of every pose"
+    why = measured if result.measured else "predicted from tolerances, not measured"
     verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
     return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, orientation, None, why)
 
@@ -209,9 +204,8 @@ class PoseMatch:
     n_second: int
 
 
-def provenance_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> tuple[str, ...]:
-    """Return a line for each aspect in which the results were made differently, and for poses that differ."""
-    lines = []
+def _warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> Iterator[str]:
+    """Yield a line for each aspect in which the results were made differently, and for poses that differ."""
     for aspect in dict.fromkeys(aspect for result in results for aspect in result.provenance):
         names_by_value: dict[str, list[str]] = {}
         for result in results:
@@ -220,37 +214,38 @@ def provenance_warnings(results: Sequence[ComparedResult], pairing: Sequence[Pos
         if len(names_by_value) > 1:
             listed = "; ".join(f"{', '.join(names)}: {value}" for value, names in names_by_value.items())
             consequence = _CONSEQUENCES.get(aspect)
-            lines.append(f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else ""))
-    return (*lines, *_pose_warnings(results, pairing))
-
-
-def _pose_warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> Iterator[str]:
+            yield f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else "")
     with_errors = {result.name for result in results if "position" in result.errors}
     for match in pairing:
-        if match.first not in with_errors or match.second not in with_errors:
-            continue
         names, most = f"{match.first} and {match.second}", max(match.n_first, match.n_second)
-        if not match.paired:
-            yield f"made differently, poses: {names} have different poses, so their difference cannot be paired"
-        elif match.shared < most:
-            yield f"made differently, poses: {names} share {match.shared} of {most} poses; only these are compared"
+        if not with_errors >= {match.first, match.second} or (match.paired and match.shared == most):
+            continue
+        different = f"{names} have different poses, so their difference cannot be paired"
+        shared = f"{names} share {match.shared} of {most} poses; only these are compared"
+        yield f"made differently, poses: {shared if match.paired else different}"
 
 
-def notes(
+def _notes(
     results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
 ) -> tuple[str, ...]:
     """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
-    lines = []
-    if tested:
-        lines.append(
-            "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)"
-        )
-        lines.append("the tests apply to other poses of the same robots, not to other robots")
-    if any(result.command in ("calibrate", "trace") for result in results):
-        lines.append("position and orientation of calibrate and trace are those after the fit, on held-out poses")
-    if scale is not None and sum(status.verdict == "demonstrated" for status in statuses) > 1:
-        lines.append(f"each grade by itself is confirmed at {100 * scale.confidence:g} % confidence, not all together")
-    return tuple(lines)
+    level = 0.0 if scale is None else 100 * scale.confidence
+    notes = (
+        (
+            tested,
+            "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)",
+        ),
+        (tested, "the tests apply to other poses of the same robots, not to other robots"),
+        (
+            any(result.command in FITS for result in results),
+            "position and orientation of calibrate and trace are those after the fit, on held-out poses",
+        ),
+        (
+            sum(status.verdict == "demonstrated" for status in statuses) > 1,
+            f"each grade by itself is confirmed at {level:g} % confidence, not all together",
+        ),
+    )
+    return tuple(note for applies, note in notes if applies)
 
 
 RANKED_BY = "position.rms"
@@ -363,29 +358,38 @@ def compare(
         UsageError: A name, key or grade does not exist, or the results share no figure.
     """
     names = [result.name for result in results]
-    if len(names) < 2:
-        raise UsageError("a comparison needs at least two results")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}")
-    if baseline is not None and baseline not in names:
-        raise UsageError(f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}")
     # Components are comparable only if the frames agree.
     excluded = frozenset() if len({result.frame for result in results}) == 1 else VECTORIAL
     keys = [
         key
-        for key in results[0].figures
+        for key in (results[0].figures if results else ())
         if split_key(key)[1] not in excluded and all(key in result.figures for result in results)
     ]
-    if not keys:
-        commands = " and ".join(dict.fromkeys(result.command for result in results))
-        raise UsageError(f"results of {commands} have no figure in common to compare")
     rankable = [key for key in keys if split_key(key)[1] not in _SIGNED]
-    if by is not None and by not in rankable:
-        raise UsageError(f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}")
+    commands = " and ".join(dict.fromkeys(result.command for result in results))
+    mistakes = (
+        (len(names) < 2, "a comparison needs at least two results"),
+        (
+            not 0.5 <= confidence < 1.0,
+            f"`confidence`: expected a probability of at least 0.5 and below 1, found {confidence:g}",
+        ),
+        (
+            baseline is not None and baseline not in names,
+            f"`baseline`: no result is named {baseline!r}; choose from {', '.join(names)}",
+        ),
+        (not keys, f"results of {commands} have no figure in common to compare"),
+        (
+            by is not None and by not in rankable,
+            f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}",
+        ),
+    )
+    for applies, message in mistakes:
+        if applies:
+            raise UsageError(message)
     reference = names.index(baseline) if baseline is not None else 0
 
     @cache
-    def pairing(group: str, first: int, second: int) -> Pairing:
+    def pairing(group: str, first: int, second: int) -> tuple[ErrorSet, ErrorSet] | None:
         return pair_poses(results[first].errors[group], results[second].errors[group])
 
     def change(key: str, first: int, second: int) -> Difference:
@@ -401,16 +405,17 @@ def compare(
             return Difference(figures[1].value - figures[0].value, Interval.missing(confidence, why))
         if statistic in RESAMPLED and group in results[first].errors and group in results[second].errors:
             pair = pairing(group, first, second)
-            return difference(statistic, pair.first, pair.second, paired=pair.paired, confidence=confidence, seed=seed)
+            sets = pair or (results[first].errors[group], results[second].errors[group])
+            return difference(statistic, *sets, paired=pair is not None, confidence=confidence, seed=seed)
         return from_intervals(*figures, confidence)
 
     def match(first: int, second: int) -> PoseMatch:
         both = results[first], results[second]
-        if any("position" not in result.errors for result in both):
-            return PoseMatch(both[0].name, both[1].name, False, 0, both[0].n_poses, both[1].n_poses)
-        pair = pairing("position", first, second)
-        shared = pair.first.n_groups if pair.paired else 0
-        return PoseMatch(both[0].name, both[1].name, pair.paired, shared, pair.n_first, pair.n_second)
+        sets = [result.errors["position"] for result in both if "position" in result.errors]
+        pair = pairing("position", first, second) if len(sets) == 2 else None
+        counts = [errors.n_groups for errors in sets] if len(sets) == 2 else [result.n_poses for result in both]
+        shared = 0 if pair is None else pair[0].n_groups
+        return PoseMatch(both[0].name, both[1].name, pair is not None, shared, counts[0], counts[1])
 
     others = [i for i in range(len(results)) if i != reference]
     rows = tuple(
@@ -439,8 +444,8 @@ def compare(
         scale=grade_scale,
         required_grade=required_grade,
         grade_statuses=statuses,
-        notes=notes(results, tested, statuses, grade_scale),
-        warnings=provenance_warnings(results, matches),
+        notes=_notes(results, tested, statuses, grade_scale),
+        warnings=tuple(_warnings(results, matches)),
     )
 
 

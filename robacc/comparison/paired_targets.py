@@ -14,21 +14,20 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.pose_errors import ErrorMetrics, pose_metrics
+from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
 from robacc.accuracy.stages import Gain, paired_gain
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import ModelFit, model_fit
+from robacc.prediction.model_fit import model_fit
 from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
@@ -83,29 +82,30 @@ def shared_targets(first: Measurements, second: Measurements) -> SharedTargets:
     """
     if (first.pose is None) != (second.pose is None):
         raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
-    rows: Sequence[Sequence[NDArray[np.int64]]]
-    if first.pose is None or second.pose is None:
-        if first.n != second.n:
-            message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
-            raise InputError(Problem(message, second.source, fix="add a column pose to both files"))
-        rows = [[np.array([i]) for i in range(first.n)]] * 2
-        names = tuple(str(i + 1) for i in range(first.n))
-    else:
-        rows_of = [rows_of_targets(data) for data in (first, second)]
-        common = [key for key in rows_of[0] if key in rows_of[1]]
-        rows = [[np.array(file[key]) for key in common] for file in rows_of]
-        names = tuple(" ".join(key) for key in common)
-    if len(names) < _FEWEST:
+    if first.pose is None and first.n != second.n:
+        message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
+        raise InputError(Problem(message, second.source, fix="add a column pose to both files"))
+    rows_of = [rows_of_targets(data) for data in (first, second)]
+    common = [key for key in rows_of[0] if key in rows_of[1]]
+    if len(common) < _FEWEST:
         fix = "give the files of the same targets before and after the correction"
-        raise InputError(Problem(f"the files share {len(names)} targets, {_FEWEST} are needed", second.source, fix=fix))
-    before, after = (TargetRows(data, tuple(index)) for data, index in zip((first, second), rows, strict=True))
-    return SharedTargets(names, before, after)
+        raise InputError(
+            Problem(f"the files share {len(common)} targets, {_FEWEST} are needed", second.source, fix=fix)
+        )
+    before, after = (
+        TargetRows(data, tuple(np.array(rows[key]) for key in common))
+        for data, rows in zip((first, second), rows_of, strict=True)
+    )
+    return SharedTargets(tuple(" ".join(key) for key in common), before, after)
 
 
 def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
-    """Return the rows of each target by its name: its pose, and the measured target if the file has that column."""
-    assert data.pose is not None
-    columns = (data.pose,) if data.target is None else (data.pose, data.target)
+    """Return the rows of each target by its name: its pose, and the measured target if the file has that column.
+
+    Without a column pose, each row is a target, named by its number.
+    """
+    poses = np.arange(1, data.n + 1) if data.pose is None else data.pose
+    columns = (poses,) if data.target is None or data.pose is None else (poses, data.target)
     rows: dict[tuple[str, ...], list[int]] = {}
     for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
         rows.setdefault(key, []).append(i)
@@ -236,9 +236,8 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
     power = float(np.sum(np.square(planned)))
     if power == 0.0:
         return LoadedTest("undecided", math.nan, math.nan, math.nan, 0.0)
-    slope = float(np.sum(measured * planned)) / power
+    slope, n = float(np.sum(measured * planned)) / power, planned.shape[1]
     scores = np.sum(planned * (measured - slope * planned), axis=0)
-    n = planned.shape[1]
     slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
     half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
     low, high = slope - half_width, slope + half_width
@@ -262,9 +261,9 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
         information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
         chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
         shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
-    dof = residual.size
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
-    return PromiseTest(chi_square, dof, chi2_sf(chi_square, float(dof)), expected, promise.noise)
+    p_value = chi2_sf(chi_square, float(residual.size))
+    return PromiseTest(chi_square, residual.size, p_value, expected, promise.noise)
 
 
 # What a model promises of the targets that it corrected, for the test of the error that remains.
@@ -298,46 +297,25 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
-    separate = model_uncertainty(arm, alone, full_after, measured=True).position
-    noise_used = _noise_used(after.data, fit, noise)
     firsts = np.array([index[0] for index in after.rows])
-    counts = np.array([index.size for index in after.rows])
-    return Promise(
-        before.means(predicted),
-        after.means(poses.translation),
-        jacobian[:3, :, firsts],
-        covariance,
-        _with_noise(separate[:, :, firsts], noise_used, counts),
-        noise_used,
-    )
-
-
-def _noise_used(data: Measurements, fit: ModelFit, noise: str | float | None) -> PromisedNoise:
-    """Return the measurement noise along an axis: as given, from the file, else from the fit."""
+    separate = model_uncertainty(arm, alone, full_after, measured=True).position[:, :, firsts]
     treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
+    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    used = PromisedNoise(0.0 if is_in_unexplained else fit.noise[0], "model", treatment)
     if noise is not None:
-        return PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
-    if (stated := data.stated_noise[0]) is not None:
-        return PromisedNoise(stated, "file", treatment)
-    is_contained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    return PromisedNoise(0.0 if is_contained else fit.noise[0], "model", treatment)
-
-
-def _with_noise(covariance: Array, noise: PromisedNoise, counts: NDArray[np.int64]) -> Array:
-    """Return covariances ``(3, 3, T)`` with the noise of means of ``counts`` measurements.
-
-    Where they contain the noise of other measurements, their principal variances are at least this noise.
-
-    Raises:
-        UsageError: Neither the noise nor the model leaves a single measurement any error.
-    """
-    variance = (noise.position**2 / counts)[:, None]
-    values, vectors = np.linalg.eigh(np.moveaxis(covariance, 2, 0))
-    values = np.maximum(values, 0.0) + variance if noise.treatment == "added" else np.maximum(values, variance)
+        used = PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
+    elif (stated := after.data.stated_noise[0]) is not None:
+        used = PromisedNoise(stated, "file", treatment)
+    # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
+    # principal variances are at least this noise.
+    variance = (used.position**2 / np.array([index.size for index in after.rows]))[:, None]
+    values, vectors = np.linalg.eigh(np.moveaxis(separate, 2, 0))
+    values = np.maximum(values, 0.0) + variance if treatment == "added" else np.maximum(values, variance)
     if not np.all(values > 0.0):
         raise UsageError("the model has no unexplained error: `noise` must be more than 0")
-    total: Array = np.einsum("nik,nk,njk->ijn", vectors, values, vectors)
-    return total
+    total = np.asarray(np.einsum("nik,nk,njk->ijn", vectors, values, vectors))
+    means = before.means(predicted), after.means(poses.translation)
+    return Promise(*means, jacobian[:3, :, firsts], covariance, total, used)
 
 
 def noise_doubts(noise: PromisedNoise) -> list[str]:

@@ -57,8 +57,7 @@ from robacc.geometry import quaternion_from_rotation
 from robacc.io.json_text import json_text
 
 if TYPE_CHECKING:
-    from robacc.accuracy.estimation import EstimateResult
-    from robacc.accuracy.pose_errors import ErrorFrame, FrameStatistics
+    from robacc.accuracy.estimation import ErrorFrame, EstimateResult, FrameStatistics
     from robacc.measurements import Measurements
     from robacc.outcomes import FileOutcome
     from robacc.robots.description import Robot

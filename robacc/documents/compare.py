@@ -34,7 +34,7 @@ from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded, texts
 from robacc.geometry import quaternion_from_rotation
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.accuracy.estimation import ErrorMetrics
     from robacc.comparison.comparing import ResultComparison
     from robacc.correction import Correction, ExpectedErrors
     from robacc.geometry import Array, Poses

@@ -50,7 +50,7 @@ from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
-    from robacc.accuracy.pose_errors import ErrorMetrics
+    from robacc.accuracy.estimation import ErrorMetrics
     from robacc.accuracy.stages import Stage
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements

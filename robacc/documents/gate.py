@@ -30,7 +30,7 @@ from robacc.documents.parts import INPUT
 from robacc.errors import InputError, Problem
 from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of
-from robacc.statistics.confidence_curves import ASSURANCE
+from robacc.statistics.intervals import ASSURANCE
 
 if TYPE_CHECKING:
     from robacc.gates.evaluate import GateOutcome

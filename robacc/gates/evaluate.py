@@ -3,22 +3,345 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any, Literal, cast
 
 import numpy as np
 
-from robacc.accuracy.error_statistics import length_intervals
-from robacc.comparison.differences import Pairing, difference, pair_poses
-from robacc.comparison.reading import ErrorSet, errors_behind, stored_interval
-from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, Outcome, decide, decide_largest, difference_curve
+from robacc.accuracy.error_statistics import Statistic, length_intervals
+from robacc.comparison.stored_results import (
+    ErrorSet,
+    NoValueError,
+    difference,
+    errors_behind,
+    finite_number,
+    number_at,
+    pair_poses,
+    value_at,
+)
 from robacc.gates.gate_file import KEYS, Gate, GateCriterion
-from robacc.statistics.records import Statistic
+from robacc.statistics.distributions import normal_cdf, normal_quantile
+from robacc.statistics.intervals import (
+    ASSURANCE,
+    ConfidenceCurve,
+    Interval,
+    largest_known,
+    smallest_sufficient,
+)
 
-# Values of a result by their short key: the value, its unit, and the bounds that the result or its poses give.
+# Bound curve of a figure: for each level, the bound below which the true value lies with that confidence.
+#
+# Read in the other direction, the curve gives the confidence that the true value lies below a limit: the conformity
+# probability of JCGM 106, 7, with the interval's method in place of a prior. The curve passes through the bounds of
+# the interval that a result carries, so that a decision by the curve and a decision by the interval agree. Between
+# the bounds it is linear in the normal quantile of the level; for a positive figure, its logarithm is.
 
-MOST_POSES = 20_000
+LEVELS = (0.3, 0.9, 0.99)
+"""Confidences of the intervals behind a curve where the errors of every pose are available."""
+_EXTRAPOLATION_QUANTILE = 1.2
+"""Normal quantile, about 88 %: a curve whose outermost bound lies beyond it may be extrapolated."""
+_AROUND_LIMIT = 5.0
+_STEPS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class BoundCurve:
+    """Bounds of a figure, from the lowest level to the highest; empty if no interval exists."""
+
+    z: tuple[float, ...]
+    """Normal quantile of each bound's level."""
+    bounds: tuple[float, ...]
+    """In the figure's unit, non-decreasing."""
+    method: str
+    why: str | None = None
+    """Reason for missing bounds."""
+    exact: ConfidenceCurve | None = None
+    """Confidence curve of the interval's own method, if known; it takes precedence over interpolation."""
+
+    @classmethod
+    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> BoundCurve:
+        """Return the curve through one-sided and two-sided bounds; ``centre`` is the bound at level 1/2, if known."""
+        points: dict[float, float] = {} if centre is None else {0.0: centre}
+        method, why, exact = "none", None, None
+        for interval in intervals:
+            tail = 0.5 * (1.0 - interval.confidence)
+            levels = ((tail, interval.lower), (1.0 - tail, interval.upper), (interval.confidence, interval.upper_bound))
+            points |= {round(normal_quantile(level), 9): bound for level, bound in levels if bound is not None}
+            method, why, exact = interval.method, why or interval.why, interval.curve
+        z = sorted(points) if any(points) else []
+        # Resampled bounds at neighbouring levels may cross by chance.
+        rising = np.maximum.accumulate([points[at] for at in z]) if z else np.zeros(0)
+        return cls(tuple(z), tuple(rising.tolist()), method, why, exact)
+
+    @property
+    def has_upper(self) -> bool:
+        """Return whether the curve has a bound from above."""
+        return bool(self.z) and self.z[-1] >= _EXTRAPOLATION_QUANTILE
+
+    @property
+    def has_lower(self) -> bool:
+        """Return whether the curve has a bound from below."""
+        return bool(self.z) and self.z[0] <= -_EXTRAPOLATION_QUANTILE
+
+    @property
+    def positive(self) -> bool:
+        """Return whether all bounds are above zero, so that the figure is treated in its logarithm."""
+        return bool(self.bounds) and self.bounds[0] > 0.0
+
+    def scale(self, value: float) -> float:
+        """Return ``value`` on the scale on which the curve is close to normal."""
+        return (math.log(value) if value > 0.0 else -math.inf) if self.positive else value
+
+    def bound(self, level: float) -> float | None:
+        """Return the upper bound of the true value at confidence ``level``; None outside the known bounds."""
+        z = round(normal_quantile(level), 9)
+        if z in self.z:
+            return self.bounds[self.z.index(z)]
+        if not self.z or not self.z[0] < z < self.z[-1]:
+            return None
+        between = float(np.interp(z, self.z, [*map(self.scale, self.bounds)]))
+        return math.exp(between) if self.positive else between
+
+    def below(self, limit: float) -> float | None:
+        """Return the confidence that the true value is at or below ``limit``; None if no bound reaches that far."""
+        if not self.z:
+            return None
+        if self.bounds[0] == self.bounds[-1]:
+            return float(self.bounds[0] <= limit)
+        if self.exact is not None:
+            return self.exact.below(limit)
+        at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
+        if scaled[0] <= at <= scaled[-1]:
+            return normal_cdf(float(np.interp(at, scaled, self.z)))
+        is_above = at > scaled[-1]
+        if not (self.has_upper if is_above else self.has_lower):
+            return None
+        end = -1 if is_above else 0
+        return normal_cdf(self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0]))
+
+    def standard_error(self, level: float) -> float | None:
+        """Return half the distance between the bounds at 1 - ``level`` and ``level`` per normal quantile, scaled.
+
+        If a bound is missing, the distance of the other bound from the median takes its place.
+        """
+        low, median, high = (self.bound(probability) for probability in (1.0 - level, 0.5, level))
+        known = [self.scale(bound) for bound in (low, median, high) if bound is not None]
+        if len(known) < 2:
+            return None
+        quantiles = 1.0 if low is None or high is None else 2.0
+        return (known[-1] - known[0]) / (quantiles * normal_quantile(level))
+
+
+def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_curve: BoundCurve) -> BoundCurve:
+    """Return the curve of ``value`` - ``baseline`` for two independent samples.
+
+    Each bound combines the bounds of the two samples by the method of variance estimates recovery, as
+    :func:`robacc.statistics.intervals.difference_limits` does.
+    """
+    points = {}
+    for z in (-2.33, -1.96, -1.645, -1.28, -0.67, 0.0, 0.67, 1.28, 1.645, 1.96, 2.33):
+        level = normal_cdf(z)
+        bound, opposite = curve.bound(level), baseline_curve.bound(1.0 - level)
+        if bound is not None and opposite is not None:
+            distance = math.hypot(bound - value, opposite - baseline)
+            points[z] = value - baseline + (math.copysign(distance, z) if z else 0.0)
+    why = curve.why or baseline_curve.why
+    if not any(points):
+        return BoundCurve((), (), "none", why or "the result or the baseline has no interval for this key")
+    method = "two independent samples, bounds by the method of variance estimates recovery"
+    return BoundCurve(tuple(sorted(points)), tuple(sorted(points.values())), method, why)
+
+
+def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -> tuple[tuple[float, float], ...]:
+    """Return the probability to pass over the true value, for the same number of poses.
+
+    Args:
+        criterion: The criterion, with a limit.
+        curve: Bounds of the figure; they set the scale on which the figure is close to normal.
+        error: Standard error of the figure on that scale.
+    """
+    centre = curve.scale(_limit(criterion))
+    if not math.isfinite(centre) or error <= 0.0:
+        return ()
+    z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
+    shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
+    # Distances of the true value above the limit, in standard errors.
+    distances = [_AROUND_LIMIT * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
+    places = [centre + distance * error for distance in distances]
+    return tuple(
+        (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
+        for place, distance in zip(places, distances, strict=True)
+    )
+
+
+Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]
+
+MOST_POSES = 10_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """Outcome of one criterion, with its bounds, margin and probability."""
+
+    outcome: Outcome
+    why: str | None = None
+    """Explanation, where the outcome needs one."""
+    lower_bound: float | None = None
+    upper_bound: float | None = None
+    """One-sided, each at the criterion's confidence."""
+    margin: float | None = None
+    """Distance from the bound or value that the rule tests to the limit; negative beyond the limit."""
+    probability: float | None = None
+    """Conformity probability: the confidence that the true value meets the limit."""
+    method: str | None = None
+    """Method of the bounds."""
+    poses_to_decide: int | None = None
+    """Number of poses, including those measured, that decides an inconclusive criterion with :data:`ASSURANCE`."""
+    poses_if_true: int | None = None
+    """The same number if the measured value is the true value."""
+    operating_curve: tuple[tuple[float, float], ...] = ()
+    """True values and the probability to pass at each, for the same number of poses."""
+
+
+def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> Decision:
+    """Decide on a figure by its bounds.
+
+    Args:
+        criterion: The criterion, with a limit.
+        value: Value of the figure.
+        curve: Bounds of the figure; None if the result has no interval for it.
+        n: Number of poses behind the figure.
+    """
+    limit, sign, rule = _limit(criterion), -1.0 if criterion.at_least else 1.0, criterion.rule
+
+    def meets(number: float) -> bool:
+        return sign * number <= sign * limit
+
+    if curve is None:
+        if rule != "simple":
+            return Decision(
+                "not_evaluated", f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+            )
+        return Decision("pass" if meets(value) else "fail", margin=sign * (limit - value))
+    low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
+    # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
+    # beyond the limit, and nothing fails with a value within it.
+    low, high = None if low is None else min(low, value), None if high is None else max(high, value)
+    adverse, favourable = (low, high) if criterion.at_least else (high, low)
+    tested = value if rule == "simple" else favourable if rule == "guarded_rejection" else adverse
+    outcome: Outcome = "inconclusive"
+    why = None
+    if tested is not None and (meets(tested) or rule != "bound"):
+        outcome = "pass" if meets(tested) else "fail"
+        if rule == "guard_band" and outcome == "fail" and meets(value):
+            why = "the value meets the limit but lies within the guard band"
+    elif favourable is not None and not meets(favourable):
+        outcome, tested = "fail", favourable if tested is None else tested
+    elif tested is None:
+        why = curve.why or "there are too few poses for an interval"
+        if curve.why is None and (curve.has_upper or curve.has_lower):
+            percent = f"{100 * criterion.confidence:g} %"
+            why = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
+    error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
+    # Distance from the estimate to the limit, on the scale on which the figure is close to normal.
+    scaled, z = abs(curve.scale(limit) - curve.scale(value)), normal_quantile(criterion.confidence)
+    assured = if_true = None
+    if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and math.isfinite(scaled):
+        fewest = n + 1
+        if criterion.key.endswith(".p95"):
+            # With fewer poses, no order statistic bounds a 95th percentile.
+            fewest = max(fewest, math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95)))
+        if (assured := poses_to_decide(scaled / error, z, n)) is not None:
+            assured = max(assured, fewest)
+        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
+        needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
+        if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
+    return Decision(
+        outcome,
+        why,
+        low,
+        high,
+        None if tested is None else sign * (limit - tested),
+        None if below is None else 1.0 - below if criterion.at_least else below,
+        curve.method,
+        assured,
+        if_true,
+        () if error is None else operating_curve(criterion, curve, error),
+    )
+
+
+def _limit(criterion: GateCriterion) -> float:
+    return criterion.limit if criterion.limit is not None else math.nan
+
+
+def poses_to_decide(distance: float, z: float, n: int) -> int | None:
+    """Return the smallest number of poses, including the ``n`` measured, that decides with :data:`ASSURANCE`.
+
+    The estimate from m n poses scatters about the present estimate with (1 - 1/m) of the present variance: the poses
+    to come add scatter, and the truth is as uncertain as the present interval says. It decides if it is more than
+    z / sqrt(m) from the limit (all in present standard errors). The mean of the power over the distribution of the
+    truth is called assurance (A. O'Hagan, J. W. Stevens, M. J. Campbell, "Assurance in clinical trial design",
+    Pharmaceutical Statistics 4, 2005).
+
+    Args:
+        distance: Distance from the estimate to the limit, in present standard errors.
+        z: Normal quantile of the bounds' confidence.
+        n: Number of poses measured.
+    """
+
+    def decides(poses: int) -> bool:
+        if poses <= n:
+            return False
+        ratio = poses / n
+        scatter_std, reach = math.sqrt(1.0 - 1.0 / ratio), z / math.sqrt(ratio)
+        probability = normal_cdf((distance - reach) / scatter_std) + normal_cdf((-distance - reach) / scatter_std)
+        return probability >= ASSURANCE
+
+    return smallest_sufficient(decides, 2.0 * n, most=MOST_POSES)
+
+
+# Decision on a largest error, which no sample bounds from above: by the share of all poses within the limit.
+#
+# If a share s of all poses lies within the limit, all of n poses do so with probability s^n. If none of n poses is
+# beyond the limit, s is therefore at least (1 - c)^(1/n) with confidence c: Wilks' one-sided tolerance limit (S. S.
+# Wilks, "Determination of sample sizes for setting tolerance limits", Annals of Mathematical Statistics 12, 1941). One
+# pose beyond the limit shows that the largest error is beyond it.
+
+
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
+    """Decide on the largest error of ``n`` poses against an upper limit."""
+    share, margin = criterion.share, _limit(criterion) - value
+    n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
+    claim = f"that {100 * share:g} % of all poses are within the limit"
+    method = f"confidence {claim} (Wilks)"
+    curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
+    if margin < 0.0:
+        # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
+        return Decision("fail", lower_bound=value, margin=margin, probability=0.0, method=method, operating_curve=curve)
+    probability = 1.0 - share**n
+    outcome: Outcome = "pass"
+    why = n_to_decide = None
+    if n < n_needed and criterion.rule != "guarded_rejection":
+        outcome = "fail" if criterion.rule == "guard_band" else "inconclusive"
+        why = f"{n} poses within the limit show {claim} with a confidence of only {100 * probability:.3g} %"
+        n_to_decide = n_needed if outcome == "inconclusive" else None
+    return Decision(
+        outcome,
+        why,
+        value,
+        margin=margin,
+        probability=probability,
+        method=method,
+        poses_to_decide=n_to_decide,
+        poses_if_true=n_to_decide,
+        operating_curve=curve,
+    )
+
+
+# Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
+
+_MOST_RECOMPUTED = 20_000
 """With more poses, the stored interval is as good as a recomputed one and costs nothing."""
 _DIMENSIONS = {"m": "length", "rad": "angle"}
 
@@ -36,77 +359,27 @@ class GateFigure:
     """Number of commanded poses."""
 
 
-class NoValueError(Exception):
-    """Reason why a result has no value for a key."""
-
-
-def value_at(document: Mapping[str, Any], key: str) -> tuple[Any, Mapping[str, Any], str]:
-    """Return the value of a short key, the object that holds it, and its full name in that object.
-
-    Raises:
-        NoValueError: The result has no such key, or null there.
-    """
-    node: Any = document
-    path: list[str] = []
-    holder, name = document, ""
-    for part in key.split("."):
-        if not isinstance(node, Mapping):
-            raise NoValueError(f"the result has no keys within {'.'.join(path)}")
-        path.append(part)
-        full_names = [full for full in (part, *(f"{part}_{unit}" for unit in _DIMENSIONS)) if full in node]
-        if not full_names:
-            raise NoValueError(f"a result of robacc {document.get('command', '?')} has no {'.'.join(path)}")
-        holder, name, node = node, full_names[0], node[full_names[0]]
-        if node is None:
-            why = holder.get("why")
-            raise NoValueError(f"the result has no {'.'.join(path)}" + (f": {why}" if isinstance(why, str) else ""))
-    return node, holder, name
-
-
-def word_at(document: Mapping[str, Any], key: str) -> str:
-    """Return the word of a key; a boolean gives ``true`` or ``false``.
-
-    Raises:
-        NoValueError: The result has no word there.
-    """
-    value = value_at(document, key)[0]
-    if isinstance(value, bool | np.bool_):
-        return "true" if value else "false"
-    if not isinstance(value, str):
-        raise NoValueError(f"the result's {key} is not a word")
-    return value
-
-
 def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateFigure:
     """Return the number of a key, with its curve; ``confidence`` is the level that a recomputed curve includes.
 
     Raises:
         NoValueError: The result has no number there.
     """
-    value, holder, name = value_at(document, key)
-    stored = [(holder.get("intervals") or {}).get(name), holder.get("interval")]
-    if isinstance(value, Mapping):
-        stored, value = [value], value.get("value")
-    number = _number(value)
-    if number is None:
-        raise NoValueError(f"the result's {key} is not a number")
+    number, interval, holder, name = number_at(document, key)
     statistic = key.rpartition(".")[2]
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
-    n = next((int(count) for count in map(_number, counts) if count is not None), None)
-    interval = next((stored_interval(entry) for entry in stored if isinstance(entry, Mapping)), None)
+    n = next((int(count) for count in map(finite_number, counts) if count is not None), None)
     curve = None
     if interval is not None:
         # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
-    errors = _errors_behind(document, key)
-    if errors is not None and statistic in ("rms", "mean_error", "p95") and errors.groups.size <= MOST_POSES:
-        n = errors.n_groups
-        share = (errors.independent_poses or n) / n
-        statistics = length_intervals(
-            errors.vectors, _levels(confidence), groups=errors.groups, share=share, seed=document.get("seed") or 0
-        )
-        curve = BoundCurve.through([by_name[cast("Statistic", statistic)] for by_name in statistics])
+    errors = _errors_behind(document, key) if statistic in ("rms", "mean_error", "p95") else None
+    if errors is not None and errors.groups.size <= _MOST_RECOMPUTED:
+        n, seed = errors.n_groups, document.get("seed") or 0
+        levels = _levels(confidence)
+        statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
+        curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
     return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
 
 
@@ -122,16 +395,7 @@ def _levels(confidence: float) -> list[float]:
     return sorted({*LEVELS, confidence, max(2.0 * confidence - 1.0, 0.01)})
 
 
-def _number(value: Any) -> float | None:
-    """Return a finite number; None for anything else, booleans included."""
-    if isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value):
-        return None
-    return float(value) if math.isfinite(value) else None
-
-
 # Difference between a figure of a result and the same figure of a baseline: paired where the poses are the same.
-
-_PAIRABLE = ("rms", "mean_error", "p95", "max")
 
 
 def difference_to_baseline(
@@ -150,51 +414,34 @@ def difference_to_baseline(
         raise NoValueError(f"in the baseline, {error}") from None
     if figure.dimension != reference.dimension:
         raise NoValueError(f"{key} has different units in the result and in the baseline")
-    statistic = key.rpartition(".")[2]
-    samples = [_errors_behind(each, key) for each in (baseline, document)] if statistic in _PAIRABLE else []
-    first, second = samples or (None, None)
-    if first is not None and second is not None:
-        if (pair := _paired(first, second, criterion.paired)) is not None:
-            differences = [
-                difference(
-                    statistic,
-                    pair.first,
-                    pair.second,
-                    paired=True,
-                    confidence=level,
-                    seed=document.get("seed") or 0,
-                )
-                for level in _levels(confidence)
-            ]
-            curve = BoundCurve.through(each.interval for each in differences)
-            return GateFigure(differences[0].value, figure.dimension, curve, pair.n_second), reference.value
-    elif criterion.paired:
-        raise NoValueError("paired: true needs the error of every pose, which the result or the baseline does not list")
-    independent = None
+    statistic, paired = key.rpartition(".")[2], criterion.paired
+    is_listed = statistic in ("rms", "mean_error", "p95", "max")
+    before, after = (_errors_behind(each, key) if is_listed else None for each in (baseline, document))
+    pair = None
+    if before is None or after is None:
+        if paired:
+            missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
+            raise NoValueError(missing)
+    elif paired is not False:
+        common = pair_poses(before, after)
+        if common is not None and common[0].n_groups == before.n_groups == after.n_groups:
+            pair = common
+        elif paired and after.groups.size == before.groups.size:
+            pair = before, replace(after, groups=before.groups)
+        elif paired:
+            raise NoValueError(
+                f"paired: true needs the same poses, but the result has {after.groups.size} and the baseline has "
+                f"{before.groups.size}"
+            )
+    curve = None
+    if pair is not None and after is not None:
+        seed, levels = document.get("seed") or 0, _levels(confidence)
+        changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
+        curve = BoundCurve.through(each.interval for each in changes)
+        return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
     if figure.curve is not None and reference.curve is not None:
-        independent = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
-    return GateFigure(figure.value - reference.value, figure.dimension, independent, figure.n), reference.value
-
-
-def _paired(baseline: ErrorSet, errors: ErrorSet, paired: bool | None) -> Pairing | None:
-    """Return the errors by pose, of all poses of both results; None if their poses differ.
-
-    Raises:
-        NoValueError: The criterion requires the same poses, and the results differ in the number of rows.
-    """
-    if paired is False:
-        return None
-    pair = pair_poses(baseline, errors)
-    if pair.paired and pair.first.n_groups == pair.n_first == pair.n_second:
-        return pair
-    if not paired:
-        return None
-    if errors.groups.size != baseline.groups.size:
-        raise NoValueError(
-            f"paired: true needs the same poses, but the result has {errors.groups.size} and the baseline has "
-            f"{baseline.groups.size}"
-        )
-    return Pairing(baseline, replace(errors, groups=baseline.groups), True, pair.n_first, pair.n_second)
+        curve = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
 
 
 COVERAGE_FACTOR = 2.0
@@ -254,10 +501,6 @@ class GateOutcome:
         """Return the warnings of all criteria, without repetitions."""
         return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation.warnings))
 
-    def count(self, outcome: Outcome) -> int:
-        """Return the number of criteria with that outcome."""
-        return sum(evaluation.outcome == outcome for evaluation in self.evaluations)
-
 
 def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
     """Evaluate a gate on a result.
@@ -295,37 +538,36 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
+    decision, is_by_share = _decide_figure(criterion, figure)
     return CriterionEvaluation(
         criterion,
-        _decide_figure(criterion, figure),
+        decision,
         figure.dimension,
         figure.value,
         baseline_value=baseline_value,
         n=figure.n,
         instrument_ratio=ratio,
         warnings=_warnings(criterion, ratio),
-        is_by_share=_is_by_share(criterion, figure),
+        is_by_share=is_by_share,
     )
 
 
-def _is_by_share(criterion: GateCriterion, figure: GateFigure) -> bool:
-    if figure.curve is not None and figure.curve.bounds:
-        return False
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> tuple[Decision, bool]:
+    """Return the decision, and whether it is by the share of all poses within the limit of a largest error."""
+    has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
-    is_sample_maximum = criterion.key.endswith(".max") and figure.n is not None and criterion.key in KEYS
-    is_upper_limit = criterion.baseline is None and not criterion.at_least
-    return is_sample_maximum and is_upper_limit and criterion.rule != "simple"
-
-
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Decision:
-    if figure.n is not None and _is_by_share(criterion, figure):
-        return decide_largest(criterion, figure.value, figure.n)
-    return decide(criterion, figure.value, figure.curve, figure.n)
+    is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
+    if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
+        return decide(criterion, figure.value, figure.curve, figure.n), False
+    return decide_largest(criterion, figure.value, figure.n), True
 
 
 def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
     """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
-    word = word_at(document, criterion.key)
+    value = value_at(document, criterion.key)[0]
+    word = str(value).lower() if isinstance(value, bool | np.bool_) else value
+    if not isinstance(word, str):
+        raise NoValueError(f"the result's {criterion.key} is not a word")
     decision = Decision("pass" if word in criterion.accepted else "fail")
     warnings: tuple[str, ...] = ()
     if criterion.key == "verdict" and decision.outcome == "pass":
@@ -364,34 +606,24 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
             n = n if decisions else figure.n
-            decisions.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
-    decision = _joint_decision(decisions)
-    if decision.outcome == "fail" and isinstance(grade.get("reason"), str):
-        decision = replace(decision, why=grade["reason"].partition(". ")[0])
-    return CriterionEvaluation(criterion, decision, "grade", word=str(grade.get("grade")), n=n)
-
-
-def _joint_decision(decisions: Sequence[Decision]) -> Decision:
-    """Return the decision on several conditions that must all hold."""
+            own = replace(criterion, key=key, limit=limit, confidence=confidence)
+            decisions.append(_decide_figure(own, figure)[0])
     outcome: Outcome = min((decision.outcome for decision in decisions), key=_WORST_FIRST.index, default="pass")
     reasons = dict.fromkeys(decision.why for decision in decisions if decision.outcome == outcome and decision.why)
+    why = "; ".join(reasons) or None
+    if outcome == "fail" and isinstance(grade.get("reason"), str):
+        why = grade["reason"].partition(". ")[0]
     probabilities = [decision.probability for decision in decisions if decision.probability is not None]
-    undecided = [decision for decision in decisions if decision.outcome == "inconclusive"]
-    if outcome != "inconclusive":
-        undecided = []
-
-    def largest(numbers: Sequence[int | None]) -> int | None:
-        known = [number for number in numbers if number is not None]
-        return max(known) if known and len(known) == len(numbers) else None
-
-    return Decision(
+    undecided = [decision for decision in decisions if decision.outcome == outcome == "inconclusive"]
+    joint = Decision(
         outcome,
-        "; ".join(reasons) or None,
+        why,
         probability=min(probabilities) if probabilities and len(probabilities) == len(decisions) else None,
         method=next((decision.method for decision in decisions if decision.method), None),
-        poses_to_decide=largest([decision.poses_to_decide for decision in undecided]),
-        poses_if_true=largest([decision.poses_if_true for decision in undecided]),
+        poses_to_decide=largest_known([decision.poses_to_decide for decision in undecided]),
+        poses_if_true=largest_known([decision.poses_if_true for decision in undecided]),
     )
+    return CriterionEvaluation(criterion, joint, "grade", word=str(grade.get("grade")), n=n)
 
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
@@ -406,16 +638,17 @@ def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> 
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
-    warnings = []
-    if ratio is not None and ratio > MOST_OF_TOLERANCE:
-        warnings.append(
-            f"{criterion.name}: the instrument's expanded uncertainty (k = 2) is {100 * ratio:.0f} % of the limit, "
-            f"more than the recommended {100 * MOST_OF_TOLERANCE:.0f} %"
-        )
-    if ".fitted." in criterion.key and not criterion.key.startswith("nominal."):
-        held_out = criterion.key.replace(".fitted.", ".held_out.")
-        warnings.append(
-            f"{criterion.name}: {criterion.key} is computed on the calibration poses and is too optimistic; "
-            f"use {held_out}"
-        )
-    return tuple(warnings)
+    key, share = criterion.key, 0.0 if ratio is None else ratio
+    warnings = (
+        (
+            share > MOST_OF_TOLERANCE,
+            f"the instrument's expanded uncertainty (k = 2) is {100 * share:.0f} % of the limit, more than the "
+            f"recommended {100 * MOST_OF_TOLERANCE:.0f} %",
+        ),
+        (
+            ".fitted." in key and not key.startswith("nominal."),
+            f"{key} is computed on the calibration poses and is too optimistic; use "
+            f"{key.replace('.fitted.', '.held_out.')}",
+        ),
+    )
+    return tuple(f"{criterion.name}: {text}" for applies, text in warnings if applies)

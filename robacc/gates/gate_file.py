@@ -64,9 +64,8 @@ def nearest_key(key: str) -> str:
     """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
     known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
     similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
-    if similar:
-        return f"did you mean {similar[0]}?"
-    return "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+    examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+    return f"did you mean {similar[0]}?" if similar else examples
 
 
 # Gates and their criteria: a limit, a decision rule and the reason for the limit.
@@ -195,13 +194,10 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     def report(name: str, message: str, fix: str | None = None) -> None:
         source.report(section.values.get(name, section.node), section.at(name), message, fix)
 
-    def text(name: str) -> str | None:
-        node = section.get(name)
-        return None if node is None else source.text(node, section.at(name))
-
-    def choice(name: str, options: tuple[str, ...]) -> str | None:
-        node = section.get(name)
-        return None if node is None else source.choice(node, section.at(name), options)
+    def text(name: str, options: tuple[str, ...] = ()) -> str | None:
+        if (node := section.get(name)) is None:
+            return None
+        return source.choice(node, section.at(name), options) if options else source.text(node, section.at(name))
 
     key = None if section.require("key") is None else text("key")
     reason = section.require("reason")
@@ -228,7 +224,7 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
         limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
     kind = kind or "number"
     default: Rule = "simple" if kind in ("word", "number") else "bound"
-    rule = cast("Rule", choice("rule", tuple(RULES)) or ("guarded_rejection" if baseline is not None else default))
+    rule = cast("Rule", text("rule", tuple(RULES)) or ("guarded_rejection" if baseline is not None else default))
     setting = _SETTING.get(rule, "")
     words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
     missing = "is missing; give a maximum (limit) or a minimum (at_least)"
@@ -283,11 +279,10 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     for applies, name, message, fix in mistakes:
         if applies:
             report(name, message, fix)
+    confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
     if rule in ("guard_band", "guarded_rejection"):
         confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)
-    else:
-        confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
-    share, paired = _between(section, "share", DEFAULT_SHARE), choice("paired", ("true", "false"))
+    share, paired = _between(section, "share", DEFAULT_SHARE), text("paired", ("true", "false"))
     if len(source.problems) > n_problems or reason is None:
         return None
     return GateCriterion(
@@ -327,9 +322,7 @@ def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> t
 def _between(section: YamlSection, key: str, default: float, low: float = 0.5, high: float = 1.0) -> float:
     """Return a number in the open interval from ``low`` to ``high``; ``default`` if the key is missing."""
     node = section.get(key)
-    if node is None:
-        return default
-    value = section.source.number(node, section.at(key))
-    if value is not None and not low < value < high:
+    value = default if node is None else section.source.number(node, section.at(key))
+    if node is not None and value is not None and not low < value < high:
         section.source.report(node, section.at(key), f"found {value:g}, expected a number between {low:g} and {high:g}")
     return default if value is None else value

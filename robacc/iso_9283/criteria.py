@@ -1,37 +1,272 @@
-"""Criteria of ISO 9283:1998, clause 7: pose and distance accuracy and repeatability, exchangeability, drift."""
+"""Criteria of ISO 9283:1998, clause 7: pose and distance accuracy and repeatability, exchangeability, drift.
+
+Visits of one commanded pose are treated as independent Gaussian samples; a drift during the run counts as scatter,
+which makes the intervals wider, not narrower. No interval includes the systematic part of the measuring uncertainty.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache, partial
 from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import principal_axes
 from robacc.geometry import Array
-from robacc.iso_9283 import estimates
-from robacc.iso_9283.estimates import (
-    IntervalEstimate,
-    distance,
-    largest_estimate,
-    largest_figure,
-    magnitude,
-    position_repeatability,
-    student,
-    threefold_std,
+from robacc.iso_9283.visits import Characteristic, CommandedPose, IsoCriterion, Symbol, wrapped
+from robacc.statistics.distributions import normal_quantile, root, student_quantile
+from robacc.statistics.intervals import (
+    STUDENT,
+    EstimateOrReason,
+    Interval,
+    chi2_interval,
+    difference_limits,
+    quantiles,
+    student_interval,
+    tails,
 )
-from robacc.iso_9283.records import Characteristic, IsoCriterion, Symbol
-from robacc.iso_9283.visits import CommandedPose, wrapped
-from robacc.statistics.intervals import EstimateOrReason
+from robacc.statistics.lengths import length_probability, mean_lengths
+
+CHI_SQUARE = "chi-square"
+MOVER = "from the intervals of both estimates (method of variance estimates recovery)"
+ONE_VISIT = "one visit has no scatter to estimate an interval from"
+FEW_VISITS = "fewer than three visits"
+
+
+@dataclass(frozen=True, slots=True)
+class IntervalEstimate:
+    """A number with the function that computes its interval."""
+
+    value: float
+    interval_at: Callable[[float], Interval]
+    """Interval at a confidence."""
+
+    def __post_init__(self) -> None:
+        """Cache the intervals: each place and the largest over places use the same ones."""
+        object.__setattr__(self, "interval_at", lru_cache(maxsize=8)(self.interval_at))
+
+
+Place = IsoCriterion[IntervalEstimate]
+
+
+def without_interval(value: float, reason: str) -> IntervalEstimate:
+    """Return a number without an interval, and the reason."""
+    return IntervalEstimate(value, partial(Interval.missing, why=reason))
+
+
+def student(value: float, standard_error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
+    """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
+    if dof < 1:
+        return without_interval(value, ONE_VISIT)
+    return IntervalEstimate(value, lambda confidence: student_interval(value, standard_error, dof, confidence, method))
+
+
+def mean(values: Array, offset: float = 0.0) -> IntervalEstimate:
+    """Return the mean of ``values`` ``(n,)`` minus ``offset``, by Student's t."""
+    deviation = float(np.std(values, ddof=1)) if values.size > 1 else 0.0
+    return student(float(np.mean(values)) - offset, deviation / math.sqrt(values.size), values.size - 1)
+
+
+def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
+    """Return the absolute value of a signed estimate."""
+
+    def interval_at(confidence: float) -> Interval:
+        interval = signed.interval_at(confidence)
+        if interval.lower is None or interval.upper is None or interval.upper_bound is None:
+            return interval
+        lowest = max(0.0, interval.lower, -interval.upper)
+        bound = abs(signed.value) + (interval.upper_bound - signed.value)
+        return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
+
+    return IntervalEstimate(abs(signed.value), interval_at)
+
+
+def threefold_std(values: Array) -> IntervalEstimate:
+    """Return 3 S of ``values`` ``(n,)``, n at least 2, S with divisor n - 1; the interval is exact if Gaussian."""
+    value = 3.0 * float(np.std(values, ddof=1))
+    dof = values.size - 1.0
+    return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, CHI_SQUARE).root())
+
+
+def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimate:
+    """Return ``after - before`` of two independent estimates, from their intervals."""
+
+    def interval_at(confidence: float) -> Interval:
+        later, earlier = after.interval_at(confidence), before.interval_at(confidence)
+        for interval in (later, earlier):
+            if interval.lower is None or interval.upper is None:
+                return interval
+        if later.upper_bound is None:
+            return Interval.missing(confidence, FEW_VISITS)
+        # The lower limit at twice the tail is the one-sided bound.
+        two_sided = before.interval_at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
+        ends = [(part.lower or 0.0, part.upper or 0.0) for part in (later, earlier)]
+        lower, upper = difference_limits(after.value, ends[0], before.value, ends[1])
+        bounds = (0.0, later.upper_bound), (two_sided or 0.0, 0.0)
+        bound = difference_limits(after.value, bounds[0], before.value, bounds[1])[1]
+        return Interval(
+            lower,
+            upper,
+            bound,
+            confidence,
+            "from the intervals of both estimates (method of variance estimates recovery)",
+        )
+
+    return IntervalEstimate(after.value - before.value, interval_at)
+
+
+def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> tuple[int, EstimateOrReason]:
+    """Return the index of the largest estimate, and the figure of the largest of the true values.
+
+    The largest upper limit needs no correction: it is at least the upper limit of the estimate whose true value is
+    largest. Chance would raise the largest lower limit, so each is computed at the tail divided by the number of
+    estimates (Bonferroni).
+    """
+    largest = max(range(len(estimates)), key=lambda i: estimates[i].value)
+    intervals = [estimate.interval_at(confidence) for estimate in estimates]
+    interval = next((interval for interval in intervals if interval.upper is None), intervals[0])
+    if interval.upper is not None and len(estimates) > 1:
+        adjusted, lower = 1.0 - (1.0 - confidence) / len(estimates), 0.0
+        for plain, i in sorted(((interval.lower or 0.0, i) for i, interval in enumerate(intervals)), reverse=True):
+            # A limit at a stricter confidence is lower, so that the first few decide.
+            if plain > lower:
+                lower = max(lower, estimates[i].interval_at(adjusted).lower or 0.0)
+        upper = max(interval.upper or 0.0 for interval in intervals)
+        upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
+        method = f"{intervals[largest].method}; largest of {len(estimates)}"
+        interval = Interval(lower, upper, upper_bound, confidence, method)
+    return largest, EstimateOrReason(estimates[largest].value, interval)
+
+
+def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
+    """Return the largest absolute value of the estimates' true values, as an estimate."""
+    sizes = [magnitude(estimate) for estimate in signed]
+    value = max(estimate.value for estimate in sizes)
+    return IntervalEstimate(value, lambda confidence: largest_figure(sizes, confidence)[1].interval)
+
+
+# Length of a mean vector with its interval: the distance between barycentres.
+
+NONCENTRAL = "noncentral: the true distances under which the measured distance is likely, scatter as between visits"
+_BISECTIONS = 60
+_ACCURACY = 1e-7
+"""Relative accuracy of a limit."""
+_SMALLEST_PROBABILITY = 1e-15
+"""Probabilities are clipped to at least this, and to at most its complement."""
+_FAR_FROM_ZERO = 20.0
+"""Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800)."""
+
+
+def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstimate:
+    """Return the length of a mean vector ``(3,)`` with covariance ``(3, 3)`` on ``dof`` degrees of freedom.
+
+    The length is never negative, and it is too large for a vector that is small compared with its scatter. The limits
+    are therefore the true lengths under which a length as large or as small has the probability of the tail. Each uses
+    the direction under which the measured vector is likeliest, the constrained maximum of the likelihood (T. J.
+    DiCiccio, M. A. Martin, S. E. Stern, Canadian Journal of Statistics 29, 2001). The scatter is widened by Student's t
+    over the normal quantile, which is exact where the length is large.
+    """
+    value = float(np.linalg.norm(difference))
+    if dof < 1:
+        return without_interval(value, ONE_VISIT)
+    variances, axes = principal_axes(covariance)
+    if not np.any(variances > 0.0):
+        return IntervalEstimate(value, partial(Interval.exact, value))
+    components = axes.T @ difference
+    if value**2 > _FAR_FROM_ZERO**2 * float(np.sum(variances)):
+        return student(value, math.sqrt(float(np.sum(variances * components**2))) / value, dof)
+
+    def limit(probability: float) -> float:
+        """Return the true length under which a length up to the measured one has the ``probability``."""
+        quantile, outer = normal_quantile(probability), max(probability, 1.0 - probability)
+        widened = variances * (student_quantile(outer, dof) / normal_quantile(outer)) ** 2
+
+        @cache
+        def excess(length: float) -> float:
+            """Return the normal quantile's excess, which rises nearly linearly through zero with the true length."""
+            share = length_probability(value, _likeliest_mean(components, variances, length), widened)
+            return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
+
+        furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
+        return root(excess, 0.0, furthest, _ACCURACY) if excess(0.0) < 0.0 < excess(furthest) else 0.0
+
+    def interval_at(confidence: float) -> Interval:
+        below, above, bound = tails(confidence)
+        # No true length is likely for a vector much shorter than its scatter, and the upper limit would be zero; the
+        # scatter along the longest axis bounds it from below.
+        longest = math.sqrt(float(variances[0]))
+        upper, top = (max(limit(1.0 - p), value, longest * student_quantile(p, dof)) for p in (above, bound))
+        return Interval(limit(1.0 - below), upper, top, confidence, NONCENTRAL)
+
+    return IntervalEstimate(value, interval_at)
+
+
+def _likeliest_mean(components: Array, variances: Array, length: float) -> Array:
+    """Return the mean ``(3,)`` of that length under which ``components`` are likeliest, in principal axes.
+
+    The mean is c_i / (1 + lambda v_i); its length falls with lambda, from infinity at -1 / (largest v) to nearly zero.
+    """
+    scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
+    low, high = 1e-12, 1e9
+    for _ in range(_BISECTIONS):
+        # The length is even in the logarithm of 1 + lambda.
+        middle = math.sqrt(low * high)
+        likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
+        low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
+    size = math.hypot(*likeliest)
+    return np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size)
+
+
+# Position repeatability RP_l = mean l + 3 S_l with its interval.
+
+DELTA = "delta method, normal"
+_DRAWS = 4000
+_PIVOT = f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws"
+_MAX_FOR_BOOTSTRAP = 300
+"""With more visits, the delta method's error is far below the scatter of the draws."""
+
+
+def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEstimate:
+    """Return RP_l = mean l + 3 S_l, l the distances of ``visits`` ``(3, n)`` from their barycentre, n at least 2."""
+    n = visits.shape[1]
+    residuals = visits - visits.mean(axis=1, keepdims=True)
+    lengths = np.sqrt(np.sum(np.square(residuals), axis=0))
+    length_std = float(np.std(lengths, ddof=1))
+    value = float(np.mean(lengths)) + 3.0 * length_std
+    if n < 3:
+        return without_interval(value, FEW_VISITS)
+    if not np.any(lengths > 0.0):
+        return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
+    if n > _MAX_FOR_BOOTSTRAP:
+        # Influence of a visit on mean + 3 S: its length, and 3 times its part of dS = d(S^2) / (2 S).
+        influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / length_std if length_std > 0.0 else lengths
+        return student(value, float(np.std(influence, ddof=1)) / math.sqrt(n), math.inf, DELTA)
+    # RP of n simulated visits over RP of infinitely many visits.
+    variances, _ = principal_axes(residuals @ residuals.T / (n - 1.0))
+    points = np.random.default_rng(seed).standard_normal((3, _DRAWS, n)) * np.sqrt(variances)[:, None, None]
+    points -= points.mean(axis=2, keepdims=True)
+    drawn = np.sqrt(np.sum(np.square(points), axis=0))
+    mean_length = float(mean_lengths(variances[:, None])[0])
+    truth = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
+    ratios = np.asarray((drawn.mean(axis=1) + 3.0 * drawn.std(axis=1, ddof=1)) / truth)
+
+    def interval_at(confidence: float) -> Interval:
+        low, high, top = (value / ratio for ratio in quantiles(ratios, [1.0 - p for p in tails(confidence)]))
+        return Interval(low, high, top, confidence, _PIVOT)
+
+    return IntervalEstimate(value, interval_at)
+
 
 # Characteristics from the estimates at each place: every place's figures, and the largest of them.
 
 NO_COMMAND = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-_NO_COMMANDED_ANGLES = "no orientation was commanded and measured"
 _NO_ANGLES = "no orientation was measured"
 _CRITERIA: dict[Symbol, tuple[str, str]] = {
-    "AP": ("7.2.1", _NO_COMMANDED_ANGLES),
+    "AP": ("7.2.1", "no orientation was commanded and measured"),
     "RP": ("7.2.2", _NO_ANGLES),
     "vAP": ("7.2.3", _NO_ANGLES),
     "AD": ("7.3.2", _NO_ANGLES),
@@ -42,8 +277,6 @@ _CRITERIA: dict[Symbol, tuple[str, str]] = {
     "E": ("7.7", "the criterion is defined for positions only"),
 }
 """Clause of ISO 9283:1998 that defines each criterion, and the reason where no place has angles."""
-ANGLE_LETTERS = "abc"
-Place = IsoCriterion[IntervalEstimate]
 
 
 def characteristic(
@@ -51,40 +284,45 @@ def characteristic(
 ) -> Characteristic:
     """Return the criterion over ``places``; without any, it has no value, and ``why`` is the reason."""
     clause, no_angle = _CRITERIA[symbol]
-    if not places:
-        missing = EstimateOrReason.missing(confidence, why)
-        return Characteristic(symbol, clause, missing, None, missing, None, ())
+
+    def largest(labelled: Sequence[tuple[str, IntervalEstimate]], reason: str) -> tuple[EstimateOrReason, str | None]:
+        if not labelled:
+            return EstimateOrReason.missing(confidence, reason), None
+        i, figure = largest_figure([magnitude(estimate) for _, estimate in labelled], confidence)
+        return figure, labelled[i][0]
+
+    def figure(estimate: IntervalEstimate) -> EstimateOrReason:
+        return EstimateOrReason(estimate.value, estimate.interval_at(confidence))
+
     several_files = len({place.source for place in places}) > 1
     labels = ["–".join(place.poses) + (f" of {place.source}" if several_files else "") for place in places]
-    largest, position = largest_figure([magnitude(place.position) for place in places], confidence)
-    angle, angle_at = EstimateOrReason.missing(confidence, no_angle), None
+    positions = [(label, place.position) for label, place in zip(labels, places, strict=True)]
     angles = [
-        (f"{label}, {letter}", magnitude(estimate))
-        for place, label in zip(places, labels, strict=True)
-        for letter, estimate in zip(ANGLE_LETTERS, place.angles or (), strict=False)
+        (f"{label}, {letter}", estimate)
+        for label, place in zip(labels, places, strict=True)
+        for letter, estimate in zip("abc", place.angles or (), strict=False)
     ]
-    if angles:
-        worst, angle = largest_figure([estimate for _, estimate in angles], confidence)
-        angle_at = angles[worst][0]
-
-    def figures(parts: Sequence[IntervalEstimate] | None) -> tuple[EstimateOrReason, ...] | None:
-        return None if parts is None else tuple(part.figure(confidence) for part in parts)
-
     criteria = tuple(
         IsoCriterion(
             place.poses,
             place.source,
             place.n,
-            place.position.figure(confidence),
-            figures(place.axes),
-            figures(place.angles),
+            figure(place.position),
+            None if place.axes is None else tuple(map(figure, place.axes)),
+            None if place.angles is None else tuple(map(figure, place.angles)),
             place.mean_distance,
             place.sd_distance,
             place.between,
         )
         for place in places
     )
-    return Characteristic(symbol, clause, position, labels[largest], angle, angle_at, criteria, tuple(notes))
+    worst = *largest(positions, why), *largest(angles, no_angle if places else why)
+    return Characteristic(symbol, clause, *worst, criteria, tuple(notes) if places else ())
+
+
+def _each(function: Callable[[Array], IntervalEstimate], rows: Array | None) -> tuple[IntervalEstimate, ...] | None:
+    """Return the estimate from each row; None where there are none."""
+    return None if rows is None else tuple(map(function, rows))
 
 
 def separation(
@@ -101,21 +339,12 @@ def separation(
         factor = 1.0 / groups[h].shape[1] + 1.0 / groups[k].shape[1]
         distances.append(distance(groups[h].mean(axis=1) - groups[k].mean(axis=1), covariance * factor, dof))
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    largest_angles = None
-    if group_angles is not None:
-        variances, dof = _pooled(group_angles)
-        largest_angles = tuple(
-            largest_estimate(
-                [
-                    magnitude(
-                        _mean_change(group_angles[h][axis], group_angles[k][axis], float(variances[axis, axis]), dof)
-                    )
-                    for h, k in pairs
-                ]
-            )
-            for axis in range(3)
-        )
-    return largest_estimate(distances), largest_angles, f"{names[first]} and {names[second]}"
+    angles = (
+        None
+        if group_angles is None
+        else _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+    )
+    return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
 def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
@@ -125,10 +354,17 @@ def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
     return centred @ centred.T / max(dof, 1), float(dof)
 
 
-def _mean_change(after: Array, before: Array, variance: float, dof: float) -> IntervalEstimate:
-    """Return the mean of ``after`` minus that of ``before``, of independent values with the pooled ``variance``."""
-    standard_error = (variance * (1.0 / after.size + 1.0 / before.size)) ** 0.5
-    return student(float(after.mean() - before.mean()), standard_error, dof)
+def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array]) -> tuple[IntervalEstimate, ...]:
+    """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all ``groups``."""
+    covariance, dof = _pooled(groups)
+    angles = []
+    for axis, variance in enumerate(np.diag(covariance).tolist()):
+        changes = []
+        for one, other in pairs:
+            error = (variance * (1.0 / one.shape[1] + 1.0 / other.shape[1])) ** 0.5
+            changes.append(student(float(one[axis].mean() - other[axis].mean()), error, dof))
+        angles.append(largest_magnitude(changes))
+    return tuple(angles)
 
 
 # Pose accuracy, repeatability, multi-directional variation and exchangeability: clauses 7.2 and 7.7 of ISO 9283:1998.
@@ -152,24 +388,22 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
     for pose in poses:
         if pose.deviation is None:
             return characteristic("AP", [], confidence, NO_COMMAND)
-        angles = None if pose.turn is None or not pose.oriented else tuple(map(estimates.mean, pose.turn))
-        axes = tuple(map(estimates.mean, pose.deviation))
         covariance = np.cov(pose.deviation, ddof=1) / pose.n if pose.n > 1 else np.zeros((3, 3))
         position = distance(pose.deviation.mean(axis=1), covariance, pose.n - 1)
-        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, axes, angles))
+        components = _each(mean, pose.deviation), _each(mean, pose.turn if pose.oriented else None)
+        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, *components))
     return characteristic("AP", places, confidence, NO_COMMAND)
 
 
 def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) -> Characteristic:
     """Return the repeatability (RP) of every commanded pose with at least two visits."""
     places = []
-    for pose in poses:
-        if pose.n > 1:
-            lengths = np.sqrt(np.sum(np.square(pose.residuals), axis=0))
-            position = position_repeatability(pose.residuals, (seed, *pose.stream))
-            angles = None if pose.turn is None else tuple(map(threefold_std, pose.turn))
-            scatter = float(np.mean(lengths)), float(np.std(lengths, ddof=1))
-            places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, None, angles, *scatter))
+    for pose in (pose for pose in poses if pose.n > 1):
+        lengths = np.sqrt(np.sum(np.square(pose.attained - pose.attained.mean(axis=1, keepdims=True)), axis=0))
+        position = position_repeatability(pose.attained, (seed, *pose.stream))
+        scatter = float(np.mean(lengths)), float(np.std(lengths, ddof=1))
+        angles = _each(threefold_std, pose.turn)
+        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, None, angles, *scatter))
     return characteristic(
         "RP", places, confidence, "every commanded pose was visited only once: RP needs several cycles"
     )
@@ -182,27 +416,22 @@ def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Chara
         why = "approach directions are not known: give dir_q columns, or `ordered`"
     places = []
     for pose in poses:
-        approaches = _approaches(pose)
-        if len(approaches) > _MAX_APPROACHES:
+        if pose.direction is None:
+            continue
+        # Visits without a moving joint are left out.
+        moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
+        approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
+        names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
+        if len(names) > _MAX_APPROACHES:
             why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
-        elif len(approaches) > 1:
-            rows = list(approaches.values())
-            turns = None if pose.turn is None else [pose.turn[:, index] for index in rows]
-            groups = [pose.attained[:, index] for index in rows]
-            position, angles, between = separation(groups, list(approaches), turns)
-            n = sum(index.size for index in rows)
-            places.append(IsoCriterion((pose.label,), pose.source, n, position, None, angles, between=between))
+        elif len(names) > 1:
+            rows = [moving[index.ravel() == i] for i in range(len(names))]
+            turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
+            position, angles, between = separation([pose.attained[:, part] for part in rows], names, turns)
+            places.append(
+                IsoCriterion((pose.label,), pose.source, moving.size, position, None, angles, between=between)
+            )
     return characteristic("vAP", places, confidence, why)
-
-
-def _approaches(pose: CommandedPose) -> dict[str, NDArray[np.int64]]:
-    """Return the visits of each approach by its name; visits without a moving joint are left out."""
-    if pose.direction is None:
-        return {}
-    moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
-    approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
-    names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
-    return {name: moving[index.ravel() == i] for i, name in enumerate(names)}
 
 
 def exchangeability(
@@ -226,9 +455,8 @@ def exchangeability(
         shared, groups = zip(*(labels[label] for labels in by_label), strict=True)
         first = shared[0]
         for pose in shared[1:]:
-            if first.commanded is None or pose.commanded is None:
-                break
-            offset = float(np.linalg.norm(pose.commanded - first.commanded))
+            is_known = first.commanded is not None and pose.commanded is not None
+            offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
             if offset > _SAME_COMMAND:
                 reason = (
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
@@ -276,20 +504,24 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
         place = (pose_a.label, pose_b.label), pose_a.source, int(rows_a.size)
         differences = pose_a.attained[:, rows_a] - pose_b.attained[:, rows_b]
         length, axes, angles, turned = np.sqrt(np.sum(np.square(differences), axis=0)), np.abs(differences), None, None
-        if not (pose_a.turn is None or pose_b.turn is None or pose_a.at_pole or pose_b.at_pole):
-            assert pose_a.reference is not None
-            assert pose_b.reference is not None
-            turned = wrapped(pose_a.reference - pose_b.reference)
+        turns = [
+            (pose.reference, pose.turn[:, rows])
+            for pose, rows in ((pose_a, rows_a), (pose_b, rows_b))
+            if pose.reference is not None and pose.turn is not None and not pose.at_pole
+        ]
+        if len(turns) == 2:
+            (reference_a, turn_a), (reference_b, turn_b) = turns
+            turned = wrapped(reference_a - reference_b)
             # Relative to the references' difference, so that poses half a turn apart do not flip sign.
-            angles = np.abs(turned[:, None] + pose_a.turn[:, rows_a] - pose_b.turn[:, rows_b])
+            angles = np.abs(turned[:, None] + turn_a - turn_b)
         if pose_a.commanded is not None and pose_b.commanded is not None and is_commanded:
             offset = pose_a.commanded - pose_b.commanded
             commanded_angles = _less(angles, turned) if pose_a.oriented and pose_b.oriented else None
-            distance_error = estimates.mean(length, float(np.linalg.norm(offset)))
+            distance_error = mean(length, float(np.linalg.norm(offset)))
             accurate.append(IsoCriterion(*place, distance_error, _less(axes, offset), commanded_angles))
         if rows_a.size > 1:
-            repeated = None if angles is None else tuple(map(threefold_std, angles))
-            repeatable.append(IsoCriterion(*place, threefold_std(length), tuple(map(threefold_std, axes)), repeated))
+            figures = threefold_std(length), _each(threefold_std, axes), _each(threefold_std, angles)
+            repeatable.append(IsoCriterion(*place, *figures))
     return (
         characteristic("AD", accurate, confidence, why_accuracy, notes),
         characteristic("RD", repeatable, confidence, why, notes),
@@ -310,7 +542,7 @@ def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEst
     """Return the mean of each row of ``distances`` ``(3, n)`` less the commanded one; None where they are not known."""
     if distances is None or commanded is None:
         return None
-    return tuple(estimates.mean(row, offset) for row, offset in zip(distances, np.abs(commanded).tolist(), strict=True))
+    return tuple(map(mean, distances, np.abs(commanded).tolist()))
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.
@@ -345,14 +577,25 @@ def drift(
     needed = MIN_WINDOW_VISITS * (windows or 2)
     why = f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
     notes = [_window_note(*entry) for entry in divided[:1]]
-    accurate = []
-    if all(pose.deviation is not None for pose, _ in divided):
-        accurate = [_accuracy_change(*entry) for entry in divided]
-    repeated = [_repeatability_change(*entry, seed) for entry in divided]
-    shifted = []
-    for pose, window_rows in divided:
-        first, *later = (pose.attained[:, rows] for rows in window_rows)
-        shifted.append(_drift_place(pose, [separation([first, visits], ("", ""), None)[0] for visits in later]))
+    is_commanded = all(pose.deviation is not None for pose, _ in divided)
+    accurate, repeated, shifted = [], [], []
+    for pose, rows in divided:
+        attained = [pose.attained[:, part] for part in rows]
+        turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
+        if is_commanded and pose.deviation is not None:
+            # AP_a = ā - a_c changes as ā does.
+            angles = None
+            if turns is not None and pose.oriented:
+                angles = _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
+            accurate.append(_drift_place(pose, _accuracy_changes([pose.deviation[:, part] for part in rows]), angles))
+        spreads = [position_repeatability(part, (seed, *pose.stream, i)) for i, part in enumerate(attained)]
+        angles = None
+        if turns is not None:
+            by_axis = [[threefold_std(turn[axis]) for turn in turns] for axis in range(3)]
+            angles = tuple(largest_magnitude([change(later, first) for later in rest]) for first, *rest in by_axis)
+        repeated.append(_drift_place(pose, [change(later, spreads[0]) for later in spreads[1:]], angles))
+        moves = [separation([attained[0], later], ("", ""), None)[0] for later in attained[1:]]
+        shifted.append(_drift_place(pose, moves, None))
     return (
         characteristic("dAP", accurate, confidence, NO_COMMAND if divided else why, notes),
         characteristic("dRP", repeated, confidence, why, notes),
@@ -371,54 +614,22 @@ def _window_note(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) 
 
 
 def _drift_place(
-    pose: CommandedPose,
-    changes: Sequence[IntervalEstimate],
-    angle_changes: Sequence[Sequence[IntervalEstimate]] | None = None,
+    pose: CommandedPose, changes: Sequence[IntervalEstimate], angles: tuple[IntervalEstimate, ...] | None
 ) -> Place:
-    """Return the largest absolute change of the windows after the first, of the position and of each angle."""
-    sizes = [magnitude(change) for change in changes]
-    largest = max(range(len(sizes)), key=lambda window: sizes[window].value)
-    angles = None
-    if angle_changes is not None:
-        angles = tuple(largest_estimate([magnitude(change) for change in entry]) for entry in angle_changes)
+    """Return the largest absolute change of the windows after the first, and those of the angles."""
+    largest = max(range(len(changes)), key=lambda window: abs(changes[window].value))
     between = f"windows 1 and {largest + 2}"
-    return IsoCriterion((pose.label,), pose.source, pose.n, largest_estimate(sizes), None, angles, between=between)
+    return IsoCriterion((pose.label,), pose.source, pose.n, largest_magnitude(changes), None, angles, between=between)
 
 
-def _accuracy_change(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> Place:
-    assert pose.deviation is not None
-    windows = [pose.deviation[:, rows] for rows in window_rows]
+def _accuracy_changes(windows: Sequence[Array]) -> list[IntervalEstimate]:
+    """Return the changes of AP from the first window of deviations ``(3, n_i)`` to each later one."""
     covariance, dof = _pooled(windows)
     means = np.stack([window.mean(axis=1) for window in windows], axis=1)
     lengths = np.sqrt(np.sum(np.square(means), axis=0))
     directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
-    variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / [rows.size for rows in window_rows]
+    sizes = [window.shape[1] for window in windows]
+    variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / sizes
     # AP changes as the mean does along its own direction (delta method).
-    changes = [
-        student(float(lengths[i] - lengths[0]), math.sqrt(variances[i] + variances[0]), dof)
-        for i in range(1, len(windows))
-    ]
-    angle_changes = None
-    if pose.turn is not None and pose.oriented:
-        # AP_a = ā - a_c changes as ā does.
-        first, *later = (pose.turn[:, rows] for rows in window_rows)
-        spread = np.diag(_pooled([first, *later])[0])
-        angle_changes = [
-            [_mean_change(window[axis], first[axis], float(spread[axis]), dof) for window in later] for axis in range(3)
-        ]
-    return _drift_place(pose, changes, angle_changes)
-
-
-def _repeatability_change(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]], seed: int) -> Place:
-    def changes(windows: Sequence[IntervalEstimate]) -> list[IntervalEstimate]:
-        return [estimates.change(window, windows[0]) for window in windows[1:]]
-
-    repeatabilities = []
-    for index, rows in enumerate(window_rows):
-        visits = pose.attained[:, rows]
-        residuals = visits - visits.mean(axis=1, keepdims=True)
-        repeatabilities.append(position_repeatability(residuals, (seed, *pose.stream, index)))
-    angle_changes = None
-    if pose.turn is not None:
-        angle_changes = [changes([threefold_std(angle[rows]) for rows in window_rows]) for angle in pose.turn]
-    return _drift_place(pose, changes(repeatabilities), angle_changes)
+    errors = np.sqrt(variances[1:] + variances[0])
+    return [student(float(at - lengths[0]), float(error), dof) for at, error in zip(lengths[1:], errors, strict=True)]

@@ -10,6 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache, partial
 from typing import Literal
 
 import numpy as np
@@ -61,11 +62,9 @@ class CubeFit:
 
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
-    level_axis = 1 if plane[0] == "x" else 0
-    outer = np.zeros((3, 4))
-    outer[level_axis] = (-1.0, 1.0, 1.0, -1.0)
-    outer[2] = (-1.0, -1.0, 1.0, 1.0)
-    outer[1 - level_axis] = outer[2] if plane[1] == "+" else -outer[2]
+    level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
+    along = up if plane[1] == "+" else -up
+    outer = np.stack((along, level, up) if plane[0] == "x" else (level, along, up))
     points = np.concatenate((np.zeros((3, 1)), (0.5 - FROM_CORNER) * edge * outer), axis=1)
     return np.asarray(np.asarray(centre, dtype=float)[:, None] + points)
 
@@ -86,15 +85,15 @@ def fit_cube(points: Array) -> CubeFit | str:
         return "the five poses are at the same position"
     gaps = np.sqrt(np.sum(np.square(outer[:, :, None] + outer[:, None, :]), axis=0)) / mean_radius
     opposite = np.argmin(gaps, axis=1)
-    if np.ptp(radii) > _SIZE_TOLERANCE * mean_radius or np.max(gaps[np.arange(4), opposite]) > _SIZE_TOLERANCE:
+    if np.ptp(radii) > _SIZE_TOLERANCE * mean_radius or np.max(gaps.min(axis=1)) > _SIZE_TOLERANCE:
         return "no pose is the centre of the other four"
     # A corner's coordinate along each axis is 1/sqrt(3) of its distance from the centre.
     half = mean_radius / math.sqrt(3.0)
     if np.max(np.abs(np.abs(outer) - half)) <= _SIZE_TOLERANCE * mean_radius:
-        slopes = {
-            plane: outer["xy".index(plane[0])] * outer[2] * (1.0 if plane[1] == "+" else -1.0) for plane in PLANES
-        }
-        return CubeFit(centre, float(half), next((plane for plane in PLANES if np.all(slopes[plane] > 0.0)), None))
+        # The four planes in their order: along x and y, rising and falling.
+        slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
+        rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
+        return CubeFit(centre, half, rising[0] if rising else None)
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
@@ -126,8 +125,7 @@ def reachable_centres(arm: Arm, edge: float) -> Array:
     reachable: list[Array] = []
     for start in range(0, centres.shape[1], _CENTRE_BATCH):
         batch = centres[:, start : start + _CENTRE_BATCH]
-        points = np.concatenate([corners(centre, edge) for centre in batch.T], axis=1)
-        targets = Poses(np.broadcast_to(np.eye(3)[..., None], (3, 3, points.shape[1])), points)
+        targets = _at(np.concatenate([corners(centre, edge) for centre in batch.T], axis=1), np.eye(3))
         reached = inverse_kinematics(arm, targets, starts=3, oriented=False).converged.any(axis=1)
         reachable += list(batch[:, reached.reshape(-1, 8).all(axis=1)].T)
         if len(reachable) >= _MAX_CENTRES:
@@ -147,8 +145,7 @@ def _centres(arm: Arm, edge: float) -> Array:
     azimuth = along if abs(azimuth - along) < _AXIS_ANGLE else azimuth
     front = np.array([math.cos(azimuth), math.sin(azimuth)])
     forward = front @ positions[:2]
-    ahead = forward > 0.0
-    middle = np.median(forward[ahead]), np.median(positions[2, ahead])
+    middle = np.median(forward[forward > 0.0]), np.median(positions[2, forward > 0.0])
     radius, height = np.meshgrid(
         np.linspace(0.0, forward.max(), _RADII + 1)[1:],
         np.linspace(positions[2].min(), positions[2].max(), _HEIGHTS),
@@ -238,30 +235,42 @@ def propose(
     if target is not None and target not in robot.targets:
         names = ", ".join(robot.targets) or "one tool without a name"
         raise UsageError(f"no target {target!r}; the robot file has {names}")
-    single, target_name = robot, target or next(iter(robot.targets), None)
-    if target_name is not None:
-        single = dataclasses.replace(robot, tool=robot.targets[target_name], targets={})
-    notes = []
-    if target is None and len(robot.targets) > 1:
-        notes = [f"for the target {target_name}, the first of {len(robot.targets)}"]
+    name = target or next(iter(robot.targets), None)
+    tool = robot.tool if name is None else robot.targets[name]
     # In the base's axes, to which the cube's edges are parallel.
-    arm = Arm.of(dataclasses.replace(single, base=Frame(), effects=()))
-    base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
+    arm = Arm.of(dataclasses.replace(robot, tool=tool, targets={}, base=Frame(), effects=()))
     edges = PREFERRED_EDGES if edge is None else (edge,)
-    reachable: dict[float, Array] = {}
     # A smaller cube with one orientation is preferred to a larger cube without.
-    for orientations in (("down", "forward", "own"), ("free",)) if orientation is None else ((orientation,),):
-        for candidate_edge in edges:
-            if candidate_edge not in reachable:
-                reachable[candidate_edge] = reachable_centres(arm, candidate_edge)
-            for candidate in orientations:
-                proposal = _best_proposal(arm, reachable[candidate_edge], candidate_edge, plane, candidate)
-                if proposal is not None:
-                    all_notes = (*notes, *_notes(robot, proposal, orientation))
-                    return dataclasses.replace(
-                        proposal, poses=base @ proposal.poses, notes=all_notes, target=target_name
-                    )
-    raise InputError(_nothing_fits(robot, edge, plane, orientation))
+    preferred = (ORIENTATIONS[:3], ORIENTATIONS[3:]) if orientation is None else ((orientation,),)
+    centres = cache(partial(reachable_centres, arm))
+    for size, kind in ((size, kind) for kinds in preferred for size in edges for kind in kinds):
+        proposal = _best_proposal(arm, centres(size), size, plane, kind)
+        if proposal is not None:
+            base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
+            first = target is None and len(robot.targets) > 1
+            found = kind if orientation is None else None
+            notes = (
+                (first, f"for the target {name}, the first of {len(robot.targets)}"),
+                (
+                    bool(robot.effects),
+                    "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
+                ),
+                (size not in PREFERRED_EDGES, f"the standard prefers edges of {PREFERRED_SIZES} mm"),
+                (
+                    found == "free",
+                    "the arm reaches no single tool orientation at all five poses: each pose has a different one",
+                ),
+                (found == "own", "the arm cannot point the tool down or forward at all five poses of a preferred cube"),
+            )
+            texts = tuple(note for applies, note in notes if applies)
+            return dataclasses.replace(proposal, poses=base @ proposal.poses, notes=texts, target=name)
+    cube = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
+    required = [f"the plane {plane}"] if plane else []
+    required += [_ORIENTATION_TEXT[orientation]] if orientation else []
+    cube += f" with {' and '.join(required)}" if required else ""
+    fix = "give a smaller `edge`" + (", or leave out `plane` and `orientation`" if required else "")
+    message = f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches"
+    raise InputError(Problem(message, fix=fix))
 
 
 def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None) -> Measurements:
@@ -279,43 +288,11 @@ def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None)
     )
 
 
-def _notes(robot: Robot, proposal: Proposal, requested: Orientation | None) -> list[str]:
-    found = proposal.orientation if requested is None else None
-    notes = (
-        (
-            bool(robot.effects),
-            "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
-        ),
-        (proposal.edge not in PREFERRED_EDGES, f"the standard prefers edges of {PREFERRED_SIZES} mm"),
-        (
-            found == "free",
-            "the arm reaches no single tool orientation at all five poses: each pose has a different one",
-        ),
-        (found == "own", "the arm cannot point the tool down or forward at all five poses of a preferred cube"),
-    )
-    return [note for applies, note in notes if applies]
-
-
-def _nothing_fits(robot: Robot, edge: float | None, plane: Plane | None, orientation: Orientation | None) -> Problem:
-    size = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
-    requirements = [f"the plane {plane}"] if plane else []
-    requirements += [_ORIENTATION_TEXT[orientation]] if orientation else []
-    requirement_text = f" with {' and '.join(requirements)}" if requirements else ""
-    fix = "give a smaller `edge`" + (", or leave out `plane` and `orientation`" if requirements else "")
-    return Problem(
-        f"{robot.name}: found no cube {size}{requirement_text} whose corners and five poses the arm reaches",
-        fix=fix,
-    )
-
-
 def _best_proposal(arm: Arm, centres: Array, edge: float, plane: Plane | None, kind: Orientation) -> Proposal | None:
     """Return the proposal at the first feasible centre, with the tool rotation furthest from the joint limits."""
     for centre in centres.T:
-        proposals = [
-            proposal
-            for rotation in _rotations(arm, kind, centre)
-            if (proposal := _best_plane(arm, centre, edge, plane, kind, rotation)) is not None
-        ]
+        tried = [_best_plane(arm, centre, edge, plane, kind, rotation) for rotation in _rotations(arm, kind, centre)]
+        proposals = [proposal for proposal in tried if proposal is not None]
         if proposals:
             return max(proposals, key=lambda proposal: round(proposal.margin, 6))
     return None
@@ -326,19 +303,16 @@ def _rotations(arm: Arm, kind: Orientation, centre: Array) -> Iterator[Array | N
     if kind == "free":
         yield None
     elif kind == "own":
-        target = Poses(np.eye(3)[..., None], centre[:, None])
-        reached = inverse_kinematics(arm, target, starts=_STARTS, oriented=False)
-        converged = np.flatnonzero(reached.converged[0])
-        if converged.size:
-            margins = np.min(_margins(arm, reached.q[:, 0, converged]), axis=0)
-            best = reached.q[:, 0, converged[int(np.argmax(np.round(margins, 6)))]]
-            yield arm.chain.forward(best[:, None]).rotation[..., 0]
+        reached = inverse_kinematics(arm, _at(centre[:, None], np.eye(3)), starts=_STARTS, oriented=False)
+        q = reached.q[:, 0, reached.converged[0]]
+        if q.size:
+            best = int(np.argmax(np.round(np.min(_margins(arm, q), axis=0), 6)))
+            yield arm.chain.forward(q[:, [best]]).rotation[..., 0]
     else:
-        azimuth = math.atan2(centre[1], centre[0])
         pointed = rotation_about(0, math.pi) if kind == "down" else rotation_about(1, 0.5 * math.pi)
         for roll in range(_ROLLS):
             turn = rotation_about(2, 2.0 * math.pi * roll / _ROLLS)
-            yield rotation_about(2, azimuth) @ pointed @ turn
+            yield rotation_about(2, math.atan2(centre[1], centre[0])) @ pointed @ turn
 
 
 def _best_plane(
@@ -349,38 +323,31 @@ def _best_plane(
     P1 is solved from several starts, the outer poses from each of P1's solutions, so that the arm does not change its
     configuration between them. All planes together have eight outer points; each plane has four.
     """
-    tool_rotation = np.eye(3) if rotation is None else rotation
-    first = inverse_kinematics(
-        arm, _with_orientation(centre[:, None], tool_rotation), starts=_STARTS, oriented=rotation is not None
-    )
+    own, is_oriented = np.eye(3) if rotation is None else rotation, rotation is not None
+    first = inverse_kinematics(arm, _at(centre[:, None], own), starts=_STARTS, oriented=is_oriented)
     starts = first.q[:, 0, first.converged[0]]
     if starts.shape[1] == 0:
         return None
     inner = corners(centre, (1.0 - 2.0 * FROM_CORNER) * edge)
-    outer = inverse_kinematics(
-        arm, _with_orientation(inner, tool_rotation), starts=starts, oriented=rotation is not None
-    )
-    best_proposal: Proposal | None = None
+    outer = inverse_kinematics(arm, _at(inner, own), starts=starts, oriented=is_oriented)
+    best: Proposal | None = None
     for candidate in PLANES if plane is None else (plane,):
         points = five_points(centre, edge, candidate)
-        squared_distances = np.sum(np.square(points[:, 1:, None] - inner[:, None, :]), axis=0)
-        corner_indices = np.argmin(squared_distances, axis=1)
-        solved = np.flatnonzero(outer.converged[corner_indices].all(axis=0))
+        nearest = np.argmin(np.sum(np.square(points[:, 1:, None] - inner[:, None, :]), axis=0), axis=1)
+        solved = np.flatnonzero(outer.converged[nearest].all(axis=0))
         if solved.size == 0:
             continue
-        joints = np.concatenate((starts[:, None, solved], outer.q[:, corner_indices][:, :, solved]), axis=1)
+        joints = np.concatenate((starts[:, None, solved], outer.q[:, nearest][:, :, solved]), axis=1)
         margins = np.round(np.min(_margins(arm, joints), axis=(0, 1)), 6)
-        best_index = int(np.argmax(margins))
-        if margins[best_index] >= _LIMIT_CLEARANCE and (
-            best_proposal is None or margins[best_index] > best_proposal.margin
-        ):
-            q = np.round(joints[..., best_index], _DECIMALS) + 0.0
-            target_poses = arm.chain.forward(q) if rotation is None else _with_orientation(points, rotation)
-            best_proposal = Proposal(edge, centre, candidate, kind, target_poses, q, float(margins[best_index]), ())
-    return best_proposal
+        i = int(np.argmax(margins))
+        if margins[i] >= _LIMIT_CLEARANCE and (best is None or margins[i] > best.margin):
+            q = np.round(joints[..., i], _DECIMALS) + 0.0
+            poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
+            best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())
+    return best
 
 
-def _with_orientation(points: Array, rotation: Array) -> Poses:
+def _at(points: Array, rotation: Array) -> Poses:
     """Return poses at points ``(3, N)`` with one orientation ``(3, 3)``."""
     return Poses(np.repeat(rotation[..., None], points.shape[1], axis=2), points)
 

@@ -7,8 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.estimation import check_confidence, register, too_far, unregistered_warning
-from robacc.accuracy.pose_errors import commanded_poses, registered_poses
+from robacc.accuracy.error_statistics import assumption_tests
+from robacc.accuracy.estimation import (
+    TOO_LARGE,
+    UNREGISTERED,
+    check_confidence,
+    commanded_poses,
+    register,
+    registered_poses,
+    too_far,
+)
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
@@ -21,12 +29,10 @@ from robacc.iso_9283.criteria import (
     repeatability,
 )
 from robacc.iso_9283.cube import PREFERRED_EDGES, PREFERRED_SIZES, fit_cube
-from robacc.iso_9283.records import Characteristic, Condition, Iso9283Result, Status
-from robacc.iso_9283.visits import CommandedPose, shifting_commands, visits_of
+from robacc.iso_9283.visits import Characteristic, CommandedPose, Condition, Iso9283Result, Status, visits_of
 from robacc.measurements import Measurements
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.description import Frame, Robot
-from robacc.statistics.multivariate import assumption_tests
 
 # Conditions of the standard's protocol, and whether the data meet them, violate them or do not record them.
 #
@@ -57,23 +63,26 @@ def protocol(
     rated_load: float | None,
 ) -> tuple[Condition, ...]:
     """Return every condition, in the order of the clauses."""
-    poses_by_file = [[pose for pose in poses if pose.number == number] for number in range(len(files))]
 
     def logged(column: str, missing: str, judge: Callable[[list[Any]], Finding]) -> Finding:
         """Judge the values of a column, one array for each file; unknown where a file lacks it."""
         values = [getattr(data, column) for data in files]
         return ("unknown", missing) if any(value is None for value in values) else judge(values)
 
-    no_sigma = "no columns sigma_x, sigma_y, sigma_z"
-    n_poses = sorted({len(file_poses) for file_poses in poses_by_file})
+    warm_up = "the warm-up is not recorded"
+    if shift.position.interval.lower and shift.position.value is not None:
+        moved = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
+        warm_up = f"{warm_up}, but {moved}"
+    n_poses = sorted({sum(pose.number == number for pose in poses) for number in range(len(files))})
     n_visits = sorted({pose.n for pose in poses})
     five_poses = f"{' and '.join(map(str, n_poses))} commanded pose{'s' * (n_poses != [1])}"
     cycles = f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
     if len(n_visits) == 1:
         cycles = f"{n_visits[0]} visit{'s' * (n_visits[0] > 1)} of each commanded pose"
-    diagonal, corner_distance = _cube(poses_by_file[0], robot)
+    diagonal, corner_distance = _cube([pose for pose in poses if pose.number == 0], robot)
+    no_sigma = "no columns sigma_x, sigma_y, sigma_z"
     findings: tuple[tuple[str, str, Finding], ...] = (
-        ("warm-up", "6.2", _warm_up(shift)),
+        ("warm-up", "6.2", ("unknown", warm_up)),
         ("temperature", "6.3", logged("temperature", "no column temperature_c", _temperature)),
         ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
         ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
@@ -88,31 +97,22 @@ def protocol(
     return tuple(Condition(name, clause, *finding) for name, clause, finding in findings)
 
 
-def _warm_up(shift: Characteristic) -> Finding:
-    if not shift.position.interval.lower or shift.position.value is None:
-        return "unknown", "the warm-up is not recorded"
-    moved = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
-    return "unknown", f"the warm-up is not recorded, but {moved}"
-
-
 def _temperature(logged: list[Array]) -> Finding:
     low, high = min(float(values.min()) for values in logged), max(float(values.max()) for values in logged)
     range_text = f"{low:.1f} °C to {high:.1f} °C"
     if high - low > 2.0 * _AMBIENT_TOLERANCE:
         return "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
-    if abs(low - _AMBIENT) <= _AMBIENT_TOLERANCE and abs(high - _AMBIENT) <= _AMBIENT_TOLERANCE:
+    if max(abs(low - _AMBIENT), abs(high - _AMBIENT)) <= _AMBIENT_TOLERANCE:
         return "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C"
     return "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
 
 
 def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
-    smallest = min(
-        (place.position.value for place in repeatability.places if place.position.value is not None), default=None
-    )
-    if smallest is None:
+    values = [place.position.value for place in repeatability.places if place.position.value is not None]
+    if not values:
         return "unknown", "there is no RP to compare it with"
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
-    share = expanded / smallest if smallest > 0.0 else np.inf
+    share = expanded / min(values) if min(values) > 0.0 else np.inf
     reason = (
         f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
@@ -147,18 +147,12 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
     """Return the status of a share of the rated value and the reason, which names the standard's optional steps."""
     step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
-    if step == 1.0:
-        return "met", f"{description}: 100 %"
-    optional_text = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
-    if step is not None:
-        return (
-            "met",
-            f"{description}: {100 * step:.0f} %, an optional step; a test at 100 % {quantity} is needed too",
-        )
-    return (
-        "not met",
-        f"{description}: {100 * share:.0f} %; the standard requires 100 %; optional steps are {optional_text}",
-    )
+    if step is None:
+        optional = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
+        required = f"the standard requires 100 %; optional steps are {optional}"
+        return "not met", f"{description}: {100 * share:.0f} %; {required}"
+    also = "" if step == 1.0 else f", an optional step; a test at 100 % {quantity} is needed too"
+    return "met", f"{description}: {100 * step:.0f} %{also}"
 
 
 def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding, Finding]:
@@ -168,11 +162,8 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
         return (("unknown", "the commanded positions are not known"),) * 2
     if len(points) != _POSE_COUNT:
         return (("not met", "needs five commanded poses"),) * 2
-    in_base = np.stack(points, axis=1)
-    if robot is not None:
-        base = _base_pose(robot.base)
-        in_base = base.rotation.T @ (in_base - base.translation[:, None])
-    fit = fit_cube(in_base)
+    base = _base_pose(Frame() if robot is None else robot.base)
+    fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
         return (("not met", fit),) * 2
     plane: Finding = ("not met", "the diagonal plane is upright; the standard's planes rise at 45°")
@@ -185,12 +176,9 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
 
 
 def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
-    labels = []
-    for pose in poses:
-        assert pose.direction is not None
-        moving = pose.direction[:, np.any(pose.direction != 0, axis=0)]
-        if np.unique(moving, axis=1).shape[1] > 1:
-            labels.append(pose.label)
+    directions = [(pose.label, pose.direction) for pose in poses if pose.direction is not None]
+    moving = [(label, direction[:, np.any(direction != 0, axis=0)]) for label, direction in directions]
+    labels = [label for label, direction in moving if np.unique(direction, axis=1).shape[1] > 1]
     if not labels:
         return "met", "every visit of a pose has the same approach direction"
     names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
@@ -199,6 +187,8 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
 
 _HEAVY_TAIL_P_VALUE = 0.01
 """p-value below which a note says that the scatter is not Gaussian."""
+_SAME_COMMAND = 1e-6
+"""m: commands of a pose that differ by less are equal."""
 _MAX_POSES = 300
 """Largest number of commanded poses in a file: sixty times the standard's five."""
 
@@ -230,12 +220,20 @@ def iso9283(
         InputError: The data lack something that the call needs.
     """
     check_confidence(confidence)
-    if not files:
-        raise UsageError("no file of measured poses is given; give at least one")
-    if windows is not None and windows < 2:
-        raise UsageError(f"drift is a change between windows: `drift_windows` is at least 2, not {windows}")
-    if rated_load is not None and not 0.0 < rated_load < np.inf:
-        raise UsageError(f"`rated_load` is above 0 kg, not {rated_load:g}")
+    mistakes = (
+        (not files, "no file of measured poses is given; give at least one"),
+        (
+            windows is not None and windows < 2,
+            f"drift is a change between windows: `drift_windows` is at least 2, not {windows}",
+        ),
+        (
+            rated_load is not None and not 0.0 < rated_load < np.inf,
+            f"`rated_load` is above 0 kg, not {rated_load or 0:g}",
+        ),
+    )
+    for applies, message in mistakes:
+        if applies:
+            raise UsageError(message)
     names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
@@ -260,14 +258,22 @@ def iso9283(
         )
     alignments = [register(data, robot, align) for data in files] if align else []
     poses_by_file = nominal_poses
+    # Registered robots were measured in different frames: positions move from the registered to the nominal base.
+    attained = [[pose.attained for pose in file_poses] for file_poses in nominal_poses]
     if alignments:
         poses_by_file = [
             visits_of(data, registered_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
+        nominal = _base_pose(robot.base if robot is not None else Frame())
+        to_nominal = [nominal @ _base_pose(alignment.robot.base).inverse() for alignment in alignments]
+        attained = [
+            [move.rotation @ positions + move.translation[:, None] for positions in file_positions]
+            for move, file_positions in zip(to_nominal, attained, strict=True)
+        ]
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
     repeatability_characteristic = repeatability(poses, confidence, seed)
     accuracy_drift, repeatability_drift, shift = drift(poses, confidence, seed, windows)
-    exchanged = exchangeability(nominal_poses, _positions_in_shared_frame(nominal_poses, robot, alignments), confidence)
+    exchanged = exchangeability(nominal_poses, attained, confidence)
     if robot is not None and alignments:
         robot = alignments[0].robot
     return Iso9283Result(
@@ -297,24 +303,6 @@ def iso9283(
 def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
     """Return the largest AP_p, m."""
     return max(float(np.linalg.norm(pose.deviation.mean(axis=1))) for pose in poses if pose.deviation is not None)
-
-
-def _positions_in_shared_frame(
-    poses_by_file: Sequence[Sequence[CommandedPose]], robot: Robot | None, alignments: Sequence[Alignment]
-) -> list[list[Array]]:
-    """Return attained positions of each file in a frame that the robots share: if registered, the robot file's.
-
-    Registered robots were measured in different frames, so positions move from the registered to the nominal base.
-    """
-    if not alignments:
-        return [[pose.attained for pose in poses] for poses in poses_by_file]
-    nominal = _base_pose(robot.base if robot is not None else Frame())
-    positions = []
-    for poses, alignment in zip(poses_by_file, alignments, strict=True):
-        base = _base_pose(alignment.robot.base)
-        rotation, origin = nominal.rotation @ base.rotation.T, nominal.translation[:, None]
-        positions.append([rotation @ (pose.attained - base.translation[:, None]) + origin for pose in poses])
-    return positions
 
 
 def _base_pose(base: Frame) -> Poses:
@@ -363,23 +351,24 @@ def _notes(
             bool(shift.position.interval.lower),
             "the robot drifted during the run by more than the scatter explains: AP and RP include the drift",
         ),
-        (tails is not None, tails or ""),
+        (bool(tails), tails),
     )
     return tuple(dict.fromkeys(note for applies, note in notes if applies))
 
 
-def _heavy_tails(poses: Sequence[CommandedPose]) -> str | None:
+def _heavy_tails(poses: Sequence[CommandedPose]) -> str:
     """Return a note if the scatter of the visits, sphered for each pose, has longer tails than a Gaussian."""
-    sphered = []
+    sphered = [np.zeros((3, 0))]
     for pose in poses:
         values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
         if values[0] > 1e-12 * values[-1]:
-            sphered.append((axes / np.sqrt(values)).T @ pose.residuals)
-    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
-    if test is None or test.p_value is None or test.statistic is None:
-        return None
-    if test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic < 0.0:
-        return None
+            residuals = pose.attained - pose.attained.mean(axis=1, keepdims=True)
+            sphered.append((axes / np.sqrt(values)).T @ residuals)
+    if len(sphered) == 1:
+        return ""
+    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis
+    if test.p_value is None or test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic is None or test.statistic < 0.0:
+        return ""
     return (
         f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "
         "intervals of RP assume a Gaussian and are too narrow"
@@ -390,12 +379,22 @@ def _warnings(
     files: Sequence[Measurements], poses_by_file: Sequence[Sequence[CommandedPose]], registered: bool
 ) -> tuple[str, ...]:
     warnings = [warning for data in files for warning in data.warnings]
-    if (shifting := shifting_commands([pose for poses in poses_by_file for pose in poses])) is not None:
-        warnings.append(shifting)
+    moves = [
+        (float(np.max(np.abs(pose.attained - pose.deviation - pose.commanded[:, None]))), pose.label)
+        for poses in poses_by_file
+        for pose in poses
+        if pose.deviation is not None and pose.commanded is not None
+    ]
+    move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
+    if move > _SAME_COMMAND:
+        warnings.append(
+            f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
+            "commanded pose; put commanded joint values into the q columns, not encoder readings"
+        )
     for poses in poses_by_file:
         # A single pose does not show whether the accuracy of a robot is too bad for an arm.
         if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
             barycentres = np.column_stack([pose.attained.mean(axis=1) for pose in poses])
             if too_far(_largest_accuracy(poses), barycentres):
-                warnings.append(unregistered_warning(registered))
+                warnings.append(TOO_LARGE if registered else UNREGISTERED)
     return tuple(dict.fromkeys(warnings))

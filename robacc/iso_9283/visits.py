@@ -1,27 +1,33 @@
-"""Visits of each commanded pose: attained positions, deviations from the command, and the angles a, b, c.
+"""Visits of each commanded pose, and the records of an evaluation after ISO 9283.
 
-The standard's a, b, c are roll, pitch and yaw of R = Rz(c) Ry(b) Rx(a). Each deviation is wrapped into half a turn, so
-that angles near half a turn cause no jump. Within 10 degrees of b = 90 degrees, where a and c are not defined
-separately, the rotation from the commanded to the attained orientation about x, y, z of the measuring frame is used.
+"Pose" is the standard's word for a commanded pose; a visit is one arrival at it. The standard's a, b, c are roll, pitch
+and yaw of R = Rz(c) Ry(b) Rx(a). Each deviation is wrapped into half a turn, so that angles near half a turn cause no
+jump. Within 10 degrees of b = 90 degrees, where a and c are not defined separately, the rotation from the commanded to
+the attained orientation about x, y, z of the measuring frame is used.
 """
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.pose_errors import Commanded
+from robacc.accuracy.estimation import Commanded
 from robacc.errors import InputError, Problem
+from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
+from robacc.statistics.intervals import EstimateOrReason
 
 _POLE = np.cos(np.deg2rad(80.0))
 """cos(b) below which a deviation of a or c is at least six times the rotation that causes it."""
+
+Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
+Status = Literal["met", "not met", "unknown"]
+Figure = TypeVar("Figure")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +38,6 @@ class CommandedPose:
     source: str
     number: int
     """Index of the file, from 0."""
-    rows: NDArray[np.int64]
-    """``(n,)`` rows of the file's measurements."""
     attained: Array
     """``(3, n)`` m, measuring frame."""
     commanded: Array | None
@@ -65,10 +69,87 @@ class CommandedPose:
         """Stream of random numbers of this pose, independent of the order of rows."""
         return self.number, zlib.crc32(self.label.encode())
 
-    @property
-    def residuals(self) -> Array:
-        """Attained positions minus their barycentre, ``(3, n)``, m."""
-        return np.asarray(self.attained - self.attained.mean(axis=1, keepdims=True))
+
+@dataclass(frozen=True, slots=True)
+class IsoCriterion(Generic[Figure]):
+    """One criterion at one place: a commanded pose or a pair of commanded poses.
+
+    Results have figures with the interval at one confidence; the computation has estimates with intervals at any.
+    """
+
+    poses: tuple[str, ...]
+    source: str | None
+    """Name of the file; None if the criterion is over several files."""
+    n: int
+    """Number of visits, or of pairs of visits."""
+    position: Figure
+    """m"""
+    axes: tuple[Figure, ...] | None = None
+    """Components along x, y, z of the measuring frame, m, if the standard defines them."""
+    angles: tuple[Figure, ...] | None = None
+    """a, b, c: rad."""
+    mean_distance: float | None = None
+    """RP: mean distance of the visits from their barycentre, m."""
+    sd_distance: float | None = None
+    """RP: standard deviation S_l of that distance, m."""
+    between: str | None = None
+    """The two approaches, windows or files with the largest distance."""
+
+
+@dataclass(frozen=True, slots=True)
+class Characteristic:
+    """One criterion over all places: its largest value, and the value at every place."""
+
+    symbol: Symbol
+    clause: str
+    """Clause of ISO 9283:1998."""
+    position: EstimateOrReason
+    """Largest value, m; largest absolute value of a signed criterion."""
+    position_at: str | None
+    """Place of the largest value."""
+    angle: EstimateOrReason
+    """Largest of a, b, c, rad."""
+    angle_at: str | None
+    """Place and letter of the largest angle."""
+    places: tuple[IsoCriterion[EstimateOrReason], ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """One condition of the standard's protocol, its status and the reason."""
+
+    name: str
+    clause: str
+    status: Status
+    why: str
+
+
+@dataclass(frozen=True, slots=True)
+class Iso9283Result:
+    """Result of ``robacc iso9283``."""
+
+    n_poses: int
+    """Measured poses (rows) of all files."""
+    sources: tuple[str, ...]
+    """Name of each file."""
+    commanded: Literal["robot", "file"] | None
+    """Source of the commanded poses; None: not known."""
+    poses: tuple[CommandedPose, ...]
+    characteristics: tuple[Characteristic, ...]
+    """In the standard's order; a criterion that the data cannot support has a reason and no number."""
+    protocol: tuple[Condition, ...]
+    alignments: tuple[Alignment, ...]
+    """Registration of each file, if one was requested."""
+    unaligned: Array | None
+    """``(files,)`` largest AP before registration, m."""
+    confidence: float
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def characteristic(self, symbol: Symbol) -> Characteristic:
+        """Return the characteristic with ``symbol``."""
+        return next(entry for entry in self.characteristics if entry.symbol == symbol)
 
 
 def visits_of(data: Measurements, commanded: Commanded | None, source: str, number: int) -> tuple[CommandedPose, ...]:
@@ -81,42 +162,46 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
         raise InputError(Problem("has no measured poses", source))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
     groups = data.groups() if data.pose is None else np.unique(data.pose, return_inverse=True)[1]
+    several_targets = data.target is not None and np.unique(data.target).size > 1
     if data.target is not None:
         targets = np.unique(data.target, return_inverse=True)[1]
-        groups = np.unique(groups * (targets.max() + 1) + targets, return_inverse=True)[1]
-    commands = None if commanded is None else commanded.block(slice(0, data.n))
+        groups = np.unique(groups * data.n + targets, return_inverse=True)[1]
+    command = (None, None) if commanded is None else commanded.block(slice(0, data.n))
     _, first = np.unique(groups, return_index=True)
     members = np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
-    order = np.argsort(first, kind="stable")
     poses = []
-    for index, i in enumerate(order):
+    for index, i in enumerate(np.argsort(first)):
         rows = members[i]
         if data.time is not None:
             rows = rows[np.argsort(data.time[rows], kind="stable")]
-        attained = data.position[:, rows]
-        position, rotation = (
-            None if part is None else part[..., rows] for part in ((None, None) if commands is None else commands)
+        optional = data.cycle, data.time, data.direction, data.rotation, *command
+        cycle, time, direction, rotation, position, orientation = (
+            None if column is None else column[..., rows] for column in optional
         )
-        reference, turn, at_pole = _turns(data, rows, rotation)
+        attained, reference, turn, at_pole = data.position[:, rows], None, None, False
+        if rotation is not None:
+            target = rotation[..., :1] if orientation is None else orientation
+            angles = rpy_from_rotation(target)
+            reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
+            turn = wrapped(rpy_from_rotation(rotation) - angles)
+            if at_pole:
+                turn = log_so3(compose(rotation, transpose(np.broadcast_to(target, rotation.shape))))
         label = f"pose {index + 1}" if data.pose is None else str(data.pose[rows[0]])
-        if data.target is not None and np.unique(data.target).size > 1:
-            label += f" {data.target[rows[0]]}"
         poses.append(
             CommandedPose(
-                label=label,
+                label=f"{label} {data.target[rows[0]]}" if several_targets and data.target is not None else label,
                 source=source,
                 number=number,
-                rows=rows,
                 attained=attained,
                 commanded=None if position is None else position[:, 0],
                 deviation=None if position is None else attained - position,
                 reference=reference,
                 turn=turn,
-                oriented=rotation is not None,
+                oriented=orientation is not None,
                 at_pole=at_pole,
-                cycle=None if data.cycle is None else data.cycle[rows],
-                time=None if data.time is None else data.time[rows],
-                direction=None if data.direction is None else data.direction[:, rows],
+                cycle=cycle,
+                time=time,
+                direction=direction,
             )
         )
     return tuple(poses)
@@ -125,33 +210,3 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
 def wrapped(angle: Array) -> Array:
     """Return the same angle in (-pi, pi]."""
     return np.asarray(np.pi - (np.pi - angle) % (2.0 * np.pi))
-
-
-def _turns(
-    data: Measurements, rows: NDArray[np.int64], commanded: Array | None
-) -> tuple[Array | None, Array | None, bool]:
-    """Return reference angles, deviations from them, and True if the deviations are about the frame's axes."""
-    if data.rotation is None:
-        return None, None, False
-    attained = data.rotation[..., rows]
-    reference = attained[..., :1] if commanded is None else commanded
-    angles = rpy_from_rotation(reference)
-    if np.min(np.cos(angles[1])) < _POLE:
-        return angles[:, 0], log_so3(compose(attained, transpose(np.broadcast_to(reference, attained.shape)))), True
-    return angles[:, 0], wrapped(rpy_from_rotation(attained) - angles), False
-
-
-def shifting_commands(poses: Sequence[CommandedPose]) -> str | None:
-    """Return a warning if the command changes between visits of one commanded pose."""
-    worst_pose, largest_move = None, 1e-6
-    for pose in poses:
-        if pose.deviation is not None and pose.commanded is not None:
-            move = float(np.max(np.abs(pose.attained - pose.deviation - pose.commanded[:, None])))
-            if move > largest_move:
-                worst_pose, largest_move = pose, move
-    if worst_pose is None:
-        return None
-    return (
-        f"the command of {worst_pose.label} differs by {largest_move * 1e3:.2g} mm between its visits, but cycles "
-        "repeat one commanded pose; put commanded joint values into the q columns, not encoder readings"
-    )

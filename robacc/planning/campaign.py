@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import Statistic
 from robacc.errors import UsageError
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
@@ -69,9 +70,8 @@ from robacc.planning.expected import (
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import scaled_inverse
 from robacc.robots.description import Robot
-from robacc.statistics.confidence_curves import smallest_sufficient
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
-from robacc.statistics.records import Statistic
+from robacc.statistics.intervals import smallest_sufficient
 
 # Plans with fewer measured coordinates than the fit has coefficients.
 

@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
@@ -29,7 +30,6 @@ from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_P
 from robacc.robots.yaml_robot import read_units
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
-from robacc.statistics.records import Statistic
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
 

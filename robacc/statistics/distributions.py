@@ -12,12 +12,48 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import lru_cache
+from statistics import NormalDist
 
 _EPS = 1e-16
 _TINY = 1e-300
 _MAX_TERMS = 200_000
 _STIRLING_FROM = 10.0
 """Argument from which Stirling's series of four terms is exact to 1e-14."""
+_NORMAL = NormalDist()
+
+
+def root(function: Callable[[float], float], low: float, high: float, tolerance: float = 1e-15) -> float:
+    """Return the zero of a function whose signs at ``low`` and ``high`` differ, to the relative ``tolerance``.
+
+    Inverse quadratic interpolation where it is safe, else bisection: T. R. Chandrupatla, "A new hybrid
+    quadratic/bisection algorithm for finding the zero of a nonlinear function", Advances in Engineering Software 28
+    (1997).
+    """
+    b, a, f_b, f_a = low, high, function(low), function(high)
+    c, f_c, share = b, f_b, 0.5
+    while True:
+        best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
+        smallest = (tolerance * abs(best) + _TINY) / abs(b - a) if a != b else 1.0
+        if smallest > 0.5 or f_best == 0.0:
+            return best
+        x = a + min(max(share, smallest), 1.0 - smallest) * (b - a)
+        f_x = function(x)
+        if (f_x > 0.0) == (f_a > 0.0):
+            c, f_c = a, f_a
+        else:
+            c, f_c, b, f_b = b, f_b, a, f_a
+        a, f_a, share = x, f_x, 0.5
+        ratio, height = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+        if height**2 < ratio and (1.0 - height) ** 2 < 1.0 - ratio:
+            share = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
+
+
+def _root_above(function: Callable[[float], float], high: float) -> float:
+    """Return the zero of a function that is negative at 0 and rises; ``high`` is tried first as the upper end."""
+    low = 0.0
+    while high < _LARGEST and function(high) < 0.0:
+        low, high = high, 2.0 * high
+    return root(function, low, high)
 
 
 def normal_cdf(x: float) -> float:
@@ -25,103 +61,78 @@ def normal_cdf(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-@lru_cache(maxsize=256)
 def normal_quantile(probability: float) -> float:
     """Return the x with P(Z <= x) = ``probability``, 0 < probability < 1."""
-    if probability > 0.5:
-        return -normal_quantile(1.0 - probability)
-    # Newton on log P, which is concave: from the left of the root every step stays on that side and none overshoots.
-    x = -math.sqrt(-2.0 * math.log(probability))
-    for _ in range(100):
-        value = normal_cdf(x)
-        density = math.exp(-0.5 * x * x) / math.sqrt(2.0 * math.pi)
-        step = (math.log(value) - math.log(probability)) * value / density
-        x -= step
-        if abs(step) <= 1e-15 * max(1.0, abs(x)):
-            break
-    return x
+    return _NORMAL.inv_cdf(probability)
 
 
 def _stirling_remainder(a: float) -> float:
     """Return the remainder log Gamma(a) - ((a - 1/2) log a - a + log(2 pi)/2) for a >= 10."""
-    inverse = 1.0 / a
-    square = inverse * inverse
-    return inverse * (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square * (1 / 1680 - square / 1188))))
-
-
-def _log_ratio(x: float) -> float:
-    """Return log(1 + x) - x, without cancellation near zero."""
-    if abs(x) > 0.1:
-        return math.log1p(x) - x
-    total, power = 0.0, -x
-    for k in range(2, 40):
-        power *= -x
-        term = -power / k
-        total += term
-        if abs(term) <= _EPS * abs(total):
-            break
-    return total
+    square = 1.0 / (a * a)
+    return (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square * (1 / 1680 - square / 1188)))) / a
 
 
 def _log_gamma_weight(a: float, x: float) -> float:
     """Return log(x^a e^-x / Gamma(a)); for large a from x - a, because the plain formula loses digits."""
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
+    excess = (x - a) / a
     if x < 1e-3 * a:  # x / a - 1 would lose the digits of x
-        return a * (math.log(x / a) + 1.0) - x + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
-    return a * _log_ratio((x - a) / a) + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
+        fall = math.log(x / a) - excess
+    elif abs(excess) > 0.1:
+        fall = math.log1p(excess) - excess
+    else:  # log(1 + x) - x without cancellation near zero
+        fall = math.fsum(-((-excess) ** k) / k for k in range(2, 18))
+    return a * fall + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
 
 
 def _lower_series(a: float, x: float) -> float:
     """Return P(a, x) by its power series, for x < a + 1."""
     term = total = 1.0 / a
     denominator = a
-    for _ in range(_MAX_TERMS):
+    while term >= _EPS * total:
         denominator += 1.0
         term *= x / denominator
         total += term
-        if term < _EPS * total:
-            break
     return total * math.exp(_log_gamma_weight(a, x))
 
 
 def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]]) -> float:
     """Return ``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
-    d = 1.0 / (first if first != 0.0 else _TINY)
+    d = value = 1.0 / (first or _TINY)
     c = 1.0 / _TINY
-    value = d
     for i in range(1, _MAX_TERMS):
         numerator, denominator = terms(i)
-        d = denominator + numerator * d
-        c = denominator + numerator / c
-        d = 1.0 / (d if d != 0.0 else _TINY)
-        c = c if c != 0.0 else _TINY
+        d = 1.0 / (denominator + numerator * d or _TINY)
+        c = denominator + numerator / c or _TINY
         value *= c * d
         if abs(c * d - 1.0) < 2e-16:
             break
     return value
 
 
-def _upper_fraction(a: float, x: float) -> float:
-    """Return Q(a, x) by its continued fraction, for x >= a + 1."""
-    fraction = _continued_fraction(x + 1.0 - a, lambda i: (-i * (i - a), x + 2.0 * i + 1.0 - a))
-    return fraction * math.exp(_log_gamma_weight(a, x))
+def _chi2_tail(x: float, dof: float, upper: bool) -> float:
+    """Return P(chi-square > x) if ``upper``, else P(chi-square <= x); small probabilities keep their digits."""
+    a, half = 0.5 * dof, 0.5 * x
+    if half <= 0.0:
+        return float(upper)
+    is_lower = half < a + 1.0
+    if is_lower:
+        tail = _lower_series(a, half)
+    else:
+        fraction = _continued_fraction(half + 1.0 - a, lambda i: (-i * (i - a), half + 2.0 * i + 1.0 - a))
+        tail = fraction * math.exp(_log_gamma_weight(a, half))
+    return 1.0 - tail if upper == is_lower else tail
 
 
 def chi2_cdf(x: float, dof: float) -> float:
     """Return P(chi-square with ``dof`` degrees of freedom <= x)."""
-    if x <= 0.0:
-        return 0.0
-    a, half = 0.5 * dof, 0.5 * x
-    return _lower_series(a, half) if half < a + 1.0 else 1.0 - _upper_fraction(a, half)
+    return _chi2_tail(x, dof, upper=False)
 
 
 def chi2_sf(x: float, dof: float) -> float:
     """Return P(chi-square with ``dof`` degrees of freedom > x), exact far in the tail too."""
-    if x <= 0.0:
-        return 1.0
-    a, half = 0.5 * dof, 0.5 * x
-    return 1.0 - _lower_series(a, half) if half < a + 1.0 else _upper_fraction(a, half)
+    return _chi2_tail(x, dof, upper=True)
 
 
 @lru_cache(maxsize=256)
@@ -130,13 +141,11 @@ def chi2_quantile(probability: float, dof: float) -> float:
     # Wilson and Hilferty's cube is within a few percent; it fails only far in the lower tail, where P ~ x^a.
     cube = 1.0 - 2.0 / (9.0 * dof) + normal_quantile(probability) * math.sqrt(2.0 / (9.0 * dof))
     a = 0.5 * dof
-    small = 2.0 * math.exp((math.log(probability) + math.lgamma(a + 1.0)) / a)
-    x = dof * cube**3 if cube > 0.2 else small
+    x = dof * cube**3 if cube > 0.2 else 2.0 * math.exp((math.log(probability) + math.lgamma(a + 1.0)) / a)
     for _ in range(100):
-        log_density = _log_gamma_weight(a, 0.5 * x) - math.log(x)
         # The nearer tail keeps its digits.
         error = chi2_cdf(x, dof) - probability if probability < 0.5 else (1.0 - probability) - chi2_sf(x, dof)
-        newton = error / math.exp(log_density)
+        newton = error * x / math.exp(_log_gamma_weight(a, 0.5 * x))
         # Halley's step in x: the density's logarithmic slope is (a - 1)/x - 1/2.
         step = newton / max(0.5, 1.0 - 0.5 * newton * ((a - 1.0) / x - 0.5))
         x = x - step if step < x else 0.5 * x
@@ -158,23 +167,15 @@ def _log_beta(a: float, b: float) -> float:
 def beta_cdf(x: float, a: float, b: float, *, complement: float | None = None) -> float:
     """Return P(Beta(a, b) <= x), the regularised incomplete beta function; ``complement`` is a more exact 1 - x."""
     y = 1.0 - x if complement is None else complement
-    if x <= 0.0:
-        return 0.0
-    if y <= 0.0:
-        return 1.0
-    if x > (a + 1.0) / (a + b + 2.0):
-        return 1.0 - _beta_fraction(y, x, b, a)
-    return _beta_fraction(x, y, a, b)
-
-
-def _beta_fraction(x: float, y: float, a: float, b: float) -> float:
-    """Return I_x(a, b) with y = 1 - x, for x below about the mean, where the continued fraction converges fast."""
+    if x <= 0.0 or y <= 0.0:
+        return float(x > 0.0)
+    if x > (a + 1.0) / (a + b + 2.0):  # the continued fraction converges fast below about the mean
+        return 1.0 - beta_cdf(y, b, a, complement=x)
 
     def term(i: int) -> tuple[float, float]:
         m = i // 2
-        if i % 2 == 0:
-            return m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m)), 1.0
-        return -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1)), 1.0
+        numerator = m * (b - m) if i % 2 == 0 else -(a + m) * (a + b + m)
+        return numerator * x / ((a + i - 1) * (a + i)), 1.0
 
     log_x = math.log(x) if x < 0.5 else math.log1p(-y)
     log_y = math.log(y) if y < 0.5 else math.log1p(-x)
@@ -183,21 +184,19 @@ def _beta_fraction(x: float, y: float, a: float, b: float) -> float:
 
 def f_sf(x: float, dof1: float, dof2: float) -> float:
     """Return P(F with ``dof1``, ``dof2`` degrees of freedom > x)."""
-    if x <= 0.0:
-        return 1.0
-    ratio = dof1 * x / dof2
+    ratio = max(dof1 * x / dof2, 0.0)
     return beta_cdf(1.0 / (1.0 + ratio), 0.5 * dof2, 0.5 * dof1, complement=ratio / (1.0 + ratio))
 
 
 @lru_cache(maxsize=256)
 def student_quantile(probability: float, dof: float) -> float:
-    """Return the t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``."""
-    if probability < 0.5:
-        return -student_quantile(1.0 - probability, dof)
-    tail = 2.0 * (1.0 - probability)
-    if tail >= 1.0:
+    """Return the t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``; infinite: normal."""
+    if math.isinf(dof):
+        return normal_quantile(probability)
+    if probability == 0.5:
         return 0.0
-    return math.sqrt(f_critical(tail, 1.0, dof))
+    size = math.sqrt(f_critical(2.0 * min(probability, 1.0 - probability), 1.0, dof))
+    return math.copysign(size, probability - 0.5)
 
 
 # Noncentral F distribution: the probability that a test finds an effect of a given size.
@@ -205,8 +204,8 @@ def student_quantile(probability: float, dof: float) -> float:
 # Source: N. L. Johnson, S. Kotz, N. Balakrishnan, Continuous Univariate Distributions, volume 2 (1995), chapter 30: a
 # Poisson mixture of beta distributions; the recurrence of the incomplete beta function is NIST DLMF 8.17.20.
 
-_LARGEST = 1e30
-"""Largest noncentrality that is searched."""
+_LARGEST = 1e60
+"""Largest value that is searched."""
 _SUMMED = 2e4
 """Noncentrality up to which the mixture is summed. Beyond it the numerator varies by less than 1.5 %, which changes
 probabilities by less than 3e-4: it counts as its mean."""
@@ -222,16 +221,13 @@ def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) ->
         return 1.0
     if noncentrality > _SUMMED:
         return 1.0 - chi2_sf(dof2 * (noncentrality + dof1) / (dof1 * x), dof2)
-    half = 0.5 * noncentrality
-    a, b = 0.5 * dof1, 0.5 * dof2
+    half, a, b = 0.5 * noncentrality, 0.5 * dof1, 0.5 * dof2
     log_y = -math.log1p(dof1 * x / dof2)
     log_x = math.log(dof1 * x / dof2) + log_y
-    tail = f_sf(x, dof1, dof2)
     log_step = a * log_x + b * log_y + math.lgamma(a + b) - math.lgamma(a + 1.0) - math.lgamma(b)
-    log_weight = -half
+    tail, log_weight = f_sf(x, dof1, dof2), -half
     total = math.exp(log_weight) * tail
-    last = int(half + 12.0 * math.sqrt(half) + 40.0)
-    for j in range(last if half > 0 else 0):
+    for j in range(int(half + 12.0 * math.sqrt(half) + 40.0) if half > 0 else 0):
         # Each step of the mixture has two more degrees of freedom in the numerator.
         tail += math.exp(log_step)
         log_step += log_x + math.log((a + j + b) / (a + j + 1.0))
@@ -243,24 +239,11 @@ def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) ->
 @lru_cache(maxsize=256)
 def f_critical(tail: float, dof1: float, dof2: float) -> float:
     """Return the x with P(F > x) = ``tail``, 0 < ``tail`` < 1."""
-    low, high = 0.0, 1.0
-    while f_sf(high, dof1, dof2) > tail:
-        low, high = high, 2.0 * high
-    return _bisected(lambda x: f_sf(x, dof1, dof2) > tail, low, high)
+    return _root_above(lambda x: tail - f_sf(x, dof1, dof2), 1.0)
 
 
 @lru_cache(maxsize=256)
 def needed_noncentrality(power: float, level: float, dof1: float, dof2: float) -> float:
     """Return the noncentrality at which the F test of ``level`` finds an effect with probability ``power``."""
     critical = f_critical(level, dof1, dof2)
-    low, high = 0.0, 8.0
-    while noncentral_f_sf(critical, dof1, dof2, high) < power and high < _LARGEST:
-        low, high = high, 2.0 * high
-    return _bisected(lambda x: noncentral_f_sf(critical, dof1, dof2, x) < power, low, high)
-
-
-def _bisected(below: Callable[[float], bool], low: float, high: float) -> float:
-    """Bisect, to the last digit, for the point between ``low`` and ``high`` from which ``below`` is false."""
-    while low < (middle := 0.5 * (low + high)) < high:
-        low, high = (middle, high) if below(middle) else (low, middle)
-    return middle
+    return _root_above(lambda size: noncentral_f_sf(critical, dof1, dof2, size) - power, 8.0)

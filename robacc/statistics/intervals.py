@@ -1,4 +1,4 @@
-"""Confidence intervals with the name of their method, or the reason why there is none; resamples.
+"""Confidence intervals with the name of their method, or the reason why there is none; confidence curves; resamples.
 
 The assumptions decide which of three kinds is used:
 
@@ -8,30 +8,275 @@ The assumptions decide which of three kinds is used:
   any quantity over poses, whatever its distribution; repetitions of one commanded pose are resampled together;
 - interpolated order statistics for a percentile (J. Nyblom, "Note on interpolated order statistics", Statistics &
   Probability Letters 14, 1992), which assume no distribution.
+
+An interval is two points of its confidence curve: the confidence that the true value lies within a limit, as a function
+of the limit. The curve inverts the interval's own method, so its value at a one-sided upper bound is that bound's
+confidence (T. Schweder, N. L. Hjort, Confidence, Likelihood, Probability, 2016, ch. 3). Each curve also computes how
+many poses would bring its upper bound within a limit.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.confidence_curves import (
-    MOST_FOR_BINOMIAL,
-    ChiSquareCurve,
-    ConfidenceCurve,
-    RootCurve,
-    StudentCurve,
-    WiderCurve,
+from robacc.statistics.distributions import (
+    beta_cdf,
+    chi2_cdf,
+    chi2_quantile,
+    chi2_sf,
+    f_sf,
+    normal_cdf,
+    normal_quantile,
+    root,
+    student_quantile,
 )
-from robacc.statistics.distributions import beta_cdf, chi2_quantile, normal_quantile, student_quantile
 
-# Resamples of poses for the bootstrap.
+MOST_FOR_BINOMIAL = 5000
+"""Number of poses above which the binomial distribution at 95 % is normal to a hundredth of a standard deviation."""
+ASSURANCE = 0.9
+"""Probability that a planned number of poses suffices."""
+MOST_POSES = 1_000_000
+"""Largest number of poses that is proposed."""
+
+
+class ConfidenceCurve(Protocol):
+    """Confidence curve of a quantity that is estimated from n poses."""
+
+    def below(self, value: float) -> float:
+        """Return the confidence that the true quantity is at most ``value``."""
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """Return how many poses make the upper bound meet ``limit`` with probability :data:`ASSURANCE`.
+
+        The estimate from the present ``n`` poses is taken as the truth. None where more than :data:`MOST_POSES` are
+        needed.
+        """
+
+
+@dataclass(frozen=True, slots=True)
+class ChiSquareCurve:
+    """Confidence curve of a variance-like quantity with dof * ``value`` / truth ~ chi-square(dof)."""
+
+    value: float
+    dof: float
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`."""
+        return chi2_sf(self.dof * self.value / value, self.dof) if value > 0.0 else 0.0
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`; the bound is distributed as chi-square(dof) over its lower quantile."""
+        if limit <= self.value:
+            return None
+
+        def suffices(poses: int) -> bool:
+            dof = self.dof * poses / n
+            return chi2_quantile(ASSURANCE, dof) * self.value <= chi2_quantile(1.0 - confidence, dof) * limit
+
+        z = normal_quantile(confidence) + normal_quantile(ASSURANCE)
+        return smallest_sufficient(suffices, 2.0 * (z / math.log(limit / self.value)) ** 2 * n / self.dof)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StudentCurve:
+    """Confidence curve of a mean over ``size`` poses, by Student's t and, where given, bootstrap t values."""
+
+    mean: float
+    error: float
+    size: float
+    bootstrap_t: Array | None
+    """Resampled t values, in any order."""
+    is_root: bool
+    """The mean and its error are on the scale of the quantity's square root."""
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`; each side uses the more cautious distribution, as the interval does."""
+        if self.is_root and value <= 0.0:
+            return 0.0
+        t = (self.mean - (math.sqrt(value) if self.is_root else value)) / self.error
+        tail = 0.5 * f_sf(t * t, 1.0, self.size - 1.0)
+        student = tail if t > 0.0 else 1.0 - tail
+        resampled = student if self.bootstrap_t is None else float(np.mean(self.bootstrap_t > t))
+        return max(0.5, min(student, resampled)) if t <= 0.0 else min(0.5, max(student, resampled))
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`; the error falls with the root of the number of poses."""
+        margin = (math.sqrt(limit) if self.is_root else limit) - self.mean
+        if margin <= 0.0:
+            return None
+        bound = student_quantile(confidence, self.size - 1.0)
+        if self.bootstrap_t is not None:
+            ordered = np.sort(self.bootstrap_t)
+            bound = max(bound, -float(ordered[int((1.0 - confidence) * (ordered.size - 1))]))
+        poses = math.ceil(n * ((bound + normal_quantile(ASSURANCE)) * self.error / margin) ** 2)
+        return max(poses, 2) if poses <= MOST_POSES else None
+
+
+@dataclass(frozen=True, slots=True)
+class WiderCurve:
+    """Confidence curve of the wider of two intervals: the more cautious confidence on each side of the estimate."""
+
+    curves: tuple[ConfidenceCurve, ConfidenceCurve]
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`."""
+        low, high = sorted(curve.below(value) for curve in self.curves)
+        return min(max(low, 0.5), high)
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`."""
+        return largest_known([curve.poses_for(limit, confidence, n) for curve in self.curves])
+
+
+@dataclass(frozen=True, slots=True)
+class RootCurve:
+    """Confidence curve of the square root of a quantity that cannot be negative."""
+
+    square: ConfidenceCurve
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`."""
+        return self.square.below(value * value) if value > 0.0 else 0.0
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`."""
+        return self.square.poses_for(limit * limit, confidence, n)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PercentileCurve:
+    """Confidence curve of the ``p`` quantile of lengths: order statistics, and beyond the largest a fitted Gaussian."""
+
+    lengths: Array
+    """``(N,)``, repetitions included, in any order."""
+    n: int
+    """Commanded poses."""
+    p: float
+    model: ConfidenceCurve | None
+    """Curve of the fitted Gaussian's quantile."""
+    radius: float | None
+    """The ``p`` quantile of the fitted Gaussian, which scales the lengths beyond the sample."""
+    dof: float | None
+    """Degrees of freedom of the chi-square that the squares of these lengths follow; None without scatter."""
+    by_model: bool
+    """The interval is the Gaussian's, because the poses are too few for order statistics."""
+
+    def below(self, value: float) -> float:
+        """See :class:`ConfidenceCurve`."""
+        if self.by_model and self.model is not None:
+            return self.model.below(value)
+        rank = self._level(value) * (self.n + 1.0)
+        by_order = percentile_confidence(rank, self.n, self.p)
+        return by_order if rank < self.n or self.model is None else max(by_order, self.model.below(value))
+
+    def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
+        """See :class:`ConfidenceCurve`; shares within the limit are the sample's, beyond its largest the Gaussian's."""
+        if self.by_model and self.model is not None:
+            poses = self.model.poses_for(limit, confidence, n)
+            if poses is None or self.p**poses > 0.5 * (1.0 - confidence):
+                return poses  # still too few for order statistics, so the model's interval stays in use
+        share = self._level(limit)
+        if self.radius and self.dof is not None and (self.by_model or share * (self.n + 1.0) >= self.n):
+            beyond = chi2_cdf(chi2_quantile(self.p, self.dof) * (limit / self.radius) ** 2, self.dof)
+            share = beyond if self.by_model else max(share, beyond)
+        if share <= self.p:
+            return None
+
+        def suffices(poses: int) -> bool:
+            # The bound is the length of this rank, so at least as many lengths must be within the limit.
+            normal = self.p * poses + normal_quantile(confidence) * math.sqrt(poses * self.p * (1.0 - self.p))
+            rank = smallest_sufficient(
+                lambda k: percentile_confidence(k, poses, self.p) >= confidence, normal, 0, poses
+            )
+            return rank is not None and beta_cdf(share, float(rank), poses + 1.0 - rank) >= ASSURANCE
+
+        quantile_std = normal_quantile(confidence) * math.sqrt(self.p * (1.0 - self.p))
+        quantile_std += normal_quantile(ASSURANCE) * math.sqrt(share * (1.0 - share))
+        return smallest_sufficient(suffices, (quantile_std / (share - self.p)) ** 2, tolerance=0.01)
+
+    def _level(self, value: float) -> float:
+        """Return the rank of ``value`` among the lengths as a fraction of N + 1, linear between neighbours."""
+        within = self.lengths <= value
+        count, size = int(np.count_nonzero(within)), self.lengths.size
+        if count in (0, size) or size > MOST_FOR_BINOMIAL:
+            # With so many lengths, interpolation between neighbours changes nothing.
+            return count / (size + 1.0)
+        low, high = float(np.max(self.lengths[within])), float(np.min(self.lengths[~within]))
+        return (count + (value - low) / (high - low)) / (size + 1.0)
+
+
+def percentile_confidence(rank: float, n: int, p: float) -> float:
+    """Return the confidence that the order statistic of (possibly fractional) ``rank`` of n is not below the quantile.
+
+    The k-th of n order statistics is below the quantile with the binomial probability P(Beta(k, n + 1 - k) <= p).
+    Between whole ranks Nyblom's interpolation is used, and above 5000 poses the normal approximation of the binomial.
+    """
+    if n > MOST_FOR_BINOMIAL:
+        return normal_cdf((rank / (n + 1.0) - p) / math.sqrt(p * (1.0 - p) / n))
+    low = int(min(rank, n))
+    between = min(rank, n) - low
+    if low < 1:
+        return 0.0
+    at_low = beta_cdf(p, float(low), float(n + 1 - low))
+    if between == 0.0:
+        return 1.0 - at_low
+    share = 1.0 / (1.0 + (1.0 / between - 1.0) * (n - low) * p / (low * (1.0 - p)))
+    return 1.0 - at_low + share * (at_low - beta_cdf(p, low + 1.0, float(n - low)))
+
+
+@lru_cache(maxsize=64)
+def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
+    """Return ranks, as fractions of n + 1, of order statistics that bound the ``p`` quantile; None if n is too small.
+
+    They invert :func:`percentile_confidence` at the lower limit, the upper limit and the upper bound.
+    """
+
+    def level(wanted: float) -> float | None:
+        if percentile_confidence(n, n, p) < wanted or percentile_confidence(1, n, p) > wanted:
+            return None
+        return root(lambda rank: percentile_confidence(rank, n, p) - wanted, 1.0, n) / (n + 1.0)
+
+    lower, upper, bound = map(level, tails(confidence))
+    return lower, upper, bound
+
+
+def smallest_sufficient(
+    suffices: Callable[[int], bool], guess: float, tolerance: float = 0.0, most: int = MOST_POSES
+) -> int | None:
+    """Return the smallest number of poses that suffices; None above ``most``.
+
+    Args:
+        suffices: Monotonic test of a number of poses.
+        guess: Number to try first.
+        tolerance: Relative excess that the returned number may have.
+        most: Largest number that is tried.
+    """
+    low, high = 1, min(max(math.ceil(guess), 2), most)
+    while not suffices(high):
+        if high == most:
+            return None
+        low, high = high, min(math.ceil(1.3 * high), most)
+    while low == 1 and high > 2:
+        below = max(math.floor(high / 1.3), 2)
+        low, high = (low, below) if suffices(below) else (below, high)
+    while high - low > max(1.0, tolerance * high):
+        middle = (low + high) // 2
+        low, high = (low, middle) if suffices(middle) else (middle, high)
+    return high
+
+
+def largest_known(numbers: Sequence[int | None]) -> int | None:
+    """Return the largest number; None if one is unknown or there are none."""
+    known = [number for number in numbers if number is not None]
+    return max(known) if known and len(known) == len(numbers) else None
 
 
 @lru_cache(maxsize=4)
@@ -79,18 +324,16 @@ class Interval:
 
     def root(self) -> Interval:
         """Return the interval of the square root of a quantity that cannot be negative."""
-        lower, upper, bound = (
-            None if value is None else math.sqrt(max(value, 0.0))
-            for value in (self.lower, self.upper, self.upper_bound)
-        )
+        squares = self.lower, self.upper, self.upper_bound
+        low, high, bound = (None if square is None else math.sqrt(max(square, 0.0)) for square in squares)
         curve = None if self.curve is None else RootCurve(self.curve)
-        return Interval(lower, upper, bound, self.confidence, self.method, self.why, curve)
+        return Interval(low, high, bound, self.confidence, self.method, self.why, curve)
 
     def wider(self, other: Interval) -> Interval:
         """Return the interval that reaches as far as both; each must have all limits."""
         limits = [(self.lower, other.lower), (self.upper, other.upper), (self.upper_bound, other.upper_bound)]
         pairs = [(a, b) for a, b in limits if a is not None and b is not None]
-        curve = None if self.curve is None or other.curve is None else WiderCurve(self.curve, other.curve)
+        curve = None if self.curve is None or other.curve is None else WiderCurve((self.curve, other.curve))
         method = f"the wider of {self.method} and {other.method}"
         return Interval(min(pairs[0]), max(pairs[1]), max(pairs[2]), self.confidence, method, curve=curve)
 
@@ -141,6 +384,11 @@ def interpolated(values: Array, positions: Sequence[float]) -> list[float]:
     ]
 
 
+def quantiles(values: Array, levels: Sequence[float]) -> list[float]:
+    """Return the quantiles of ``values``, linear between order statistics (Hyndman and Fan's type 7)."""
+    return interpolated(values, [level * (values.size - 1) for level in levels])
+
+
 def chi2_interval(value: float, dof: float, confidence: float, method: str) -> Interval:
     """Return the interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
     low, high, bound = (dof * value / chi2_quantile(1.0 - p, dof) for p in tails(confidence))
@@ -151,20 +399,29 @@ def student_interval(
     value: float, standard_error: float, dof: float, confidence: float, method: str = STUDENT
 ) -> Interval:
     """Return the interval of a number whose standard error has ``dof`` degrees of freedom; infinite: normal."""
-    lower, upper, bound = (
-        value + standard_error * (normal_quantile(p) if math.isinf(dof) else student_quantile(p, dof))
-        for p in tails(confidence)
-    )
+    lower, upper, bound = (value + standard_error * student_quantile(p, dof) for p in tails(confidence))
     return Interval(lower, upper, bound, confidence, method)
+
+
+def difference_limits(
+    value: float, limits: tuple[float, float], subtracted: float, its_limits: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the limits of ``value`` - ``subtracted``, independent estimates with the limits given.
+
+    The method of variance estimates recovery takes each limit of the difference from the distances of the limits that
+    face each other (G. Y. Zou, A. Donner, "Construction of confidence limits about effect measures", Statistics in
+    Medicine 27, 2008).
+    """
+    difference = value - subtracted
+    below = math.hypot(limits[0] - value, its_limits[1] - subtracted)
+    return difference - below, difference + math.hypot(limits[1] - value, its_limits[0] - subtracted)
 
 
 def covariance_element(first: float, second: float, cross: float, dof: float, confidence: float) -> tuple[float, float]:
     """Return the interval of a covariance from the variances and covariance of Gaussian data.
 
     The covariance of two variables scaled to unit variance is a quarter of the difference between the variances of
-    their sum and of their difference, which are uncorrelated; the two chi-square intervals are combined by the
-    method of variance estimates recovery (G. Y. Zou, A. Donner, "Construction of confidence limits about effect
-    measures", Statistics in Medicine 27, 2008).
+    their sum and of their difference, which are uncorrelated.
     """
     scale = math.sqrt(first * second)
     if scale == 0.0:
@@ -172,42 +429,9 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     # Rounding may carry a perfect correlation past one.
     correlation = min(1.0, max(-1.0, cross / scale))
     plus, minus = 0.5 * (1.0 + correlation), 0.5 * (1.0 - correlation)
-    below, above = (dof / chi2_quantile(1.0 - p, dof) - 1.0 for p in tails(confidence)[:2])
-    return (
-        scale * (correlation - math.hypot(plus * below, minus * above)),
-        scale * (correlation + math.hypot(plus * above, minus * below)),
-    )
-
-
-@lru_cache(maxsize=64)
-def percentile_levels(n: int, p: float, confidence: float) -> tuple[float | None, float | None, float | None]:
-    """Return ranks, as fractions of n + 1, of order statistics that bound the ``p`` quantile; None if n is too small.
-
-    The k-th of n order statistics is below the quantile with the binomial probability P(Beta(k, n + 1 - k) <= p).
-    Nyblom's interpolation is used between the two ranks whose probabilities enclose the target, and above 5000 poses
-    the normal approximation of the binomial distribution.
-    """
-
-    def probability_below(rank: int) -> float:
-        return beta_cdf(p, float(rank), float(n + 1 - rank))
-
-    def level(target: float) -> float | None:
-        if n > MOST_FOR_BINOMIAL:
-            return p + normal_quantile(1.0 - target) * math.sqrt(p * (1.0 - p) / n)
-        if probability_below(n) > target or probability_below(1) < target:
-            return None
-        low, high = 1, n
-        while high - low > 1:
-            middle = (low + high) // 2
-            low, high = (middle, high) if probability_below(middle) >= target else (low, middle)
-        share = (probability_below(low) - target) / (probability_below(low) - probability_below(high))
-        if share == 0.0:
-            return low / (n + 1.0)
-        between = 1.0 / (1.0 + low * (1.0 - p) * (1.0 - share) / ((n - low) * p * share))
-        return (low + between) / (n + 1.0)
-
-    lower, upper, bound = (level(1.0 - probability) for probability in tails(confidence))
-    return lower, upper, bound
+    low, high = (dof / chi2_quantile(1.0 - p, dof) for p in tails(confidence)[:2])
+    limits = difference_limits(plus, (plus * low, plus * high), minus, (minus * low, minus * high))
+    return scale * limits[0], scale * limits[1]
 
 
 @dataclass(frozen=True)
@@ -222,10 +446,15 @@ class PoseSampling:
     share: float = 1.0
     """Share of the measured components that frames fitted to them leave as degrees of freedom."""
 
+    @cached_property
+    def sizes(self) -> Array:
+        """Number of repetitions of each commanded pose, ``(n_groups,)``."""
+        return np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
+
     @property
     def n_groups(self) -> int:
         """Number of commanded poses."""
-        return self.n if self.groups is None else int(self.sizes.size)
+        return int(self.sizes.size)
 
     @property
     def n_independent(self) -> float:
@@ -254,16 +483,9 @@ class PoseSampling:
             return interval
         return interval.wider(self.mean_interval(values, confidence, positive=True))
 
-    @cached_property
-    def sizes(self) -> Array:
-        """Number of repetitions of each commanded pose, ``(n_groups,)``."""
-        return np.ones(self.n) if self.groups is None else np.bincount(self.groups).astype(float)
-
     def sums(self, values: Array) -> Array:
         """Sum ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
-        if self.groups is None:
-            return values
-        return np.bincount(self.groups, weights=values).astype(float)
+        return values if self.groups is None else np.bincount(self.groups, weights=values).astype(float)
 
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
@@ -279,44 +501,38 @@ class PoseSampling:
             positive: The quantity cannot be negative. It is studentised on the scale of its square root, which keeps
                 the limits from being negative and reduces the skewness of squares.
         """
-        size, count, mean = self.n_groups, self.n_independent, float(np.mean(values))
         if (why := self.too_few) is not None:
             return Interval.missing(confidence, why)
-        error = self.standard_error(values)
+        mean, error = float(np.mean(values)), self.standard_error(values)
         if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
             return Interval.exact(mean, confidence)
         below, above, bound = tails(confidence)
-        t_above, t_bound = student_quantile(above, count - 1.0), -student_quantile(bound, count - 1.0)
-        t_below, method, resampled = -t_above, f"Student's t over {self.described}", None
-        if FEWEST_FOR_BOOTSTRAP <= size <= MOST_FOR_BOOTSTRAP:
+        t = [student_quantile(p, self.n_independent - 1.0) for p in (above, below, 1.0 - bound)]
+        method, resampled = f"Student's t over {self.described}", None
+        if FEWEST_FOR_BOOTSTRAP <= self.n_groups <= MOST_FOR_BOOTSTRAP:
             resampled = self._studentised(values, mean, positive)
-            quantiles = interpolated(resampled, [p * (resampled.size - 1) for p in (below, above, 1.0 - bound)])
+            drawn = quantiles(resampled, (above, below, 1.0 - bound))
             # Resampled standard errors vary less than true ones if the tails are long; Student's t is a floor.
-            t_below, t_above = min(t_below, quantiles[0]), max(t_above, quantiles[1])
-            t_bound = min(t_bound, quantiles[2])
+            t = [max(t[0], drawn[0]), min(t[1], drawn[1]), min(t[2], drawn[2])]
             method = f"studentised bootstrap over {self.described}, {self.draws} draws, no narrower than Student's t"
         if positive:
-            root = math.sqrt(mean)
-            low, high, top = (max(root - 0.5 * t * error / root, 0.0) ** 2 for t in (t_above, t_below, t_bound))
-        else:
-            low, high, top = (mean - t * error for t in (t_above, t_below, t_bound))
-        return Interval(low, high, top, confidence, method, curve=StudentCurve(mean, error, count, resampled, positive))
+            mean = math.sqrt(mean)
+            error *= 0.5 / mean
+        low, high, top = (max(mean - x * error, 0.0) ** 2 if positive else mean - x * error for x in t)
+        curve = StudentCurve(mean, error, self.n_independent, resampled, positive)
+        return Interval(low, high, top, confidence, method, curve=curve)
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
-        counts, sizes = resampled_counts(self.n_groups, self.draws, self.seed), self.sizes
+        counts, sizes, size = resampled_counts(self.n_groups, self.draws, self.seed), self.sizes, self.n_groups
         sums = self.sums(values - mean)
-        size = self.n_groups
         totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
         total, squares, cross, square_sizes, number = totals.T
         shift = total / number
         variance = squares - 2.0 * shift * cross + shift * shift * square_sizes
         error = np.sqrt(np.maximum(variance, 0.0) * (size / (size - 1.0))) / number
+        if positive:
+            roots = np.sqrt(np.maximum(mean + shift, 0.0))
+            shift = 2.0 * roots * (roots - math.sqrt(mean))
         usable = error > 0.0
-        shift, error = shift[usable], error[usable]
-        if not positive:
-            result: Array = shift / error
-            return result
-        root = np.sqrt(np.maximum(mean + shift, 0.0))
-        result = 2.0 * root * (root - math.sqrt(mean)) / error
-        return result
+        return np.asarray(shift[usable] / error[usable])

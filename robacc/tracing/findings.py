@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.accuracy.pose_errors import PoseMetrics, pose_metrics
+from robacc.accuracy.estimation import PoseMetrics, pose_metrics
 from robacc.accuracy.stages import Stage
 from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.errors import InputError
 from robacc.statistics.intervals import Interval
-from robacc.statistics.records import ErrorStatistics
 
 COVARIANCE = 1e-8 * np.array([[1.0, 0.3, 0.0], [0.3, 2.0, -0.5], [0.0, -0.5, 4.0]])
 

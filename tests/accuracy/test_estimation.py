@@ -13,8 +13,7 @@ from arms import arm
 from scipy.spatial.transform import Rotation
 
 import robacc
-from robacc.accuracy.estimation import EstimateResult, estimate, moved_warning
-from robacc.accuracy.pose_errors import Commanded, commanded_poses, pose_errors
+from robacc.accuracy.estimation import Commanded, EstimateResult, commanded_poses, estimate, moved_warning, pose_errors
 from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
 from robacc.measurements import Measurements
@@ -110,7 +109,7 @@ def test_blocks_do_not_change_the_errors(
 ) -> None:
     data = known[0]
     whole = pose_errors(data, commanded_poses(data, None), "tool")
-    monkeypatch.setattr("robacc.accuracy.pose_errors._BLOCK", 7)
+    monkeypatch.setattr("robacc.accuracy.estimation._BLOCK", 7)
     parts = pose_errors(data, commanded_poses(data, None), "tool")
     np.testing.assert_array_equal(whole.position, parts.position)
     np.testing.assert_array_equal(whole.rotation, parts.rotation)

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, GradeStep, Scale, default_scale, grade, load_scale
 from robacc.errors import InputError, UsageError
-from robacc.statistics.confidence_curves import ChiSquareCurve
-from robacc.statistics.intervals import Interval
-from robacc.statistics.records import ErrorStatistics
+from robacc.statistics.intervals import ChiSquareCurve, Interval
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "grades"
 SCALE = Scale(

@@ -11,10 +11,9 @@ import math
 import numpy as np
 import pytest
 
-from robacc.gates.decision_rules import LEVELS, BoundCurve, Decision, decide, decide_largest
+from robacc.accuracy.error_statistics import satterthwaite, second_moment
+from robacc.gates.evaluate import LEVELS, BoundCurve, Decision, decide, decide_largest
 from robacc.gates.gate_file import RULES, GateCriterion, Rule
-from robacc.statistics.multivariate import second_moment
-from robacc.statistics.records import satterthwaite
 
 LIMIT, POSES, ARMS = 1.0, 60, 1000
 SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)

@@ -72,7 +72,7 @@ def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Pat
 
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
-    from robacc.comparison.reading import errors_behind
+    from robacc.comparison.stored_results import errors_behind
     from robacc.gates.evaluate import figure_at
 
     document = json.loads((stored / "calibrate.json").read_text())
@@ -88,7 +88,7 @@ def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
     import numpy as np
 
-    from robacc.comparison.reading import errors_behind
+    from robacc.comparison.stored_results import errors_behind
     from robacc.gates.evaluate import figure_at
 
     lines = Path(POSES).read_text().splitlines()

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from commands import missing, one_line, output
 
-from robacc.comparison.reading import read_compared_result
+from robacc.comparison.stored_results import read_compared_result
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOT = ROOT / "configs" / "robots" / "ur10.yaml"

@@ -10,7 +10,7 @@ import pytest
 
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.comparison.comparing import GradeStatus, common_scale, grade_statuses
-from robacc.comparison.reading import ComparedResult, ErrorSet
+from robacc.comparison.stored_results import ComparedResult, ErrorSet
 from robacc.errors import UsageError
 from robacc.statistics.intervals import EstimatedValue
 

@@ -25,7 +25,7 @@ from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.statistics.quadratic_form import length_quantile
+from robacc.statistics.lengths import length_quantile
 
 ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
 MICROMETRE = 1e-6

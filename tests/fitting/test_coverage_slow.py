@@ -7,10 +7,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, MatrixInterval, error_statistics
 from robacc.statistics.intervals import Interval
-from robacc.statistics.quadratic_form import length_quantile
-from robacc.statistics.records import ErrorStatistics, MatrixInterval
+from robacc.statistics.lengths import length_quantile
 
 SETS = 1000
 COVARIANCES = {

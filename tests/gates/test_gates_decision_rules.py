@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.error_statistics import length_intervals
-from robacc.gates.decision_rules import (
+from robacc.accuracy.error_statistics import length_intervals, satterthwaite, second_moment
+from robacc.gates.evaluate import (
     LEVELS,
     BoundCurve,
     Decision,
@@ -21,10 +21,7 @@ from robacc.gates.decision_rules import (
 )
 from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
-from robacc.statistics.confidence_curves import ASSURANCE
-from robacc.statistics.intervals import Interval, chi2_interval
-from robacc.statistics.multivariate import second_moment
-from robacc.statistics.records import satterthwaite
+from robacc.statistics.intervals import ASSURANCE, Interval, chi2_interval
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]
 RMS = float(np.sqrt(np.sum(SD**2)))

@@ -10,8 +10,7 @@ from xml.etree import ElementTree
 import pytest
 
 from robacc.documents.gate import gate_document
-from robacc.gates.decision_rules import Decision, Outcome
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome
+from robacc.gates.evaluate import CriterionEvaluation, Decision, GateOutcome, Outcome
 from robacc.gates.gate_file import Gate, GateCriterion
 from robacc.outcomes import FileOutcome
 from robacc.render.views.elements import draw

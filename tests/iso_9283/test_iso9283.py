@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
 from robacc.iso_9283.evaluation import iso9283
-from robacc.iso_9283.records import Characteristic, Iso9283Result
+from robacc.iso_9283.visits import Characteristic, Iso9283Result
 from robacc.measurements import Measurements
 
 MM = 1e-3

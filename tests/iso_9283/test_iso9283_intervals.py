@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from robacc.iso_9283 import estimates
-from robacc.iso_9283.estimates import DELTA, IntervalEstimate, distance, position_repeatability
+from robacc.iso_9283 import criteria as estimates
+from robacc.iso_9283.criteria import DELTA, IntervalEstimate, distance, position_repeatability
 
 TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
 

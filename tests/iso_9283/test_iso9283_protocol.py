@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.accuracy.pose_errors import Commanded
+from robacc.accuracy.estimation import Commanded
 from robacc.iso_9283.criteria import characteristic, drift, repeatability
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.evaluation import iso9283, protocol
-from robacc.iso_9283.records import Condition
-from robacc.iso_9283.visits import visits_of
+from robacc.iso_9283.visits import Condition, visits_of
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Frame, Robot
 

@@ -8,12 +8,13 @@ from scipy import integrate, special, stats
 
 from robacc.statistics.lengths import (
     _cdf_and_density,
+    length_probability,
+    length_quantile,
     length_quantiles,
     mean_lengths,
     mixture_quantile,
     principal_variances,
 )
-from robacc.statistics.quadratic_form import length_probability, length_quantile
 
 SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8, 1e-12], [1, 1e-9, 1e-9]]).T
 

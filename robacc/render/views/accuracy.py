@@ -41,7 +41,7 @@ from robacc.render.views.elements import (
     with_unit,
 )
 from robacc.render.views.gate import LOOKS, annotation_lines, sentence, title
-from robacc.statistics.confidence_curves import ASSURANCE
+from robacc.statistics.intervals import ASSURANCE
 
 _FRAMES = {
     "tool": "components along the axes of the commanded target (frame tool)",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from robacc.comparison.reading import split_key
+from robacc.comparison.stored_results import split_key
 from robacc.render.text import IN_MM, QUANTITIES, Document, chance, decimals, fixed, p_value, three_digits, unit_of
 from robacc.render.views.elements import (
     Cell,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.statistics.multivariate import assumption_tests, pose_structure, principal_axes
+from robacc.accuracy.error_statistics import assumption_tests, pose_structure, principal_axes
 
 FRAME = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 
@@ -63,7 +63,7 @@ def test_mardia_by_its_definition_over_all_pairs() -> None:
 def test_mardia_over_several_blocks_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     errors = skewed(1000)
     whole = assumption_tests(errors)
-    monkeypatch.setattr("robacc.statistics.multivariate.BLOCK", 7)
+    monkeypatch.setattr("robacc.accuracy.error_statistics.BLOCK", 7)
     assert assumption_tests(errors).skewness.statistic == pytest.approx(whole.skewness.statistic)
     assert assumption_tests(errors).kurtosis.statistic == pytest.approx(whole.kurtosis.statistic)
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar
 from robacc.api.inputs import load_result
 from robacc.api.parameters import Help, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.documents.gate import read_gate
+from robacc.documents.gate import gate_document, read_gate
 from robacc.documents.read_result import StoredResult, understood
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 
@@ -24,8 +24,6 @@ class Checked(Result, GateOutcome):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
-        from robacc.documents.gate import gate_document
-
         keys = ("schema", "robacc", "command", "inputs")
         return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}
 

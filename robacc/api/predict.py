@@ -1,11 +1,11 @@
-"""Call of the command ``robacc predict``."""
+"""Calls on a model of an arm: ``robacc predict`` and ``robacc simulate``."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from robacc.api.inputs import (
     load_grade_scale,
     load_poses,
     load_robot,
+    load_text,
+    optional,
     path_of,
 )
 from robacc.api.parameters import (
@@ -33,33 +35,40 @@ from robacc.api.parameters import (
     StrPath,
     TipLink,
     call,
+    numbers,
+    temperatures,
 )
-from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
-from robacc.documents.envelope import InputFile
-from robacc.errors import UsageError
+from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.diagnostics.robot_poses import joints_of
+from robacc.documents.descriptions import SIMULATE
+from robacc.documents.predict import payload, per_pose_csv, pose_payload
+from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
+from robacc.poses.csv_file import pose_pieces
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.model_fit import model_fit
 from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
 from robacc.prediction.predicting import (
     Allocation,
-    Configurations,
     Prediction,
     configurations_of,
     predict_accuracy,
     sampled_configurations,
     step_limits,
+    warranty_map,
 )
 from robacc.prediction.predicting import allocate as allocate_tolerances
-from robacc.prediction.tolerances import NORMAL, uncertain_parameters
+from robacc.prediction.tolerances import NORMAL, parse_tolerances, uncertain_parameters
 from robacc.quantities import optional_size, size
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
+from robacc.simulation.simulate import Plan, Simulation
+from robacc.simulation.simulate import simulate as simulate_poses
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource
-    from robacc.prediction.tolerances import Tolerances
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -84,24 +93,22 @@ class Predicted(Result, Prediction):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
-        warnings = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
-        warnings += fitted_pose_warnings(self.robot, [file for file in self.made.inputs if file.kind == "against"])
-        warnings += () if self.made.use is None else self.made.use.warnings
-        fit = model_fit(self.robot)
-        warnings += () if fit is None else fit.warnings
+        fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
         hint = None if self.comparison is None else self.comparison.hint
-        return tuple(warnings) if hint is None else (*warnings, hint)
+        return (
+            *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
+            *fitted_pose_warnings(self.robot, against),
+            *(() if self.made.use is None else self.made.use.warnings),
+            *(() if fit is None else fit.warnings),
+            *(() if hint is None else (hint,)),
+        )
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.predict import payload, pose_payload
-
         return {**payload(self, self.allocation, self.comparison, self.coverage), **pose_payload(self, self.robot)}
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
-        from robacc.documents.predict import per_pose_csv
-
         return per_pose_csv(self, self.robot.variable_names)
 
     def map_csv(self, voxel: str | float = "100mm") -> str:
@@ -113,9 +120,6 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.prediction.predicting import warranty_map
-        from robacc.robots.arm import build_chain
-
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
@@ -190,11 +194,24 @@ def predict(
         0.37 mm rms; largest contribution: j1.d
     """
     arguments = locals()
-    _check(poses, samples, against, align, noise, target)
+    if poses is not None and samples is not None:
+        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
+    if against is not None and samples is not None:
+        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
+    for name, value in (("align", align or None), ("noise", noise)):
+        if value is not None and against is None:
+            raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
+    if target is not None and (poses is not None or against is not None):
+        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
+    if path_of(poses) == path_of(against) == STDIN:
+        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
     noise_std = _noise(noise)
-    measured = poses if against is None else against
-    arm, arm_record = load_robot(robot, base_link, tip_link, None if isinstance(measured, np.ndarray) else measured)
-    read_tolerances, tolerance_record = _tolerances(tolerances, arm)
+    if isinstance(poses, np.ndarray):
+        poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
+    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
+    read_tolerances, tolerance_record = optional(
+        load_text, tolerances, "tolerances", lambda text, name: parse_tolerances(text, name, arm)
+    )
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
     if allocate is not None:
@@ -202,25 +219,24 @@ def predict(
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
     fit = model_fit(arm) if tolerances is None and allocate is None else None
     parameters = uncertain_parameters(arm, read_tolerances) if fit is None else ()
-    planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
-    measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
-    used = measured if measured is not None else planned
-    use = use_model(
-        arm,
-        used,
-        measured_record if measured is not None else planned_record,
-        campaign=campaign,
-        strict_range=strict_range,
-        measured=measured is not None,
-    )
+    reading = {"ordered": ordered, "ignore_limits": ignore_limits}
+    # A prediction needs joints only; poses to compare with are measured.
+    planned, planned_record = optional(load_poses, poses, arm, attained=False, **reading)
+    measured, measured_record = optional(load_poses, against, arm, kind="against", **reading)
+    used, used_record = (planned, planned_record) if measured is None else (measured, measured_record)
+    is_measured = measured is not None
+    use = use_model(arm, used, used_record, campaign=campaign, strict_range=strict_range, measured=is_measured)
     arm = use.robot or arm
-    configurations = _configurations(arm, planned or measured, samples, seed, target)
-    meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
+    predicted = planned or measured
+    if predicted is not None:
+        configurations = configurations_of(arm, predicted)
+    else:
+        configurations = sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
     if fit is None:
+        meaning = NORMAL if read_tolerances is None else read_tolerances.meaning
         prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
     else:
-        prediction = calibrated_accuracy(arm, fit, configurations, planned or measured, grades, seed)
-    allocation = None if allocate is None else allocate_tolerances(arm, prediction, allocate)
+        prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     aligned = effect_names(align)
     comparison: MeasuredComparison | None = None
     covered: tuple[Coverage, ...] = ()
@@ -233,7 +249,7 @@ def predict(
     options = options_of(
         predict,
         arguments,
-        samples=configurations.n if planned is None and measured is None else None,
+        samples=configurations.n if predicted is None else None,
         align=list(aligned),
         noise=list(noise) if isinstance(noise, tuple) else noise,
     )
@@ -241,7 +257,7 @@ def predict(
     return Predicted(
         **fields_of(prediction),
         robot=arm,
-        allocation=allocation,
+        allocation=None if allocate is None else allocate_tolerances(arm, prediction, allocate),
         comparison=comparison,
         coverage=covered,
         planned=planned,
@@ -250,72 +266,172 @@ def predict(
     )
 
 
-def _check(
-    poses: PosesSource | Array | None,
-    samples: int | None,
-    against: PosesSource | None,
-    align: str | Sequence[str],
-    noise: str | Noise | None,
-    target: str | None,
-) -> None:
-    if poses is not None and samples is not None:
-        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
-    if against is not None and samples is not None:
-        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
-    if against is None:
-        for name, value in (("align", align or None), ("noise", noise)):
-            if value is not None:
-                raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
-    if target is not None and (poses is not None or against is not None):
-        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
-    if path_of(poses) == path_of(against) == STDIN:
-        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
-
-
 def _noise(noise: str | Noise | None) -> Noise:
     """Return the standard deviations of position (m) and orientation (rad).
 
     Raises:
         UsageError: ``noise`` is not one or two sizes of at least zero.
     """
-    if noise is None:
-        return None, None
-    sizes = noise.split(",") if isinstance(noise, str) else noise
+    sizes = noise.split(",") if isinstance(noise, str) else noise or ()
     if len(sizes) > 2:
         raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
-    position, rotation = (*sizes, None)[:2]
-    return (
-        optional_size(position, "length", "`noise`"),
-        optional_size(rotation, "angle", "`noise`"),
+    position, rotation = (*sizes, None, None)[:2]
+    return optional_size(position, "length", "`noise`"), optional_size(rotation, "angle", "`noise`")
+
+
+# Call of ``robacc simulate``.
+
+_FIRST_ROW = 4
+"""Line of the first row in a file with outliers, below two comments and the header."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Simulated(CsvResult, Simulation):
+    """Simulated poses, with the robot and the plan."""
+
+    command: ClassVar[str] = "simulate"
+    robot: Robot
+    plan: Plan
+    made: Provenance
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """How poses to visit were read, poses outside the model's validity range, and campaign effects left out."""
+        return (*self.data.warnings, *(() if self.made.use is None else self.made.use.warnings))
+
+    @property
+    def outlier_lines(self) -> list[int]:
+        """Lines of :meth:`csv` with outliers."""
+        return [int(row) + _FIRST_ROW for row in self.outliers]
+
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the text of :meth:`csv` in pieces."""
+        plan, rotation_noise = self.plan, self.plan.noise_orientation if self.plan.orientation else 0.0
+        sizes = ((plan.noise_position, "mm"), (rotation_noise, "mrad"))
+        noise = " and ".join(f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0)
+        settings = f"seed {plan.seed}, {f'noise {noise}' if noise else 'no noise'}"
+        yield f"# Simulated by robacc simulate from {self.named('robot')} with {settings}; nothing was measured.\n"
+        if lines := self.outlier_lines:
+            yield f"# Outliers on lines {', '.join(map(str, lines))}\n"
+        yield from pose_pieces(self.data)
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys: a summary of the file, without the poses."""
+        return SIMULATE.write(self)
+
+
+@call
+def simulate(
+    robot: RobotArgument,
+    *,
+    poses: Annotated[
+        int | None,
+        Help("Number of commanded poses to sample.", "N", "Give either this or `at`.", least=1, most=1_000_000),
+    ] = None,
+    at: Annotated[
+        PosesSource | None,
+        Help("CSV of commanded poses, in the order visited.", "FILE", "Or poses read before.", holds="planned poses"),
+    ] = None,
+    ignore_limits: IgnoreLimits = False,
+    seed: Seed = 0,
+    cycles: Annotated[int, Help("Number of visits to every commanded pose.", "N", least=1, most=100_000)] = 1,
+    sampling: Annotated[
+        Literal["even", "random"],
+        Help("Low-discrepancy sequence, or uniform distribution of the joint variables."),
+    ] = "even",
+    noise: Annotated[
+        float | str,
+        Help(
+            "Standard deviation of the measurement noise along each axis, such as 0.02mm.", "SIZE", "A number is in m."
+        ),
+    ] = "0",
+    noise_orientation: Annotated[
+        float | str,
+        Help("Standard deviation about each axis, such as 0.005deg.", "SIZE", "A number is in rad."),
+    ] = "0",
+    sigma: Annotated[bool, Help("Write the noise as columns sigma_x, sigma_y, sigma_z, sigma_r.")] = False,
+    outliers: Annotated[int, Help("Number of outliers.", "K", least=0)] = 0,
+    outlier_size: Annotated[
+        float | str, Help("Position error of an outlier, such as 5mm.", "SIZE", "A number is in m.")
+    ] = "10mm",
+    position_only: Annotated[
+        bool,
+        Help("Measure position only, or position and orientation.", names=("position-only/orientation",)),
+    ] = False,
+    commanded: Annotated[bool, Help("Write cmd_ columns with the poses of the robot without its effects.")] = False,
+    motion: Annotated[
+        bool,
+        Help("Write direction and speed of approach, from the order of the poses.", names=("motion/no-motion",)),
+    ] = True,
+    time_step: Annotated[float | None, Help("Seconds between poses, written as time_s.", "S", least=0.0)] = None,
+    temperature: Annotated[
+        float | tuple[float, float] | None,
+        Help("Constant temperature, or a warm-up such as 22:28.", "C[:C]", "In degrees Celsius.", read=temperatures),
+    ] = None,
+    payload: Annotated[
+        Sequence[float],
+        Help("Payloads; each pose has one of them, chosen at random.", "KG,…", "In kg.", read=numbers),
+    ] = (),
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Simulated:
+    """Simulate measured poses of a robot with the effects that its file lists, by the exact nonlinear model.
+
+    Returns:
+        ``data``, which every call accepts as poses, and :meth:`Simulated.csv`, the file that the command writes.
+
+    Raises:
+        InputError: A file cannot be used, a prismatic joint has no limits, or the robot's effects cannot be read.
+        UsageError: The plan lacks a column that an effect depends on, or the arguments contradict each other.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.simulate("sample_data/robot.yaml", poses=20, noise="0.02mm", seed=1)
+        >>> result.data.position.shape
+        (3, 20)
+        >>> robacc.estimate(result.data, robot="sample_data/robot.yaml").n_poses
+        20
+    """
+    if (poses is None) == (at is None):
+        raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
+    ends = temperature if isinstance(temperature, tuple | None) else (temperature, temperature)
+    plan = Plan(
+        poses=poses or 0,
+        seed=seed,
+        cycles=cycles,
+        sampling=sampling,
+        noise_position=size(noise, "length", "`noise`"),
+        noise_orientation=size(noise_orientation, "angle", "`noise_orientation`"),
+        sigma=sigma,
+        outliers=outliers,
+        outlier_size=size(outlier_size, "length", "`outlier_size`"),
+        orientation=not position_only,
+        commanded=commanded,
+        motion=motion,
+        time_step=time_step,
+        temperature=None if ends is None else (float(ends[0]), float(ends[1])),
+        payloads=tuple(map(float, payload)),
     )
-
-
-def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Tolerances | None, tuple[InputFile, ...]]:
-    if path is None:
-        return None, ()
-    from robacc.io.files import read_text, sha256_of
-    from robacc.prediction.tolerances import parse_tolerances
-
-    name = os.fspath(path)
-    return parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
-
-
-def _poses(
-    source: PosesSource | Array | None, arm: Robot, ordered: bool, ignore_limits: bool, kind: str
-) -> tuple[Measurements | None, tuple[InputFile, ...]]:
-    if source is None:
-        return None, ()
-    if isinstance(source, np.ndarray):
-        source = Measurements(position=np.zeros((3, source.shape[-1])), q=source.copy())
-    # A prediction needs joints only; poses to compare with are measured.
-    attained = kind == "against"
-    data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind, attained=attained)
-    return data, (record,)
-
-
-def _configurations(
-    arm: Robot, data: Measurements | None, samples: int | None, seed: int, target: str | None
-) -> Configurations:
-    if data is not None:
-        return configurations_of(arm, data)
-    return sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
+    for mass in plan.payloads:
+        if not 0 <= mass < math.inf:
+            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
+    if not all(map(math.isfinite, plan.temperature or ())):
+        raise UsageError("`temperature`: expected finite numbers")
+    if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
+        raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
+    described, arm_record = load_robot(robot, base_link, tip_link, at)
+    arm = use_model(described, None, campaign=campaign).robot or described
+    planned, records = optional(
+        load_poses, at, arm, ignore_limits=ignore_limits, attained=False, visited_by=joints_of(arm)
+    )
+    try:
+        body = simulate_poses(arm, plan, planned)
+    except MissingColumnError as error:
+        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
+        raise MissingColumnError(message) from error
+    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
+    options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
+    made = Provenance(options, (arm_record, *records), seed, use)
+    return Simulated(**fields_of(body), robot=arm, plan=plan, made=made)

@@ -1,7 +1,7 @@
 """Entry point of the command line: the commands, and the exit status of every error.
 
-The module of a command is imported when the command runs, so that ``robacc --help`` is fast. For the same reason,
-modules of commands import NumPy and its users inside their functions.
+The commands are imported when one runs, so that ``robacc --help`` is fast. For the same reason, their modules import
+NumPy and its users inside their functions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ COMMANDS = {
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",
 }
-"""Each command and its line in ``robacc --help``; its module and its function have the same name."""
+"""Each command and its line in ``robacc --help``; its function has the same name."""
 FORMS = {
     "show robots": "robots",
     "show effects": "effects",
@@ -43,7 +43,7 @@ FORMS = {
     "plan --for iso9283": "iso9283_poses",
     "init --from": "import_",
 }
-"""Forms of a command with arguments and options of their own: the words that choose them, and the module."""
+"""Forms of a command with arguments and options of their own: the words that choose them, and the function."""
 RENAMED: dict[str, tuple[str, list[str]]] = {
     "robots": ("show robots", []),
     "effects": ("show effects", []),

@@ -47,11 +47,11 @@ if TYPE_CHECKING:
     from robacc.api.plan import Planned as Planned
     from robacc.api.plan import plan as plan
     from robacc.api.predict import Predicted as Predicted
-    from robacc.api.predict import Simulated as Simulated
     from robacc.api.predict import predict as predict
-    from robacc.api.predict import simulate as simulate
     from robacc.api.result import Result as Result
     from robacc.api.result import schema as schema
+    from robacc.api.simulate import Simulated as Simulated
+    from robacc.api.simulate import simulate as simulate
     from robacc.errors import InputError as InputError
     from robacc.errors import Problem as Problem
     from robacc.errors import RobaccError as RobaccError

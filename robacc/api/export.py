@@ -89,12 +89,13 @@ def export(
         if name is None:
             raise UsageError(f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}")
         notes = (Note(f"format {format}, which the controller of a {name} reads; `format` names another"),)
-    if nominal is not None and format != "joint-offsets":
-        raise UsageError("`nominal` belongs to `format` joint-offsets")
-    if template is not None and format not in ("ur-calibration", "ur-kinematics"):
-        raise UsageError("`template` belongs to `format` ur-calibration and ur-kinematics")
-    if arm is not None and format != "ur-calibration":
-        raise UsageError("`arm` belongs to `format` ur-calibration")
+    for parameter, value, formats in (
+        ("nominal", nominal, ("joint-offsets",)),
+        ("template", template, ("ur-calibration", "ur-kinematics")),
+        ("arm", arm, ("ur-calibration",)),
+    ):
+        if value is not None and format not in formats:
+            raise UsageError(f"`{parameter}` belongs to `format` {' and '.join(formats)}")
     controller, nominal_records = optional(load_robot, nominal, kind="nominal")
     text, template_records = optional(load_text, template, "template", lambda text, _: text)
     body = export_model(robot, format, nominal=controller, arm=arm, template=text)

@@ -97,36 +97,24 @@ class Planned(CsvResult, CampaignPlan):
         Raises:
             UsageError: The suffix is of no language, or the robot has too many joints for it.
         """
-        if self.payload_kg is None or len(self.payload_blocks) == 1:
-            return {os.fspath(path): self.program(path)}
         file = PurePath(path)
-        return {
-            str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): self.program(path, block.payload)
-            for block in self.payload_blocks
-        }
-
-    def program(self, path: StrPath, payload: float | None = None) -> str:
-        """Return the visits as a robot program; with ``payload``, those with this payload (kg).
-
-        Raises:
-            UsageError: The suffix is of no language, the robot has too many joints for it, or no visit has the payload.
-        """
-        suffix = PurePath(path).suffix.lower()
-        dialects = {value: key for key, value in SUFFIX.items()}
-        if suffix not in dialects:
+        dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
+        if file.suffix.lower() not in dialects:
             raise UsageError(f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}")
-        visits = self.visits()
-        assert visits.pose is not None
-        targets = [joint_target(str(name), q.tolist()) for name, q in zip(visits.pose, self.q.T, strict=True)]
-        name = PurePath(path).stem
-        if payload is not None:
-            masses = () if self.payload_kg is None else self.payload_kg.tolist()
-            targets = [target for target, mass in zip(targets, masses, strict=False) if mass == payload]
-            name = f"{name}_{payload:g}kg"
-            if not targets:
-                raise UsageError(f"`payload`: no visit has a payload of {payload:g} kg")
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
-        return write_program(dialects[suffix], targets, name=name, linear=linear)
+        targets = [joint_target(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
+        groups = {os.fspath(path): targets}
+        if self.payload_kg is not None and len(self.payload_blocks) > 1:
+            groups = {
+                str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): [
+                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == block.payload
+                ]
+                for block in self.payload_blocks
+            }
+        return {
+            name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
+            for name, group in groups.items()
+        }
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""

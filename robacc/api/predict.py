@@ -1,11 +1,10 @@
-"""Calls on a model of an arm: ``robacc predict`` and ``robacc simulate``."""
+"""Call of the command ``robacc predict``."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -35,17 +34,12 @@ from robacc.api.parameters import (
     StrPath,
     TipLink,
     call,
-    numbers,
-    temperatures,
 )
-from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
-from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.descriptions import SIMULATE
+from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.documents.predict import payload, per_pose_csv, pose_payload
-from robacc.errors import MissingColumnError, UsageError
+from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.poses.csv_file import pose_pieces
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.model_fit import model_fit
@@ -64,8 +58,6 @@ from robacc.prediction.tolerances import NORMAL, parse_tolerances, uncertain_par
 from robacc.quantities import optional_size, size
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
-from robacc.simulation.simulate import Plan, Simulation
-from robacc.simulation.simulate import simulate as simulate_poses
 
 if TYPE_CHECKING:
     from robacc.api.parameters import PosesSource
@@ -277,161 +269,3 @@ def _noise(noise: str | Noise | None) -> Noise:
         raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
     position, rotation = (*sizes, None, None)[:2]
     return optional_size(position, "length", "`noise`"), optional_size(rotation, "angle", "`noise`")
-
-
-# Call of ``robacc simulate``.
-
-_FIRST_ROW = 4
-"""Line of the first row in a file with outliers, below two comments and the header."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Simulated(CsvResult, Simulation):
-    """Simulated poses, with the robot and the plan."""
-
-    command: ClassVar[str] = "simulate"
-    robot: Robot
-    plan: Plan
-    made: Provenance
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """How poses to visit were read, poses outside the model's validity range, and campaign effects left out."""
-        return (*self.data.warnings, *(() if self.made.use is None else self.made.use.warnings))
-
-    @property
-    def outlier_lines(self) -> list[int]:
-        """Lines of :meth:`csv` with outliers."""
-        return [int(row) + _FIRST_ROW for row in self.outliers]
-
-    def csv_pieces(self) -> Iterator[str]:
-        """Yield the text of :meth:`csv` in pieces."""
-        plan, rotation_noise = self.plan, self.plan.noise_orientation if self.plan.orientation else 0.0
-        sizes = ((plan.noise_position, "mm"), (rotation_noise, "mrad"))
-        noise = " and ".join(f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0)
-        settings = f"seed {plan.seed}, {f'noise {noise}' if noise else 'no noise'}"
-        yield f"# Simulated by robacc simulate from {self.named('robot')} with {settings}; nothing was measured.\n"
-        if lines := self.outlier_lines:
-            yield f"# Outliers on lines {', '.join(map(str, lines))}\n"
-        yield from pose_pieces(self.data)
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys: a summary of the file, without the poses."""
-        return SIMULATE.write(self)
-
-
-@call
-def simulate(
-    robot: RobotArgument,
-    *,
-    poses: Annotated[
-        int | None,
-        Help("Number of commanded poses to sample.", "N", "Give either this or `at`.", least=1, most=1_000_000),
-    ] = None,
-    at: Annotated[
-        PosesSource | None,
-        Help("CSV of commanded poses, in the order visited.", "FILE", "Or poses read before.", holds="planned poses"),
-    ] = None,
-    ignore_limits: IgnoreLimits = False,
-    seed: Seed = 0,
-    cycles: Annotated[int, Help("Number of visits to every commanded pose.", "N", least=1, most=100_000)] = 1,
-    sampling: Annotated[
-        Literal["even", "random"],
-        Help("Low-discrepancy sequence, or uniform distribution of the joint variables."),
-    ] = "even",
-    noise: Annotated[
-        float | str,
-        Help(
-            "Standard deviation of the measurement noise along each axis, such as 0.02mm.", "SIZE", "A number is in m."
-        ),
-    ] = "0",
-    noise_orientation: Annotated[
-        float | str,
-        Help("Standard deviation about each axis, such as 0.005deg.", "SIZE", "A number is in rad."),
-    ] = "0",
-    sigma: Annotated[bool, Help("Write the noise as columns sigma_x, sigma_y, sigma_z, sigma_r.")] = False,
-    outliers: Annotated[int, Help("Number of outliers.", "K", least=0)] = 0,
-    outlier_size: Annotated[
-        float | str, Help("Position error of an outlier, such as 5mm.", "SIZE", "A number is in m.")
-    ] = "10mm",
-    position_only: Annotated[
-        bool,
-        Help("Measure position only, or position and orientation.", names=("position-only/orientation",)),
-    ] = False,
-    commanded: Annotated[bool, Help("Write cmd_ columns with the poses of the robot without its effects.")] = False,
-    motion: Annotated[
-        bool,
-        Help("Write direction and speed of approach, from the order of the poses.", names=("motion/no-motion",)),
-    ] = True,
-    time_step: Annotated[float | None, Help("Seconds between poses, written as time_s.", "S", least=0.0)] = None,
-    temperature: Annotated[
-        float | tuple[float, float] | None,
-        Help("Constant temperature, or a warm-up such as 22:28.", "C[:C]", "In degrees Celsius.", read=temperatures),
-    ] = None,
-    payload: Annotated[
-        Sequence[float],
-        Help("Payloads; each pose has one of them, chosen at random.", "KG,…", "In kg.", read=numbers),
-    ] = (),
-    campaign: Campaign = "auto",
-    strict_range: StrictRange = False,
-    base_link: BaseLink = None,
-    tip_link: TipLink = None,
-) -> Simulated:
-    """Simulate measured poses of a robot with the effects that its file lists, by the exact nonlinear model.
-
-    Returns:
-        ``data``, which every call accepts as poses, and :meth:`Simulated.csv`, the file that the command writes.
-
-    Raises:
-        InputError: A file cannot be used, a prismatic joint has no limits, or the robot's effects cannot be read.
-        UsageError: The plan lacks a column that an effect depends on, or the arguments contradict each other.
-
-    Example:
-        >>> import robacc
-        >>> result = robacc.simulate("sample_data/robot.yaml", poses=20, noise="0.02mm", seed=1)
-        >>> result.data.position.shape
-        (3, 20)
-        >>> robacc.estimate(result.data, robot="sample_data/robot.yaml").n_poses
-        20
-    """
-    if (poses is None) == (at is None):
-        raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
-    ends = temperature if isinstance(temperature, tuple | None) else (temperature, temperature)
-    plan = Plan(
-        poses=poses or 0,
-        seed=seed,
-        cycles=cycles,
-        sampling=sampling,
-        noise_position=size(noise, "length", "`noise`"),
-        noise_orientation=size(noise_orientation, "angle", "`noise_orientation`"),
-        sigma=sigma,
-        outliers=outliers,
-        outlier_size=size(outlier_size, "length", "`outlier_size`"),
-        orientation=not position_only,
-        commanded=commanded,
-        motion=motion,
-        time_step=time_step,
-        temperature=None if ends is None else (float(ends[0]), float(ends[1])),
-        payloads=tuple(map(float, payload)),
-    )
-    for mass in plan.payloads:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
-    if not all(map(math.isfinite, plan.temperature or ())):
-        raise UsageError("`temperature`: expected finite numbers")
-    if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
-        raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
-    described, arm_record = load_robot(robot, base_link, tip_link, at)
-    arm = use_model(described, None, campaign=campaign).robot or described
-    planned, records = optional(
-        load_poses, at, arm, ignore_limits=ignore_limits, attained=False, visited_by=joints_of(arm)
-    )
-    try:
-        body = simulate_poses(arm, plan, planned)
-    except MissingColumnError as error:
-        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
-        raise MissingColumnError(message) from error
-    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
-    options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
-    made = Provenance(options, (arm_record, *records), seed, use)
-    return Simulated(**fields_of(body), robot=arm, plan=plan, made=made)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
+from robacc.documents.parts import outside_document
 from robacc.errors import UsageError
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
@@ -40,12 +41,6 @@ class ModelUse:
     outside: OutsideValidity | None
     """Poses outside the validity ranges; None if the model has none."""
     warnings: tuple[str, ...]
-
-    def document(self) -> dict[str, Any]:
-        """Return the key ``outside_validity`` of a result; nothing without a robot."""
-        from robacc.documents.parts import outside_document
-
-        return {} if self.robot is None else {"outside_validity": outside_document(self.outside)}
 
 
 def use_model(
@@ -256,7 +251,9 @@ class Result(ABC):
         return document
 
     def _document(self, inputs: Sequence[InputFile]) -> dict[str, Any]:
-        payload = {**self.payload(), **({} if self.made.use is None else self.made.use.document())}
+        payload, use = self.payload(), self.made.use
+        if use is not None and use.robot is not None:
+            payload["outside_validity"] = outside_document(use.outside)
         return envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
 
 

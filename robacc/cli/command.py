@@ -5,8 +5,8 @@ A parameter is declared by ``Annotated[type, Help(…)]``: positional ones are a
 
 from __future__ import annotations
 
-import ast
 import inspect
+import itertools
 import os
 import sys
 import time
@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import typer
 
@@ -22,6 +23,7 @@ from robacc.api import HOMES
 from robacc.api.parameters import Help, choices_of, meaning_of
 from robacc.cli import commands, output
 from robacc.errors import UsageError
+from robacc.plug_ins import plug_in_names
 from robacc.render.text import console
 from robacc.render.text.parameter_names import as_options
 
@@ -52,19 +54,21 @@ def load(name: str, form: str | None = None) -> Any:
         output.started = time.time()
         check_call(given, [name for name in given if options[name].meaning.holds == "output"])
         console.is_quiet = given.pop("quiet", False)
-        values: dict[str, dict[str, Any]] = {option.owner: {} for option in options.values()}
+        values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}, "reading": {}}
         for name, value in given.items():
             read = options[name].meaning.read
             values[options[name].owner][name] = value if read is None or value is None else read(name, value)
-        reading = values.pop("reading", {})
+        reading, arguments = values.pop("reading"), values[""]
         if any(reading.values()):
             for own in values.values():
                 own |= {name: _read_as(own[name], reading) for name in own if "poses" in options[name].meaning.holds}
-        arguments = values.get("", {})
-        if "outlets" in values:
+        if values["outlets"]:
             arguments["outlets"] = output.Outlets(**values["outlets"])
         if "call" in inspect.signature(show).parameters:
-            arguments["call"] = _bound(show.__name__, options, values.get("call", {}))
+            call = getattr(import_module(f"robacc.{HOMES[show.__name__]}"), show.__name__)
+            named = {name: options[name].default if value is None else value for name, value in values["call"].items()}
+            paths = [named.pop(name) for name in [*named] if options[name].is_argument and options[name].is_repeated]
+            arguments["call"] = partial(call, *itertools.chain(*paths), **named)
         show(**arguments)
 
     parameters = [_typer_parameter(name, option) for name, option in options.items()]
@@ -95,14 +99,12 @@ def declared_options(show: Callable[..., None]) -> dict[str, Declared]:
 
 
 def _declaration(name: str) -> Callable[..., Any]:
-    """Return an empty function with the signature of a call, read from its source: its module would import NumPy."""
+    """Return a call as its source declares it, which is not to be called: its module would import NumPy."""
     path = Path(__file__).parents[1].joinpath(*HOMES[name].split(".")).with_suffix(".py")
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    call = next(item for item in tree.body if isinstance(item, ast.FunctionDef) and item.name == name)
-    call.decorator_list, call.body = [], call.body[:1]  # the docstring
-    future = next(item for item in tree.body if isinstance(item, ast.ImportFrom))
+    source = path.read_text(encoding="utf-8")
+    start = source.index(f"\ndef {name}(")
     names: dict[str, Any] = {}
-    exec(compile(ast.Module([future, call], []), name, "exec"), names)
+    exec("from __future__ import annotations\n" + source[start : source.find("\n\n\n", start)], names)
     return names[name]  # type: ignore[no-any-return]
 
 
@@ -119,13 +121,13 @@ def _declared(function: Callable[..., Any], owner: str) -> Iterator[tuple[str, D
 
 def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     """Return the parameter of typer for an argument or option."""
-    meaning, default = option.meaning, option.default
-    kind: Any = next((kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)}), str)
-    if choices_of(option.kind):
-        kind = option.kind
-    if option.is_repeated:
-        kind = list[str]
-    default = None if default == () else default
+    meaning, default = option.meaning, None if option.default == () else option.default
+    plain = (kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)})
+    choices = choices_of(option.kind)
+    if meaning.group:
+        choices = (*choices, *plug_in_names(meaning.group))
+    kind: Any = Literal[choices] if choices else next(plain, str)
+    kind = list[str] if option.is_repeated else kind
     kind = kind if default is not None else kind | None
     about: Any = {
         "metavar": meaning.metavar,
@@ -140,13 +142,9 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _leaves(kind: Any) -> Iterator[Any]:
-    """Yield the members of a union, or the type itself."""
-    if get_origin(kind) is Union or type(kind).__name__ == "UnionType":
-        for part in get_args(kind):
-            yield from _leaves(part)
-    else:
-        yield kind
+def _leaves(kind: Any) -> tuple[Any, ...]:
+    """Return the members of a union, or the type itself."""
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
 def _read_as(value: Any, reading: Mapping[str, Any]) -> Any:
@@ -156,18 +154,6 @@ def _read_as(value: Any, reading: Mapping[str, Any]) -> Any:
     if isinstance(value, list):
         return [PoseFile(path, **reading) for path in value]
     return PoseFile(value, **reading) if isinstance(value, str) else value
-
-
-def _bound(name: str, options: Mapping[str, Declared], values: Mapping[str, Any]) -> partial[Any]:
-    """Return the call with its arguments; an option that was not given leaves the default of the call."""
-    function = getattr(import_module(f"robacc.{HOMES[name]}"), name)
-    positional = [name for name in values if options[name].is_repeated and options[name].is_argument]
-    given = {
-        name: value
-        for name, value in values.items()
-        if name not in positional and (value is not None or options[name].default is None)
-    }
-    return partial(function, *(path for name in positional for path in values[name]), **given)
 
 
 # Checks of the options of a call before anything is computed.

@@ -25,27 +25,16 @@ from robacc.cli.output import (
     SummaryFormat,
     WriteModel,
     deliver,
+    draw,
     emit,
     progress_bar,
     write,
 )
 from robacc.errors import InputError, Note, Problem, UsageError
-from robacc.plug_ins import plug_in_names
 from robacc.render.text.console import say_warnings, warnings_below
-from robacc.render.views.elements import draw
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
-
-    ExportFormat = str
-else:
-    ExportFormat = Literal[
-        (
-            *("urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table"),
-            *plug_in_names("robacc.exporters"),
-        )
-    ]
-    """Formats of the written model; table and json belong to ``--urdf`` too."""
 
 # Measured poses.
 
@@ -290,10 +279,11 @@ def export(
     call: Call,
     *,
     format: Annotated[
-        ExportFormat | None,
+        Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table"] | None,
         Help(
             "Format of the file; default: ur-calibration for an arm of Universal Robots. With `urdf`: form of the "
-            "summary, table or json."
+            "summary, table or json.",
+            group="robacc.exporters",
         ),
     ] = None,
     output: Annotated[

@@ -22,7 +22,6 @@ from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.outcomes import EstimateHeadline, FileOutcome, exit_status
 from robacc.render.text.console import say, say_error, say_warnings
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.elements import draw
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
@@ -257,7 +256,7 @@ def _write(
     options = tasks[0].options
 
     def table(stream: TextIO) -> None:
-        draw(many_view(outcomes, options["robot"], options["align"]), stream)
+        output.draw(many_view(outcomes, options["robot"], options["align"]), stream)
 
     if outlets.junit is not None:
         output.write_junit(outlets.junit, "estimate", outcomes)

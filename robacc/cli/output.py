@@ -21,10 +21,10 @@ from robacc.api.parameters import Help
 from robacc.outcomes import FileOutcome
 from robacc.render.text.console import warnings_below
 from robacc.render.text.parameter_names import as_options
-from robacc.render.views.elements import draw
 
 if TYPE_CHECKING:
     from robacc.api.result import Result
+    from robacc.render.views.elements import Section
 
 Call = partial[Any]
 """Call of a command with the arguments of its options."""
@@ -200,6 +200,13 @@ def emit(form: Format | None, output: str, table: Table, document: Callable[[], 
         sys.stdout.flush()
     else:
         write(output, (page_text(table),))
+
+
+def draw(sections: Iterable[Section], stream: TextIO) -> None:
+    """Write the sections of a view as text to ``stream``."""
+    from robacc.render.views import elements
+
+    elements.draw(sections, stream)
 
 
 def page_text(table: Table) -> str:

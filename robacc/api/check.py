@@ -20,7 +20,6 @@ class Checked(Result, GateOutcome):
 
     command: ClassVar[str] = "check"
     result: StoredResult
-    made: Provenance
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""

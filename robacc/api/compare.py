@@ -7,11 +7,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from robacc.api.estimate import estimate
 from robacc.api.inputs import STDIN, load_grade_scale, load_optional_robot, load_poses, load_result, path_of
-from robacc.api.parameters import Confidence, Help, Seed, StrPath, call
+from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compare_results
@@ -23,9 +23,6 @@ from robacc.documents.read_result import StoredResult, understood
 from robacc.errors import InputError, Problem, UsageError
 from robacc.prediction.model_fit import model_fit
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource, RobotSource
-
 Source = StrPath | Result | StoredResult
 _START = 256
 """Bytes of a file in which its first sign is looked for."""
@@ -36,11 +33,7 @@ class Compared(Result, ResultComparison):
     """Comparison of results, with the files that they were read from."""
 
     command: ClassVar[str] = "compare"
-    made: Provenance
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys."""
-        return COMPARE.write(self)
+    keys = COMPARE
 
 
 @call
@@ -189,8 +182,8 @@ class ComparedTargets(Result, PairedTargets):
     """The same targets before and after a correction, with the inputs."""
 
     command: ClassVar[str] = "compare-paired"
+    keys = COMPARE_PAIRED
     doubts: tuple[str, ...]
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -198,10 +191,6 @@ class ComparedTargets(Result, PairedTargets):
         if self.loaded.verdict == "not loaded":
             return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
         return self.doubts
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        return COMPARE_PAIRED.write(self)
 
 
 @call

@@ -6,14 +6,14 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
-from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
+from robacc.api.parameters import BaseLink, CampaignUse, Help, PosesSource, Scale, StrPath, TipLink, call
 from robacc.api.result import CsvResult, Provenance, fields_of, options_of
 from robacc.correction.correction import Cause, Correction, Limits, Refusal, correction
 from robacc.correction.wanted import check_same_joints, circumstances, part_of
@@ -36,9 +36,6 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
-
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
@@ -59,7 +56,6 @@ class Corrected(CsvResult, Correction):
     given: Measurements
     """Targets as given."""
     doubts: tuple[str, ...]
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -63,7 +63,6 @@ class Estimate(Result, EstimateResult):
     """Robot as its file describes it, before any alignment."""
     data: Measurements
     """The measured poses."""
-    made: Provenance
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from typing import Annotated, ClassVar, Literal, get_args
 
 from robacc.api.inputs import load_robot, load_text, optional
 from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
@@ -24,14 +24,10 @@ class Exported(Result, ExportedModel):
     """Model in the format of a controller, with the error that remains there."""
 
     command: ClassVar[str] = "export"
+    keys = EXPORT
     format: str
-    made: Provenance
     warnings: tuple[str, ...] = ()
     """Doubts about the model; :attr:`not_carried` lists what the format leaves out."""
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys."""
-        return EXPORT.write(self)
 
     def write(self, path: StrPath) -> None:
         """Write the model to a file; a failure leaves no partial file.

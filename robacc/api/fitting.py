@@ -30,6 +30,7 @@ from robacc.api.parameters import (
     NeededRobot,
     Ordered,
     Poses,
+    PosesSource,
     Progress,
     Seed,
     StrictRange,
@@ -65,7 +66,6 @@ from robacc.tracing.trace import trace as trace_effects
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
     from robacc.fitting.fit_result import Fit
     from robacc.tracing.judging import Judged
 
@@ -153,7 +153,6 @@ class Calibrated(FitResult, Calibration):
 
     command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
-    made: Provenance
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -162,7 +161,6 @@ class Traced(FitResult, Trace):
 
     command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
-    made: Provenance
 
 
 @call

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from hashlib import sha256
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from robacc.api.parameters import (
     Help,
     IgnoreLimits,
     Ordered,
+    PosesSource,
     Sheet,
     SkipGaps,
     StrPath,
@@ -60,9 +61,6 @@ from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_writer import robot_to_yaml
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
 
 Read = TypeVar("Read")
 STDIN = "-"

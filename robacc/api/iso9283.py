@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TextIO
+from typing import Annotated, Any, ClassVar, Literal, TextIO
 
 from robacc.api.inputs import STDIN, fitted_pose_warnings, load_optional_robot, load_poses, load_robot, path_of
 from robacc.api.parameters import (
@@ -16,6 +16,7 @@ from robacc.api.parameters import (
     IgnoreLimits,
     OptionalRobot,
     Ordered,
+    PosesSource,
     RobotArgument,
     Seed,
     StrictRange,
@@ -34,20 +35,13 @@ from robacc.render.views.elements import draw
 from robacc.render.views.iso9283 import proposal_comments, proposal_view
 from robacc.robots.description import Robot
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Iso9283(Result, Iso9283Result):
     """Pose criteria of ISO 9283, with the inputs."""
 
     command: ClassVar[str] = "iso9283"
-    made: Provenance
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        return ISO9283.write(self)
+    keys = ISO9283
 
 
 @call
@@ -138,7 +132,6 @@ class Iso9283Poses(CsvResult):
     robot: Robot
     cycles: int
     payload_kg: float | None
-    made: Provenance
     warnings: tuple[str, ...] = ()
 
     def csv_pieces(self) -> Iterator[str]:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot, optional
@@ -15,7 +15,9 @@ from robacc.api.parameters import (
     BaseLink,
     Help,
     Ordered,
+    PosesSource,
     RobotArgument,
+    RobotSource,
     Scale,
     Seed,
     StrPath,
@@ -57,9 +59,6 @@ from robacc.quantities import optional_size, size
 from robacc.render.views.plan import plan_comments
 from robacc.robots.description import Robot
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource, RobotSource
-
 _MOST_PAYLOADS = 5
 _STATISTICS = ("rms", "mean_error", "p95", "max")
 
@@ -69,7 +68,6 @@ class Planned(CsvResult, CampaignPlan):
     """Planned poses and the expected result, with the inputs."""
 
     command: ClassVar[str] = "plan"
-    made: Provenance
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from robacc.api.parameters import (
     Help,
     IgnoreLimits,
     Ordered,
+    PosesSource,
     RobotArgument,
     Samples,
     Scale,
@@ -59,9 +60,6 @@ from robacc.quantities import optional_size, size
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Predicted(Result, Prediction):
@@ -80,7 +78,6 @@ class Predicted(Result, Prediction):
     """Poses given for the prediction."""
     measured: Measurements | None
     """Measured poses that the prediction is compared with."""
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:

@@ -6,13 +6,14 @@ import inspect
 import io
 import json
 import os
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
+from robacc.documents.keys import Kind
 from robacc.documents.parts import outside_document
 from robacc.errors import UsageError
 from robacc.io.files import write_pieces, write_text
@@ -102,12 +103,15 @@ class Provenance:
     """How the robot's model applies to the poses; None without a robot."""
 
 
-class Result(ABC):
-    """Result of a command."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Result:
+    """Result of a command; another base has the fields of what was computed."""
 
     __slots__ = ()
     command: ClassVar[str]
     """Name of the command and of its schema."""
+    keys: ClassVar[Kind]
+    """The result's own keys, for those that need no more than the result."""
     made: Provenance
 
     if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
@@ -137,9 +141,10 @@ class Result(ABC):
         """Return the name of the input of a kind; empty without any."""
         return next((file.name for file in self.made.inputs if file.kind == kind), "")
 
-    @abstractmethod
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
+        payload: dict[str, Any] = self.keys.write(self)
+        return payload
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.

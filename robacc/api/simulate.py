@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from robacc.api.inputs import load_poses, load_robot, optional
 from robacc.api.parameters import (
@@ -13,6 +13,7 @@ from robacc.api.parameters import (
     Campaign,
     Help,
     IgnoreLimits,
+    PosesSource,
     RobotArgument,
     Seed,
     StrictRange,
@@ -31,9 +32,6 @@ from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation
 from robacc.simulation.simulate import simulate as simulate_poses
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
-
 _FIRST_ROW = 4
 """Line of the first row in a file with outliers, below two comments and the header."""
 
@@ -43,9 +41,9 @@ class Simulated(CsvResult, Simulation):
     """Simulated poses, with the robot and the plan."""
 
     command: ClassVar[str] = "simulate"
+    keys = SIMULATE
     robot: Robot
     plan: Plan
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -67,10 +65,6 @@ class Simulated(CsvResult, Simulation):
         if lines := self.outlier_lines:
             yield f"# Outliers on lines {', '.join(map(str, lines))}\n"
         yield from pose_pieces(self.data)
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys: a summary of the file, without the poses."""
-        return SIMULATE.write(self)
 
 
 @call

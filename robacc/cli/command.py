@@ -8,7 +8,6 @@ from __future__ import annotations
 import inspect
 import itertools
 import os
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -20,7 +19,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import typer
 
 from robacc.api import HOMES
-from robacc.api.parameters import Help, choices_of, meaning_of
+from robacc.api.parameters import Help, choices_of, meanings
 from robacc.cli import commands, output
 from robacc.errors import UsageError
 from robacc.plug_ins import plug_in_names
@@ -103,16 +102,16 @@ def _declaration(name: str) -> Callable[..., Any]:
     path = Path(__file__).parents[1].joinpath(*HOMES[name].split(".")).with_suffix(".py")
     source = path.read_text(encoding="utf-8")
     start = source.index(f"\ndef {name}(")
-    names: dict[str, Any] = {}
+    names: dict[str, Any] = {"__name__": meanings.__module__}  # whose names the annotations use
     exec("from __future__ import annotations\n" + source[start : source.find("\n\n\n", start)], names)
     return names[name]  # type: ignore[no-any-return]
 
 
 def _declared(function: Callable[..., Any], owner: str) -> Iterator[tuple[str, Declared]]:
     """Yield the parameters that ``--help`` explains."""
-    names = getattr(sys.modules.get(function.__module__), "__dict__", {})
+    declared = meanings(function)
     for name, item in inspect.signature(function).parameters.items():
-        kind, meaning = meaning_of(item.annotation, names)
+        kind, meaning = declared[name]
         if meaning.text:
             several = [get_origin(leaf) in (list, Sequence) for leaf in _leaves(kind) if leaf is not type(None)]
             is_repeated = item.kind is item.VAR_POSITIONAL or (all(several) and meaning.read is None)

@@ -23,7 +23,7 @@ from commands import output, run
 
 import robacc
 import robacc.api
-from robacc.api.parameters import choices_of, meaning_of
+from robacc.api.parameters import choices_of, meanings
 from robacc.cli import commands
 from robacc.cli.command import declared_options
 from robacc.io.json_text import json_text
@@ -218,7 +218,7 @@ def test_the_options_of_a_command_are_the_parameters_of_its_call(name: str) -> N
     options = declared_options(getattr(commands, name))
     for key, parameter in inspect.signature(call).parameters.items():
         # The declaration is read from the source, without the names that the call's module imports.
-        kind, meaning = meaning_of(parameter.annotation, call.__globals__)
+        kind, meaning = meanings(call)[key]
         if key == "progress":
             assert key not in options
         elif options[key].owner == "call":

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
@@ -160,11 +159,7 @@ def _names(results: Sequence[Source]) -> list[str]:
         f"{folder}/{name}" if names.count(name) > 1 and folder else name
         for folder, name in zip(folders, names, strict=True)
     ]
-    seen: Counter[str] = Counter()
-    for i, name in enumerate(names):
-        seen[name] += 1
-        names[i] = name if seen[name] == 1 else f"{name} ({seen[name]})"
-    return names
+    return [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
 
 
 def _path(source: Source) -> str:

@@ -257,16 +257,18 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    causes = [None if refusal is None else refusal.cause for refusal in body.targets.refusals]
-    if strict_range and Cause.out_of_range in causes:
-        first, refusals = causes.index(Cause.out_of_range), body.targets.refusals
-        reason = next(refusal.reason for refusal in refusals[first:] if refusal is not None)
-        count = causes.count(Cause.out_of_range)
-        message = f"{count} of {data.n} targets are outside the model; the first: {reason}"
+    outside = [
+        (i, refusal.reason)
+        for i, refusal in enumerate(body.targets.refusals)
+        if refusal is not None and refusal.cause is Cause.out_of_range
+    ]
+    if strict_range and outside:
+        first, reason = outside[0]
+        message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
         fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
         raise InputError(Problem(message, data.source, data.line(first), fix=fix))
-    options = options_of(correct, arguments)
-    options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
+    files = ("targets", "model", "nominal")
+    options = {name: value for name, value in options_of(correct, arguments).items() if name not in files}
     result = Corrected(
         **fields_of(body),
         model=arm,

@@ -219,33 +219,38 @@ def load_poses(
         data = checked_poses(source, robot)
         if robot is not None and visited_by is None and (robot.targets or not any_target):
             check_targets(data, robot)
-        return _required(data), _record_of(data, kind)
-    path = pose_path(source)
-    if attained and isinstance(path, PoseFile) and path.reading.commanded is not None:
-        data, statements = _with_commands(path, path.reading.commanded, robot, ordered, ignore_limits)
+        record = _record_of(data, kind)
+    else:
+        path = pose_path(source)
+        commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
+        try:
+            if commands is not None:
+                data, statements = _with_commands(path, commands, robot, ordered, ignore_limits)
+            elif visited_by is not None:
+                data = csv_file.read_poses(path, robot=visited_by, ignore_limits=ignore_limits, attained=False)
+            elif robot is None:
+                data = csv_file.read_poses(path, ordered=ordered)
+            else:
+                data = read_robot_poses(
+                    path,
+                    robot,
+                    ordered=ordered,
+                    ignore_limits=ignore_limits,
+                    attained=attained,
+                    any_target=any_target,
+                )
+        except InputError:
+            from robacc.programs.reading import mistaken_for_poses
+
+            if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
+                raise InputError(problem) from None
+            raise
         record = InputFile.at(path, data.sha256 or "", kind)
-        return _required(data), replace(record, reading={**(record.reading or {}), **statements})
-    how: dict[str, Any] = {"ordered": ordered, "ignore_limits": ignore_limits}
-    try:
-        if visited_by is not None:
-            data = csv_file.read_poses(path, robot=visited_by, attained=False, **how)
-        elif robot is None:
-            data = csv_file.read_poses(path, **how)
-        else:
-            data = read_robot_poses(path, robot, attained=attained, any_target=any_target, **how)
-    except InputError:
-        from robacc.programs.reading import mistaken_for_poses
-
-        if attained and (problem := mistaken_for_poses(path)) is not None:
-            raise InputError(problem) from None
-        raise
-    return _required(data), InputFile.at(path, data.sha256 or "", kind)
-
-
-def _required(data: Measurements) -> Measurements:
-    if data.n:
-        return data
-    raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
+        if commands is not None:
+            record = replace(record, reading={**(record.reading or {}), **statements})
+    if not data.n:
+        raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
+    return data, record
 
 
 def _record_of(data: Measurements, kind: str) -> InputFile:

@@ -6,6 +6,7 @@ the checks of its arguments from it, and :mod:`robacc.cli.command` its options. 
 
 from __future__ import annotations
 
+import builtins
 import functools
 import inspect
 import math
@@ -13,6 +14,7 @@ import os
 import re
 import sys
 import textwrap
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from typing import (
     TYPE_CHECKING,
@@ -69,20 +71,12 @@ class Help(NamedTuple):
     """Group of entry points whose names are further choices."""
 
 
-class _KnownNames(dict[str, Any]):
-    """Names in annotations; one that is not known, such as a class of a module not imported, is any type."""
-
-    def __missing__(self, name: str) -> Any:
-        if name in ("str", "int", "float", "bool", "tuple", "list"):
-            raise KeyError(name)
-        return Any
-
-
 def meanings(declared: Callable[..., Any]) -> dict[str, tuple[Any, Help]]:
     """Return the type and the meaning of each parameter of a function or a class."""
-    names = vars(sys.modules[declared.__module__])
-    known = _KnownNames({**globals(), "Sequence": Sequence, **names})
-    hints = get_type_hints(declared, {}, known, include_extras=True)
+    module = vars(sys.modules[declared.__module__])
+    names = {**vars(builtins), "Sequence": Sequence, **globals(), **module}
+    # A name that is not known, such as a class of a module not imported, is any type.
+    hints = get_type_hints(declared, {}, defaultdict(lambda: Any, names), include_extras=True)
     return {
         name: (hint.__origin__, hint.__metadata__[0]) if hasattr(hint, "__metadata__") else (hint, Help(""))
         for name, hint in hints.items()

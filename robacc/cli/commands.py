@@ -517,8 +517,6 @@ def report(
         _write_chart(results, chart or "", number, output or "")
         return
     need("matplotlib", "plotly", "jinja2")
-    if results.count("-") > 1:
-        raise UsageError("standard input can be read only once")
     read = [read_result(path) for path in results]
     identities = read_identity(identity or ())
     sections = []

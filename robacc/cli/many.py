@@ -21,7 +21,6 @@ from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.outcomes import EstimateHeadline, FileOutcome, exit_status
 from robacc.render.text.console import say, say_error, say_warnings
-from robacc.render.text.parameter_names import as_options
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
@@ -251,7 +250,6 @@ def _write(
 ) -> None:
     """Write the table of all files and the requested files."""
     from robacc.render.views.estimate import many_annotations, many_view
-    from robacc.render.views.gate import markdown
 
     options = tasks[0].options
 
@@ -273,12 +271,10 @@ def _write(
     place = outlets.output if folder is None else "-"
     if outlets.form == "json":
         output.write(place, _document(outcomes, tasks, {} if folder else documents))
-    elif outlets.form == "markdown":
-        output.write(place, (markdown("estimate", output.page_text(table), None, tuple(map(as_options, warnings))),))
     elif outlets.form == "github":
         output.write(place, (many_annotations(outcomes),))
     else:
-        output.emit("table", place, table, dict)
+        output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, table, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

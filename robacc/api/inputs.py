@@ -138,10 +138,8 @@ def load_robot(
 
 def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
     """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
-    if isinstance(poses, Measurements):
-        return [] if poses.q is None else [f"q{i + 1}" for i in range(poses.q.shape[0])]
-    if poses is None:
-        return []
+    if poses is None or isinstance(poses, Measurements):
+        return [f"q{i + 1}" for i in range(0 if poses is None or poses.q is None else poses.q.shape[0])]
     path = pose_path(poses)
     if not (os.path.isfile(path) or os.path.isdir(path) or (isinstance(path, PoseFile) and path.frame is not None)):
         return []

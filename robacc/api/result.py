@@ -155,13 +155,19 @@ class Result:
         Raises:
             InputError: The gate cannot be read.
         """
-        if gate is None:
-            return self._document(self.made.inputs)
-        from robacc.documents.gate import gate_document, read_gate
-        from robacc.gates.evaluate import evaluate_gate
+        inputs, loaded = self.made.inputs, None
+        if gate is not None:
+            from robacc.documents.gate import gate_document, read_gate
+            from robacc.gates.evaluate import evaluate_gate
 
-        loaded = read_gate(os.fspath(gate))
-        document = self._document((*self.made.inputs, *loaded.records))
+            loaded = read_gate(os.fspath(gate))
+            inputs = (*inputs, *loaded.records)
+        payload, use = self.payload(), self.made.use
+        if use is not None and use.robot is not None:
+            payload["outside_validity"] = outside_document(use.outside)
+        document = envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
+        if loaded is None:
+            return document
         return {**document, "gate": gate_document(evaluate_gate(loaded.gate, document, loaded.baselines))}
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
@@ -254,12 +260,6 @@ class Result:
         """Return the document as its JSON file would be read, with lists in place of arrays."""
         document: dict[str, Any] = json.loads(self.to_json())
         return document
-
-    def _document(self, inputs: Sequence[InputFile]) -> dict[str, Any]:
-        payload, use = self.payload(), self.made.use
-        if use is not None and use.robot is not None:
-            payload["outside_validity"] = outside_document(use.outside)
-        return envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
 
 
 class CsvResult(Result):

@@ -15,11 +15,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from robacc.api import HOMES as _HOMES
 from robacc.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from robacc.api.calibrate import Calibrated as Calibrated
-    from robacc.api.calibrate import calibrate as calibrate
     from robacc.api.check import Checked as Checked
     from robacc.api.check import check as check
     from robacc.api.compare import Compared as Compared
@@ -32,78 +31,35 @@ if TYPE_CHECKING:
     from robacc.api.estimate import estimate as estimate
     from robacc.api.export import Exported as Exported
     from robacc.api.export import export as export
-    from robacc.api.import_ import import_ as import_
+    from robacc.api.export import import_ as import_
+    from robacc.api.fitting import Calibrated as Calibrated
+    from robacc.api.fitting import Traced as Traced
+    from robacc.api.fitting import calibrate as calibrate
+    from robacc.api.fitting import trace as trace
+    from robacc.api.inputs import read_poses as read_poses
+    from robacc.api.inputs import read_result as read_result
+    from robacc.api.inputs import write_poses as write_poses
+    from robacc.api.inputs import write_robot as write_robot
     from robacc.api.iso9283 import Iso9283 as Iso9283
+    from robacc.api.iso9283 import Iso9283Poses as Iso9283Poses
     from robacc.api.iso9283 import iso9283 as iso9283
-    from robacc.api.iso9283_poses import Iso9283Poses as Iso9283Poses
-    from robacc.api.iso9283_poses import iso9283_poses as iso9283_poses
+    from robacc.api.iso9283 import iso9283_poses as iso9283_poses
     from robacc.api.plan import Planned as Planned
     from robacc.api.plan import plan as plan
     from robacc.api.predict import Predicted as Predicted
     from robacc.api.predict import predict as predict
-    from robacc.api.reading import read_poses as read_poses
-    from robacc.api.reading import read_result as read_result
-    from robacc.api.reading import read_robot as read_robot
-    from robacc.api.reading import write_poses as write_poses
-    from robacc.api.reading import write_robot as write_robot
     from robacc.api.result import Result as Result
-    from robacc.api.schema import schema as schema
+    from robacc.api.result import schema as schema
     from robacc.api.simulate import Simulated as Simulated
     from robacc.api.simulate import simulate as simulate
-    from robacc.api.trace import Traced as Traced
-    from robacc.api.trace import trace as trace
     from robacc.errors import InputError as InputError
     from robacc.errors import Problem as Problem
     from robacc.errors import RobaccError as RobaccError
     from robacc.errors import UsageError as UsageError
     from robacc.measurements import Measurements as Measurements
+    from robacc.modelling.robot_file import read_robot as read_robot
     from robacc.poses.reading import PoseFile as PoseFile
     from robacc.robots.description import Robot as Robot
-
-_HOMES = {
-    "Calibrated": "api.calibrate",
-    "Checked": "api.check",
-    "Compared": "api.compare",
-    "ComparedTargets": "api.compare",
-    "Corrected": "api.correct",
-    "Estimate": "api.estimate",
-    "Exported": "api.export",
-    "InputError": "errors",
-    "Iso9283": "api.iso9283",
-    "Iso9283Poses": "api.iso9283_poses",
-    "Measurements": "measurements",
-    "Planned": "api.plan",
-    "PoseFile": "poses.reading",
-    "Predicted": "api.predict",
-    "Problem": "errors",
-    "Result": "api.result",
-    "RobaccError": "errors",
-    "Robot": "robots.description",
-    "Simulated": "api.simulate",
-    "Traced": "api.trace",
-    "UsageError": "errors",
-    "calibrate": "api.calibrate",
-    "check": "api.check",
-    "compare": "api.compare",
-    "compare_paired": "api.compare",
-    "correct": "api.correct",
-    "estimate": "api.estimate",
-    "export": "api.export",
-    "import_": "api.import_",
-    "iso9283": "api.iso9283",
-    "iso9283_poses": "api.iso9283_poses",
-    "plan": "api.plan",
-    "predict": "api.predict",
-    "read_poses": "api.reading",
-    "read_result": "api.reading",
-    "read_robot": "api.reading",
-    "schema": "api.schema",
-    "simulate": "api.simulate",
-    "trace": "api.trace",
-    "write_poses": "api.reading",
-    "write_robot": "api.reading",
-}
-"""Module of each name; a test compares them with the imports above, which type checkers read."""
 
 __all__ = ["__version__", *_HOMES]
 

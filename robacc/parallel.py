@@ -10,7 +10,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, NamedTuple, NoReturn, TypeVar
@@ -74,24 +74,17 @@ def _start(work: Callable[[Any], Any], processes: dict[Connection, BaseProcess])
     context = multiprocessing.get_context("spawn")
     parent_end, child_end = context.Pipe()
     process = context.Process(target=_serve, args=(work, child_end), daemon=True)
-    with _interrupts_blocked():
+    # Interrupts are blocked for processes that start meanwhile: only this process acts on them. Windows has no masks.
+    has_masks = hasattr(signal, "pthread_sigmask")
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if has_masks else set()
+    try:
         process.start()
+    finally:
+        if has_masks:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     child_end.close()
     processes[parent_end] = process
     return parent_end
-
-
-@contextmanager
-def _interrupts_blocked() -> Iterator[None]:
-    """Block interrupts for processes that start meanwhile: only this process acts on them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _serve(work: Callable[[Any], Any], connection: Connection) -> None:

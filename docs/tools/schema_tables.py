@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-from robacc.api.schema import schema, schema_names
+from robacc.api.result import schema, schema_names
 
 Schema = dict[str, Any]
 _SHAPES = {"vector3": "[3]", "matrix3": "[3][3]", "rows3": "[n][3]"}

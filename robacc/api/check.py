@@ -10,7 +10,7 @@ from robacc.api.inputs import load_result
 from robacc.api.parameters import Help, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.documents.envelope import StoredResult, understood
-from robacc.documents.gate import read_gate
+from robacc.documents.gate import gate_document, read_gate
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 
 
@@ -20,12 +20,9 @@ class Checked(Result, GateOutcome):
 
     command: ClassVar[str] = "check"
     result: StoredResult
-    made: Provenance
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys."""
-        from robacc.documents.gate import gate_document
-
         keys = ("schema", "robacc", "command", "inputs")
         return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}
 

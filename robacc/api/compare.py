@@ -1,36 +1,25 @@
-"""Call of the command ``robacc compare``, and of ``compare --paired``."""
+"""Calls of ``robacc compare`` and of ``compare --paired``."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
-from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 from robacc.api.estimate import estimate
-from robacc.api.inputs import (
-    STDIN,
-    load_grade_scale,
-    load_optional_robot,
-    load_poses,
-    load_result,
-    path_of,
-)
-from robacc.api.parameters import Confidence, Help, Seed, StrPath, call
+from robacc.api.inputs import STDIN, load_grade_scale, load_optional_robot, load_poses, load_result, path_of
+from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
 from robacc.comparison.comparing import ResultComparison
 from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
+from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import InputFile, StoredResult, understood
 from robacc.errors import InputError, Problem, UsageError
 from robacc.prediction.model_fit import model_fit
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource, RobotSource
 
 Source = StrPath | Result | StoredResult
 _START = 256
@@ -42,13 +31,7 @@ class Compared(Result, ResultComparison):
     """Comparison of results, with the files that they were read from."""
 
     command: ClassVar[str] = "compare"
-    made: Provenance
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys."""
-        from robacc.documents.compare import COMPARE
-
-        return COMPARE.write(self)
+    keys = COMPARE
 
 
 @call
@@ -103,19 +86,17 @@ def compare(
         raise UsageError("`scale` needs `grade`, the grade to check the results for")
     compared_results, inputs, doubts = _load(results, robot=robot, align=align)
     grades, scale_record = load_grade_scale(scale)
+    names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
     comparison = compare_results(
         compared_results,
-        baseline=next(
-            (one.name for one, path in zip(compared_results, map(_path, results), strict=True) if path == baseline),
-            baseline,
-        ),
+        baseline=baseline if baseline is None else names.get(baseline, baseline),
         by=by,
         required_grade=grade,
         scale=grades,
         confidence=confidence,
         seed=seed,
     )
-    comparison = dataclasses.replace(comparison, warnings=(*comparison.warnings, *doubts))
+    comparison = replace(comparison, warnings=(*comparison.warnings, *doubts))
     options = options_of(compare, arguments, baseline=comparison.baseline, by=comparison.ranking.key)
     return Compared(**fields_of(comparison), made=Provenance(options, (*inputs, *scale_record), seed))
 
@@ -170,20 +151,14 @@ def _are_poses(source: Source) -> bool:
 
 def _names(results: Sequence[Source]) -> list[str]:
     """Return short unique names: the file's, with its folder or a number where files have the same name."""
-    paths = [_path(source) for source in results]
+    paths = [*map(_path, results)]
     names = ["standard input" if path == STDIN else PurePath(path).stem for path in paths]
-    if len(set(names)) < len(names):
-        places = [PurePath(path) for path in paths]
-        names = [
-            f"{place.parent.name}/{name}" if names.count(name) > 1 and place.parent.name else name
-            for place, name in zip(places, names, strict=True)
-        ]
-    counts: Counter[str] = Counter()
-    unique = []
-    for name in names:
-        counts[name] += 1
-        unique.append(name if counts[name] == 1 else f"{name} ({counts[name]})")
-    return unique
+    folders = [PurePath(path).parent.name for path in paths]
+    names = [
+        f"{folder}/{name}" if names.count(name) > 1 and folder else name
+        for folder, name in zip(folders, names, strict=True)
+    ]
+    return [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
 
 
 def _path(source: Source) -> str:
@@ -201,8 +176,8 @@ class ComparedTargets(Result, PairedTargets):
     """The same targets before and after a correction, with the inputs."""
 
     command: ClassVar[str] = "compare-paired"
+    keys = COMPARE_PAIRED
     doubts: tuple[str, ...]
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -210,12 +185,6 @@ class ComparedTargets(Result, PairedTargets):
         if self.loaded.verdict == "not loaded":
             return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
         return self.doubts
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.compare import COMPARE_PAIRED
-
-        return COMPARE_PAIRED.write(self)
 
 
 @call
@@ -259,8 +228,8 @@ def compare_paired(
         >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
         >>> targets = robacc.simulate(robot, poses=20, seed=1).data
         >>> planned = robacc.correct(targets, model=model, nominal=robot).targets
-        >>> old = dataclasses.replace(targets, commanded_position=planned.wanted.poses.translation)
-        >>> new = dataclasses.replace(old, q=planned.q)
+        >>> old = replace(targets, commanded_position=planned.wanted.poses.translation)
+        >>> new = replace(old, q=planned.q)
         >>> before = robacc.simulate(model, at=old, noise="0.02mm", seed=2).data
         >>> after = robacc.simulate(model, at=new, noise="0.02mm", seed=3).data
         >>> result = robacc.compare_paired(before, after)
@@ -281,15 +250,9 @@ def compare_paired(
         )
     promise = None
     if arm is not None:
-        promise = promise_of(arm, targets, noise)
-        doubts += noise_doubts(promise.noise)
-        fit = model_fit(arm)
-        doubts += () if fit is None else fit.warnings
-    measured_before, measured_after = (file.means(file.data.position) for file in (targets.before, targets.after))
-    body = paired_targets(targets.names, measured_before, measured_after, wanted, promise)
+        promise, fit = promise_of(arm, targets, noise), model_fit(arm)
+        doubts += (*noise_doubts(promise.noise), *(() if fit is None else fit.warnings))
+    first_means, second_means = (file.means(file.data.position) for file in (targets.before, targets.after))
+    body = paired_targets(targets.names, first_means, second_means, wanted, promise)
     records = (first_record, second_record, *arm_records, *nominal_records)
-    return ComparedTargets(
-        **fields_of(body),
-        doubts=tuple(doubts),
-        made=Provenance({"noise": noise}, records, None),
-    )
+    return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=Provenance({"noise": noise}, records, None))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
-from robacc.api.parameters import BaseLink, CampaignUse, Help, Scale, StrPath, TipLink, call
-from robacc.api.result import Provenance, Result, fields_of, options_of
+from robacc.api.parameters import BaseLink, CampaignUse, Help, PosesSource, Scale, StrPath, TipLink, call
+from robacc.api.result import CsvResult, Provenance, fields_of, options_of
 from robacc.correction import (
     Cause,
     Correction,
@@ -26,11 +25,13 @@ from robacc.correction import (
     correction,
     part_of,
 )
+from robacc.documents.compare import corrected_poses, correction_document, per_target_csv
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
+from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import nominal_robot
 from robacc.programs.program import Dialect, Program
@@ -51,9 +52,6 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
 
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
-
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
@@ -65,7 +63,7 @@ _ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `b
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Corrected(Result, Correction):
+class Corrected(CsvResult, Correction):
     """Corrected targets, with the inputs."""
 
     command: ClassVar[str] = "correct"
@@ -74,7 +72,6 @@ class Corrected(Result, Correction):
     given: Measurements
     """Targets as given."""
     doubts: tuple[str, ...]
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -82,49 +79,27 @@ class Corrected(Result, Correction):
         kept = (
             f"{self.n_targets - self.n_corrected} of {self.n_targets} targets are not corrected and keep their nominal"
         )
-        refused = [f"{kept} command: {'; '.join(_by_reason(self._unchanged))}"] if self._unchanged else []
-        return (*self.given.warnings, *self.doubts, *refused)
+        reasons = "; ".join(_by_reason(self.unchanged))
+        return (*self.given.warnings, *self.doubts, *([f"{kept} command: {reasons}"] if reasons else ()))
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.compare import correction_document
-
         return correction_document(self, self.given, self.model)
 
-    def csv(self) -> str:
-        """Return the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
-        return "".join(self.csv_pieces())
-
     def csv_pieces(self) -> Iterator[str]:
-        """Yield the text of :meth:`csv` in pieces."""
-        from robacc.documents.compare import corrected_poses
-        from robacc.poses.csv_file import pose_pieces
-
+        """Yield the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
         names = " ".join(file.name for file in self.made.inputs)
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
-        for i, refusal in enumerate(self.targets.refusals):
-            if refusal is not None:
-                yield f"# {self.given.place(i)} of the targets is not corrected: {refusal.reason}\n"
+        for _, place, reason in self.unchanged:
+            yield f"# {place} of the targets is not corrected: {reason}\n"
         yield from pose_pieces(corrected_poses(self, self.given), attained=False)
-
-    def write(self, path: StrPath) -> None:
-        """Write :meth:`csv` to a file; a failure leaves no partial file.
-
-        Raises:
-            InputError: The file cannot be written.
-        """
-        from robacc.io.files import write_pieces
-
-        write_pieces(path, self.csv_pieces())
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        from robacc.documents.compare import per_target_csv
-
         return per_target_csv(self, self.given)
 
     @property
-    def _unchanged(self) -> list[tuple[int, str, str]]:
+    def unchanged(self) -> list[tuple[int, str, str]]:
         """Line, place and reason of each refused target."""
         return [
             (self.given.line(i), self.given.place(i), refusal.reason)
@@ -166,7 +141,7 @@ class NothingCorrectedError(InputError):
     def __init__(self, result: Corrected) -> None:
         """Store each reason as a problem, and the advice once."""
         advice = _ADVICE_OUTSIDE if result.causes.get(Cause.out_of_range) == result.n_targets else _ADVICE
-        super().__init__(_problems(result._unchanged, result.given.source, f"no target can be corrected: {advice}"))
+        super().__init__(_problems(result.unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 
 
@@ -271,7 +246,7 @@ def correct(
     arm, arm_record = load_robot(model, base_link, tip_link)
     arm, left_out = standing_campaign(arm, campaign)
     fit = model_fit(arm)
-    controller, nominal_record, doubts = load_nominal(nominal, arm)
+    controller, nominal_record, doubts = _nominal(nominal, arm, fit)
     check_same_joints(arm, controller)
     grades, scale_record = load_grade_scale(scale)
     data, record = load_poses(targets, controller, kind="targets", attained=False)
@@ -309,8 +284,8 @@ def correct(
         message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
         fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
         raise InputError(Problem(message, data.source, data.line(first), fix=fix))
-    options = options_of(correct, arguments)
-    options = {name: value for name, value in options.items() if name not in ("targets", "model", "nominal")}
+    files = ("targets", "model", "nominal")
+    options = {name: value for name, value in options_of(correct, arguments).items() if name not in files}
     result = Corrected(
         **fields_of(body),
         model=arm,
@@ -324,20 +299,20 @@ def correct(
     return result
 
 
-def load_nominal(nominal: StrPath | Robot | None, model: Robot) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
+def _nominal(
+    nominal: StrPath | Robot | None, model: Robot, fit: ModelFit | None
+) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
     """Return the robot that the controller computes with, its record, and doubts about it."""
     if nominal is not None:
-        robot, record = load_robot(nominal)
-        return robot, (replace(record, kind="nominal"),), ()
-    fit = model_fit(model)
-    if fit is not None:
-        doubts: tuple[str, ...] = ()
-    elif not model.effects:
+        robot, record = load_robot(nominal, kind="nominal")
+        return robot, (record,), ()
+    doubts: tuple[str, ...] = ()
+    if fit is None and not model.effects:
         doubts = (
             "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
             "`write_model` wrote, or `nominal` with the controller's robot file",
         )
-    else:
+    elif fit is None:
         doubts = (
             "the model does not contain the robot that it was fitted from, so its numbers without its effects count "
             "as the controller's; give `nominal`",
@@ -355,18 +330,18 @@ def _limits(
     """
     if weight <= 0:
         raise UsageError("`weight`: expected a length above zero")
-    ranges = None if fit is None else fit.ranges
+    limits = Limits(weight=weight, beyond_range=beyond_range, ranges=None if fit is None else fit.ranges)
     if most is None:
         if fit is None:
-            return Limits(weight=weight, beyond_range=beyond_range), "none"
+            return limits, "none"
         largest = fit.largest_correction
-        return Limits(_TWICE * largest[0], _TWICE * largest[1], weight, beyond_range, ranges), "model"
+        return replace(limits, position=_TWICE * largest[0], orientation=_TWICE * largest[1]), "model"
     parts = most.split(",") if isinstance(most, str) else [most]
     if len(parts) > 2:
         raise UsageError(f"`most`: expected a length and perhaps an angle, as in 3mm,0.5deg, found {most!r}")
     position = size(parts[0], "length", "`most`")
     angle = size(parts[1], "angle", "`most`") if len(parts) == 2 else None
-    return Limits(position, angle, weight, beyond_range, ranges), "option"
+    return replace(limits, position=position, orientation=angle), "option"
 
 
 # Call that corrects the targets of a robot program: ``robacc correct PROGRAM``.
@@ -441,45 +416,42 @@ def correct_program(
         fix = "give the file that declares them"
         raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
     arm, _ = load_robot(model)
-    controller, _, doubts = load_nominal(nominal, arm)
-    flange_arm = dataclasses.replace(controller, tool=Frame(), targets={})
-    values: list[Sequence[float] | None] = [None] * len(program.targets)
-    results = []
+    controller, _, doubts = _nominal(nominal, arm, model_fit(arm))
+    flange_arm = replace(controller, tool=Frame(), targets={})
     cartesian = flange_targets(program)
     hint = "; give the file that defines it with `frames`"
     left = [(index, reason + hint * ("is in none of the files" in reason)) for index, reason in cartesian.unknown]
     numbers, q = joint_targets(program)
-    count = len(flange_arm.variables)
-    if numbers and q.shape[0] != count:
-        message = f"the joint target has {q.shape[0]} joints, the model's arm has {count}"
+    if numbers and q.shape[0] != len(flange_arm.variables):
+        message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
         fix = "give the model of the arm that runs this program"
         raise InputError(Problem(message, program.file, program.targets[numbers[0]].line, fix=fix))
-    groups: list[tuple[tuple[int, ...], Measurements]] = []
-    if numbers:
-        groups.append((numbers, _located(program, numbers, Measurements(np.zeros((3, len(numbers))), q=q))))
+    groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})]
     if cartesian.numbers:
         solved, q_start, refused = _configured(program, cartesian, flange_arm)
         left += refused
-        if solved.size:
-            group = tuple(cartesian.numbers[i] for i in solved)
-            wanted = part_of(cartesian.flange, solved)
-            data = Measurements(
-                np.zeros_like(wanted.translation),
-                q=q_start,
-                commanded_position=wanted.translation,
-                commanded_rotation=wanted.rotation,
-            )
-            groups.append((group, _located(program, group, data)))
+        wanted = part_of(cartesian.flange, solved)
+        poses = {"commanded_position": wanted.translation, "commanded_rotation": wanted.rotation}
+        groups.append((tuple(cartesian.numbers[i] for i in solved), {"q": q_start, **poses}))
+    values: list[Sequence[float] | None] = [None] * len(program.targets)
+    results = []
     advice: str | None = None
-    for group, data in groups:
+    for group, columns in groups:
+        if not group:
+            continue
+        rows = np.array([program.targets[i].line for i in group], dtype=np.int64)
+        data = Measurements(np.zeros((3, rows.size)), rows=rows, source=program.file, **columns)
         try:
             result = correct(data, model=arm, nominal=flange_arm, frame="base", **options)
         except NothingCorrectedError as error:
             # Targets of the other kind may be correctable.
             result, advice = error.result, error.problems[0].fix
-        result = _in_configuration(program, group, result)
+        if group == numbers:
+            new = [tuple(column) for column in result.targets.q.T.tolist()]
+        else:
+            result = _in_configuration(program, group, result)
+            new = values_at(program, group, result.targets.setting.from_measuring(result.targets.command))
         results.append(result)
-        new = _values(program, group, result)
         for index, value, refusal in zip(group, new, result.targets.refusals, strict=True):
             if refusal is None:
                 values[index] = value
@@ -492,12 +464,6 @@ def correct_program(
     return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(unchanged), doubts)
 
 
-def _located(program: Program, numbers: Sequence[int], data: Measurements) -> Measurements:
-    """Return poses of the targets ``numbers`` with the file and the line of each."""
-    rows = np.array([program.targets[i].line for i in numbers], dtype=np.int64)
-    return dataclasses.replace(data, rows=rows, source=program.file)
-
-
 def _configured(
     program: Program, targets: FlangeTargets, flange_arm: Robot
 ) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str]]]:
@@ -508,7 +474,7 @@ def _configured(
     """
     before = _joints_before(program, targets.numbers)
     chosen = [program.targets[i] for i in targets.numbers]
-    arm = Arm.of(dataclasses.replace(flange_arm, base=Frame()))
+    arm = Arm.of(replace(flange_arm, base=Frame()))
     variables = arm.robot.variables
     windows = [joint_window(program.dialect, target.configuration, len(variables)) for target in chosen]
     if not any(windows):
@@ -559,18 +525,8 @@ def _in_configuration(program: Program, numbers: Sequence[int], result: Correcte
     other = "the corrected joints have another configuration than that of the program"
     refusals = tuple(
         Refusal(Cause.configuration, f"{other}, {target.configuration}")
-        if refusal is None
-        and target.kind == "cartesian"
-        and leaves_configuration(program.dialect, target.configuration, nominal, q)
+        if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
         else refusal
         for target, refusal, nominal, q in zip(stated, targets.refusals, targets.wanted.q.T, targets.q.T, strict=True)
     )
-    return dataclasses.replace(result, targets=dataclasses.replace(targets, refusals=refusals))
-
-
-def _values(program: Program, numbers: Sequence[int], result: Corrected) -> list[tuple[float, ...]]:
-    """Return the corrected values of targets of one kind."""
-    if program.targets[numbers[0]].kind == "joint":
-        return [tuple(column) for column in result.targets.q.T.tolist()]
-    command: Poses = result.targets.setting.from_measuring(result.targets.command)
-    return values_at(program, numbers, command)
+    return replace(result, targets=replace(targets, refusals=refusals))

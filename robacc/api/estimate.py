@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TextIO
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, TextIO
 
-from robacc.accuracy.estimation import EstimateResult
+from robacc.accuracy.estimation import (
+    EstimateResult,
+    commanded_poses,
+    moved_warning,
+    position_statistics,
+    registered_poses,
+)
 from robacc.accuracy.estimation import estimate as estimate_errors
 from robacc.api.inputs import (
     fitted_pose_warnings,
@@ -41,11 +46,14 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.diagnostics.data_mistakes import other_arm
+from robacc.diagnostics.joint_readings import rounding_in_errors
+from robacc.documents.accuracy import ESTIMATE_ITSELF, estimate_poses, per_pose_csv
 from robacc.errors import Note
 from robacc.measurements import Measurements, even_rows
-
-if TYPE_CHECKING:
-    from robacc.robots.description import Robot
+from robacc.render.views.accuracy import estimate_view
+from robacc.render.views.elements import draw
+from robacc.robots.description import Robot
 
 _MOST_ROWS = 5000
 """Rows that show a step and a rounding well enough."""
@@ -60,29 +68,20 @@ class Estimate(Result, EstimateResult):
     """Robot as its file describes it, before any alignment."""
     data: Measurements
     """The measured poses."""
-    made: Provenance
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.accuracy.estimation import position_statistics, registered_poses
-        from robacc.documents.accuracy import ESTIMATE_ITSELF, estimate_poses
-
         statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
         registered = None if self.alignment is None else self.alignment.robot
         return {**ESTIMATE_ITSELF.write(self), **estimate_poses(self.data, self.robot, registered, statistics)}
 
-    def draw(self, stream: TextIO) -> None:
-        """Write the short report."""
-        from robacc.documents.accuracy import ESTIMATE_ITSELF
-        from robacc.render.views.accuracy import estimate_view
-        from robacc.render.views.elements import draw
-
-        draw(estimate_view(ESTIMATE_ITSELF.write(self), self.named("poses"), self.named("robot"), "short"), stream)
+    def draw(self, stream: TextIO, full: bool = False, poses: str | None = None, robot: str | None = None) -> None:
+        """Write one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
+        names = poses or self.named("poses"), robot or self.named("robot")
+        draw(estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short"), stream)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
-        from robacc.documents.accuracy import per_pose_csv
-
         return per_pose_csv(self, self.data)
 
 
@@ -161,36 +160,29 @@ def estimate(
         arm, data = with_measured_targets(arm, data)
     if arm is not None and data.q is None and data.commanded_position is not None:
         text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
-        arm, data = None, dataclasses.replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
+        arm, data = None, replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot
     grades, scale_record = load_grade_scale(scale)
     body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
-    if warnings := fitted_pose_warnings(arm, (record,)):
-        notes = (*body.notes, "the robot file was fitted to these same poses")
-        body = dataclasses.replace(body, notes=notes, warnings=(*body.warnings, *warnings))
-    body = dataclasses.replace(body, warnings=(*body.warnings, *_doubts(body, arm, data), *use.warnings))
-    fitted = body.alignment.effects if body.alignment else ()
-    options = options_of(estimate, arguments, align=list(fitted), frame=body.errors.frame)
+    fitted = fitted_pose_warnings(arm, (record,))
+    notes = (*body.notes, *(["the robot file was fitted to these same poses"] if fitted else []))
+    warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *use.warnings)
+    body = replace(body, notes=notes, warnings=warnings)
+    effects = list(body.alignment.effects if body.alignment else ())
+    options = options_of(estimate, arguments, align=effects, frame=body.errors.frame)
     made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
     return Estimate(**fields_of(body), robot=arm, data=data, made=made)
 
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
     """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
-    from robacc.accuracy.estimation import commanded_poses, moved_warning
-
     rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment
     commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot).block(slice(None))[0]
     error = some.position - commanded
+    moved = moved_warning(some, error)
     if robot is None or data.q is None:
-        return moved_warning(some, error)
-    from robacc.diagnostics.data_mistakes import other_arm
-    from robacc.diagnostics.joint_readings import rounding_in_errors
-
-    return (
-        *other_arm(robot, some, commanded),
-        *moved_warning(some, error),
-        *rounding_in_errors(fitted.robot if fitted else robot, some, error),
-    )
+        return moved
+    roundings = rounding_in_errors(fitted.robot if fitted else robot, some, error)
+    return (*other_arm(robot, some, commanded), *moved, *roundings)

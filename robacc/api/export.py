@@ -1,17 +1,18 @@
-"""Call of ``robacc export``."""
+"""Calls of ``robacc export`` and ``robacc init --from``: a robot for a controller, and from one."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal, get_args
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal, get_args
 
-from robacc.api.inputs import load_robot
+from robacc.api.inputs import load_robot, load_text, optional
 from robacc.api.parameters import BaseLink, Help, StrPath, TipLink, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.controllers import ExportedModel, export_model, known_ur_arm
-from robacc.documents.envelope import InputFile
+from robacc.controllers import ExportedModel, export_model, known_ur_arm, parse_controller_file
+from robacc.documents.descriptions import EXPORT
 from robacc.errors import Note, UsageError
+from robacc.io.files import read_text, write_text
 from robacc.prediction.model_fit import model_fit
 from robacc.robots.description import Robot
 
@@ -23,16 +24,10 @@ class Exported(Result, ExportedModel):
     """Model in the format of a controller, with the error that remains there."""
 
     command: ClassVar[str] = "export"
+    keys = EXPORT
     format: str
-    made: Provenance
     warnings: tuple[str, ...] = ()
     """Doubts about the model; :attr:`not_carried` lists what the format leaves out."""
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys."""
-        from robacc.documents.descriptions import EXPORT
-
-        return EXPORT.write(self)
 
     def write(self, path: StrPath) -> None:
         """Write the model to a file; a failure leaves no partial file.
@@ -40,8 +35,6 @@ class Exported(Result, ExportedModel):
         Raises:
             InputError: The file cannot be written.
         """
-        from robacc.io.files import write_text
-
         write_text(path, self.text)
 
 
@@ -92,25 +85,48 @@ def export(
         if name is None:
             raise UsageError(f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}")
         notes = (Note(f"format {format}, which the controller of a {name} reads; `format` names another"),)
-    if nominal is not None and format != "joint-offsets":
-        raise UsageError("`nominal` belongs to `format` joint-offsets")
-    if template is not None and format not in ("ur-calibration", "ur-kinematics"):
-        raise UsageError("`template` belongs to `format` ur-calibration and ur-kinematics")
-    if arm is not None and format != "ur-calibration":
-        raise UsageError("`arm` belongs to `format` ur-calibration")
-    controller, text, records = None, None, [record]
-    if nominal is not None:
-        controller, nominal_record = load_robot(nominal)
-        records.append(replace(nominal_record, kind="nominal"))
-    if template is not None:
-        from robacc.io.files import read_text, sha256_of
-
-        path = os.fspath(template)
-        text = read_text(path)
-        records.append(InputFile.at(path, sha256_of(path), "template"))
+    for parameter, value, formats in (
+        ("nominal", nominal, ("joint-offsets",)),
+        ("template", template, ("ur-calibration", "ur-kinematics")),
+        ("arm", arm, ("ur-calibration",)),
+    ):
+        if value is not None and format not in formats:
+            raise UsageError(f"`{parameter}` belongs to `format` {' and '.join(formats)}")
+    controller, nominal_records = optional(load_robot, nominal, kind="nominal")
+    text, template_records = optional(load_text, template, "template", lambda text, _: text)
     body = export_model(robot, format, nominal=controller, arm=arm, template=text)
     options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
     fit = model_fit(robot)
     warnings = notes if fit is None else (*notes, *fit.warnings)
-    made = Provenance(options, tuple(records), None)
+    made = Provenance(options, (record, *nominal_records, *template_records), None)
     return Exported(**fields_of(body), format=format, made=made, warnings=warnings)
+
+
+@call
+def import_(
+    file: Annotated[
+        StrPath,
+        Help("calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export.", "FILE"),
+    ],
+    *,
+    arm: Annotated[str | None, Help("Arm that a calibration.conf belongs to, such as ur10e.", "NAME")] = None,
+) -> Robot:
+    """Read a robot from the kinematics file of a controller or of its ROS driver.
+
+    Returns:
+        The robot; :func:`robacc.write_robot` writes it as a robot file.
+
+    Raises:
+        InputError: The file cannot be read, or is none of these formats.
+        UsageError: The arm is unknown.
+
+    Example:
+        >>> import pathlib, tempfile
+        >>> import robacc
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "model.json"
+        >>> robacc.export("sample_data/robot.yaml", format="json").write(path)
+        >>> robacc.import_(path).variable_names == robacc.read_robot("sample_data/robot.yaml").variable_names
+        True
+    """
+    path = os.fspath(file)
+    return parse_controller_file(read_text(path), "<stdin>" if path == "-" else path, arm)

@@ -1,12 +1,12 @@
-"""Inputs and the robot file of ``robacc calibrate`` and ``robacc trace``, which both calls share."""
+"""Calls of ``robacc calibrate`` and ``robacc trace``: their inputs, their results, and the robot file of a fit."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TextIO, TypeVar
 
 import numpy as np
 
@@ -16,29 +16,60 @@ from robacc.api.inputs import (
     fitted_pose_warnings,
     load_poses,
     load_robot,
+    optional,
     path_of,
-    with_fitted_poses,
     with_measured_targets,
 )
-from robacc.api.parameters import CampaignUse, StrPath
-from robacc.api.result import ModelUse, Result, fields_of, use_model
+from robacc.api.parameters import (
+    BaseLink,
+    Campaign,
+    Folds,
+    Help,
+    Holdout,
+    IgnoreLimits,
+    NeededRobot,
+    Ordered,
+    Poses,
+    PosesSource,
+    Progress,
+    Seed,
+    StrictRange,
+    StrPath,
+    TipLink,
+    call,
+)
+from robacc.api.result import ModelUse, Provenance, Result, fields_of, options_of, use_model
+from robacc.calibration.calibrating import Calibration
+from robacc.calibration.calibrating import calibrate as fit_effects
 from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
-from robacc.effects.request import Baseline, default_baseline, parse_requests
+from robacc.documents.fit import CALIBRATE, TRACE, fit_document
+from robacc.effects.base import load_plug_ins
+from robacc.effects.request import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Problem, UsageError
+from robacc.fitting.fit_result import Options
+from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.visits import places
+from robacc.io.files import write_text
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
+from robacc.modelling.model import Model
+from robacc.modelling.robot_file import model_text
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.model_uncertainty import fit_record
+from robacc.render.views.elements import draw
+from robacc.render.views.fit import fit_view
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.tracing.trace import Trace
+from robacc.tracing.trace import trace as trace_effects
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
     from robacc.fitting.fit_result import Fit
     from robacc.tracing.judging import Judged
+
+Made = TypeVar("Made", bound="FitResult")
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +85,8 @@ class FitInputs:
     files: tuple[InputFile, ...]
     use: ModelUse
     """How the robot's model applies to the poses."""
-    own_targets: bool = True
-    """False if the robot file has no targets and the poses name several: each starts at the tool."""
-
-    def require_targets(self, effects: Sequence[str]) -> None:
-        """Check that the effects fit the places of targets that the robot file does not have.
-
-        Raises:
-            InputError: They do not.
-        """
-        if not self.own_targets and "tool_frame" not in effects:
-            check_targets(self.data, replace(self.robot, targets={}))
+    baseline: Baseline
+    """Effects that were declared, or that are to be fitted, and whether the call named them."""
 
 
 class FitResult(Result):
@@ -74,14 +96,17 @@ class FitResult(Result):
     robot: Robot
     fit: Fit
     fit_inputs: FitInputs
-    baseline: Baseline
-    """Effects that were declared, or that were to be fitted, and whether the call named them."""
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        inputs = self.fit_inputs
+        kind = TRACE if self.command == "trace" else CALIBRATE
+        return fit_document(
+            kind, cast("Judged", self), inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, inputs.baseline
+        )
 
     def draw(self, stream: TextIO, full: bool = False, model: str | None = None) -> None:
         """Write how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
-        from robacc.render.views.elements import draw
-        from robacc.render.views.fit import fit_view
-
         poses, robot = (self.fit_inputs.names[kind] or self.named(kind) for kind in ("poses", "robot"))
         draw(fit_view(self.payload(), poses, robot, "full" if full else "short", model), stream)
 
@@ -101,10 +126,7 @@ class FitResult(Result):
         It has the units, comments and order of the robot file that was fitted; m and rad for a URDF. Suspected data
         mistakes stand in comments at its head, and in its part ``fit:``.
         """
-        from robacc.modelling.robot_file import model_text
-
-        source = self.fit_inputs.names["poses"]
-        origin = "arrays" if source is None else PurePath(source).name
+        origin = PurePath(self.fit_inputs.names["poses"] or "arrays").name
         caution = ("do not use this model until the following is resolved:",) if self.suspicions else ()
         origin = f"written by robacc {__version__} {self.command} from {origin}"
         return model_text(self.robot, (origin, *caution, *self.suspicions))
@@ -117,85 +139,228 @@ class FitResult(Result):
         Raises:
             InputError: The file cannot be written, or the fit did not converge.
         """
-        from robacc.io.files import write_text
-
         if not self.converged:
             fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
             raise InputError(Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix))
         write_text(path, self.model_yaml())
 
 
-def with_inputs(result: Judged, inputs: FitInputs) -> dict[str, Any]:
-    """Return the fields of a result with its inputs: its robot has the records of its fit, its poses and its campaign.
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Calibrated(FitResult, Calibration):
+    """Calibrated robot and its errors, with the inputs."""
 
-    Its warnings have those about the use of a model.
+    command: ClassVar[str] = "calibrate"
+    fit_inputs: FitInputs
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Traced(FitResult, Trace):
+    """Result of a trace, with its inputs."""
+
+    command: ClassVar[str] = "trace"
+    fit_inputs: FitInputs
+
+
+@call
+def calibrate(
+    poses: Poses,
+    *,
+    robot: NeededRobot,
+    fit: Annotated[
+        str | Sequence[str] | None,
+        Help(
+            "Effects to fit, such as base_frame,joint_offset[j2,j3]; robacc show effects lists them. Default: "
+            "base_frame, tool_frame, joint_offset and link_geometry, as far as the poses support them.",
+            "EFFECT,…",
+        ),
+    ] = None,
+    prior: Annotated[
+        bool,
+        Help("Use the tolerances of the robot file as priors of its geometry.", names=("prior/no-prior",)),
+    ] = False,
+    shrink: Annotated[
+        bool,
+        Help(
+            "Shrink joint_offset and link_geometry, if named without brackets, to nominal values where the data show "
+            "no difference.",
+            names=("shrink/no-shrink",),
+        ),
+    ] = True,
+    robust: Annotated[
+        bool, Help("Leave out outliers and list them, or fit all rows.", names=("robust/all-rows",))
+    ] = True,
+    folds: Folds = None,
+    holdout: Holdout = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
+    progress: Progress = None,
+) -> Calibrated:
+    """Fit named effects to measured poses and compute the error before and after, on fitted and on held-out poses.
+
+    An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
+    data show it.
+
+    Returns:
+        The calibrated robot, the coefficients with their uncertainty, and the error before and after.
+
+    Raises:
+        InputError: A file or array cannot be used, the data hold a mistake, or the poses are too few.
+        UsageError: An effect cannot be fitted to this robot and these data, or the arguments contradict each other.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.calibrate(
+        ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", fit=("base_frame", "tool_frame")
+        ... )
+        >>> before, after = result.nominal_unregistered.fitted.position, result.after.fitted.position
+        >>> print(f"{before.rms * 1e3:.2f} to {after.rms * 1e3:.2f} mm")
+        1.80 to 0.47 mm
+        >>> print(result.model_yaml().splitlines()[0].partition(" robacc ")[0])
+        # written by
     """
-    robot = _with_fit(result, inputs)
-    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
-    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
-    robot = with_campaign(with_fitted_poses(robot, inputs.files), inputs.robot, digests)
-    warnings = [
-        *result.warnings,
-        *fitted_pose_warnings(inputs.robot, inputs.files),
-        *inputs.use.warnings,
-        *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),
-    ]
-    return {**fields_of(result), "robot": robot, "warnings": tuple(warnings), "fit_inputs": inputs}
+    arguments = locals()
+    inputs = _load(poses, robot, holdout, fit, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
+    requests = parse_requests(",".join(inputs.baseline.names))
+    if not requests:
+        raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
+    priors = tolerance_priors(inputs.robot) if prior else {}
+    if prior and not priors:
+        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or inputs.robot.name} has none on any joint")
+    calibration = fit_effects(
+        inputs.robot,
+        inputs.data,
+        requests,
+        options=Options(robust=robust),
+        priors=priors,
+        shrink=shrink,
+        n_folds=folds,
+        seed=seed,
+        holdout=inputs.holdout,
+        progress=progress or (lambda label, done, total: None),
+    )
+    options = options_of(calibrate, arguments, **inputs.names, fit=_joined(fit, inputs))
+    return _made(Calibrated, calibration, inputs, options, seed)
 
 
-def _with_fit(result: Judged, inputs: FitInputs) -> Robot:
-    """Return the fitted robot with the record of its fit, which corrections and predictions read."""
-    held_out = None
-    if inputs.holdout is not None and result.holdout is not None:
-        residual = result.holdout.held_out_after
-        held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
-    elif result.residuals.held_out_after is not None:
-        held_out = (inputs.data, result.residuals.held_out_after)
-    fit, robot = result.fit, result.robot
-    record = fit_record(fit, robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
-    return replace(robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
+@call
+def trace(
+    poses: Poses,
+    *,
+    robot: NeededRobot,
+    declared: Annotated[
+        str | Sequence[str] | None,
+        Help(
+            "Effects that the baseline has; none for no effect. Default: base_frame, tool_frame, joint_offset and "
+            "link_geometry, as far as the poses support them.",
+            "EFFECT,…",
+        ),
+    ] = None,
+    folds: Folds = None,
+    holdout: Holdout = None,
+    empirical: Annotated[
+        bool,
+        Help(
+            "Allow empirical corrections after the named effects, or named effects only.",
+            names=("empirical/named-only",),
+        ),
+    ] = True,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
+    progress: Progress = None,
+) -> Traced:
+    """Find the effects that explain the residual, and compute the error before and after on held-out poses.
+
+    Returns:
+        The verdict, the findings with their alternatives and coefficients, the error before and after, and the robot
+        with the identified effects.
+
+    Raises:
+        InputError: A file or array cannot be used, the data hold a mistake, or the poses are too few.
+        UsageError: The data lack what a declared effect needs, or the arguments contradict each other.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.trace(
+        ...     "sample_data/trace/poses.csv",
+        ...     robot="sample_data/trace/robot.yaml",
+        ...     declared="base_frame,tool_frame,joint_offset,link_geometry",
+        ... )
+        >>> result.verdict, [(finding.effect, finding.joints) for finding in result.findings]
+        ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
+    """
+    arguments = locals()
+    load_plug_ins()
+    inputs = _load(poses, robot, holdout, declared, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
+    effects = build(parse_requests(",".join(inputs.baseline.names)), Arm.of(inputs.robot), inputs.data)
+    body = trace_effects(
+        Model.of(inputs.robot, effects),
+        inputs.data,
+        n_folds=folds,
+        seed=seed,
+        holdout=inputs.holdout,
+        empirical=empirical,
+        progress=progress or (lambda label, done, total: None),
+    )
+    options = options_of(trace, arguments, **inputs.names, declared=_joined(declared, inputs))
+    return _made(Traced, body, inputs, options, seed)
 
 
-def load_fit_inputs(
+def _load(
     poses: PosesSource,
     robot: StrPath | Robot,
     holdout: PosesSource | None,
+    effects: str | Sequence[str] | None,
     ordered: bool,
     ignore_limits: bool,
     base_link: str | None,
     tip_link: str | None,
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
+    campaign: Campaign,
+    strict_range: bool,
 ) -> FitInputs:
-    """Return the robot, the poses measured on it, the validation poses, and the record of the files.
+    """Return the robot, the poses measured on it, the validation poses, and the requested effects.
 
     Raises:
-        InputError: A file or array cannot be used.
+        InputError: A file or array cannot be used, or no effect fits the targets that the robot file does not have.
         UsageError: The poses have no joint columns, or a link does not exist.
     """
-    arm, arm_record = load_robot(robot, base_link, tip_link, poses)
+    described, arm_record = load_robot(robot, base_link, tip_link, poses)
 
-    def read(source: PosesSource, kind: str, *, any_target: bool = False) -> tuple[Measurements, InputFile]:
+    def read(source: PosesSource, kind: str, any_target: bool) -> tuple[Measurements, InputFile]:
         data, record = load_poses(
-            source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target
+            source, described, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target
         )
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
-            raise UsageError(f"{name} has no joint columns q1 … q{len(arm.variables)}, which a fit needs")
+            raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
         return data, record
 
     data, record = read(poses, "poses", any_target=True)
-    file_arm = arm
-    arm, data = with_measured_targets(arm, data)
-    own_targets = arm is file_arm
+    arm, data = with_measured_targets(described, data)
     use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
     arm = use.robot or arm
-    names = {"poses": _name(poses), "robot": _name(robot), "holdout": _name(holdout)}
-    if holdout is None:
-        return FitInputs(arm, data, None, names, (record, arm_record), use, own_targets)
-    validation, validation_record = read(holdout, "holdout")
-    _refuse_shared(data, validation, names["holdout"])
-    return FitInputs(arm, data, validation, names, (record, arm_record, validation_record), use, own_targets)
+    sources = {"poses": poses, "robot": robot, "holdout": holdout}
+    names = {kind: _name(source) for kind, source in sources.items()}
+    validation, validation_records = optional(read, holdout, "holdout", any_target=False)
+    if validation is not None:
+        _refuse_shared(data, validation, names["holdout"])
+    if effects is None:
+        baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
+    else:
+        text = ",".join([effects] if isinstance(effects, str) else effects).strip()
+        baseline = Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)
+    if "tool_frame" not in baseline.names:
+        check_targets(data, described)
+    return FitInputs(arm, data, validation, names, (record, arm_record, *validation_records), use, baseline)
 
 
 def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:
@@ -230,14 +395,33 @@ def _name(source: PosesSource | Robot | None) -> str | None:
     return path_of(source)
 
 
-def joined(effects: str | Sequence[str]) -> str:
-    """Return the effects as text separated by commas."""
-    return effects if isinstance(effects, str) else ",".join(effects)
+def _joined(effects: str | Sequence[str] | None, inputs: FitInputs) -> str:
+    """Return the requested effects as text separated by commas, or those that are requested by default."""
+    return effects if isinstance(effects, str) else ",".join(inputs.baseline.names if effects is None else effects)
 
 
-def requested(effects: str | Sequence[str] | None, arm: Arm, data: Measurements) -> Baseline:
-    """Return the effects of a request, or those of every arm if it is None."""
-    if effects is None:
-        return default_baseline(arm, data, int(np.unique(places(data)).size))
-    text = joined(effects).strip()
-    return Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)
+def _made(kind: Callable[..., Made], result: Judged, inputs: FitInputs, options: dict[str, Any], seed: int) -> Made:
+    """Return a result with its inputs: its robot has the records of its fit, its poses and its campaign.
+
+    Corrections and predictions read these records. The warnings have those about the use of a model.
+    """
+    held_out = None
+    if inputs.holdout is not None and result.holdout is not None:
+        residual = result.holdout.held_out_after
+        held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
+    elif result.residuals.held_out_after is not None:
+        held_out = (inputs.data, result.residuals.held_out_after)
+    fit = result.fit
+    record = fit_record(fit, result.robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
+    robot = replace(result.robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
+    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
+    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
+    robot = replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
+    warnings = (
+        *result.warnings,
+        *fitted_pose_warnings(inputs.robot, inputs.files),
+        *inputs.use.warnings,
+        *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),
+    )
+    fields = {**fields_of(result), "robot": with_campaign(robot, inputs.robot, digests), "warnings": warnings}
+    return kind(**fields, fit_inputs=inputs, made=Provenance(options, inputs.files, seed, inputs.use))

@@ -2,57 +2,353 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import Annotated, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.api.parameters import StrPath
+from robacc.accuracy.grade import Scale, load_scale
+from robacc.api.parameters import (
+    Angles,
+    Bag,
+    Columns,
+    Commanded,
+    Coverage,
+    Help,
+    IgnoreLimits,
+    Ordered,
+    PosesSource,
+    Sheet,
+    SkipGaps,
+    StrPath,
+    Units,
+    call,
+)
 from robacc.api.result import Result
-from robacc.documents.envelope import InputFile, StoredResult, read_result
+from robacc.diagnostics.robot_poses import check_size, read_robot_poses
+from robacc.documents import envelope
+from robacc.documents.envelope import InputFile, StoredResult
+from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
-from robacc.io.files import read_text, sha256_of
+from robacc.io.files import read_text, sha256_of, write_pieces, write_text
+from robacc.io.open_table import open_table
 from robacc.measurements import Measurements, commanded_groups
+from robacc.modelling.robot_file import read_robot, robot_path
+from robacc.poses import csv_file
 from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, visits_in_order
-from robacc.poses.reading import PoseFile, Reading, RowKeys, SupportsColumns, reading_of
+from robacc.poses.reading import (
+    UNKNOWN_ROBOT,
+    KnownRobot,
+    PoseFile,
+    Reading,
+    RowKeys,
+    SupportsColumns,
+    reading_of,
+    table_options,
+)
+from robacc.poses.reshaped_tables import unit_of_positions
 from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Robot
+from robacc.robots.yaml_robot import robot_to_yaml
 
-if TYPE_CHECKING:
-    from robacc.accuracy.grade import Scale
-    from robacc.api.parameters import PosesSource
+Read = TypeVar("Read")
+STDIN = "-"
+
+# Files and objects, each with its record.
 
 
-# Targets that the poses name and the robot lacks.
+def path_of(source: object) -> str | None:
+    """Return ``source`` as text if it is a path, else None."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else None
 
 
-def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
-    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
+def optional(
+    load: Callable[..., tuple[Read, InputFile]], source: object, *args: Any, **options: Any
+) -> tuple[Read | None, tuple[InputFile, ...]]:
+    """Return what ``load`` reads from ``source``, and its record; None and no record without a source."""
+    if source is None:
+        return None, ()
+    read, record = load(source, *args, **options)
+    return read, (record,)
 
-    Each starts at the tool. The poses carry a warning.
+
+def load_text(path: StrPath, kind: str, parse: Callable[[str, str], Read]) -> tuple[Read, InputFile]:
+    """Return what ``parse`` makes of the text and the name of a file, and its record.
+
+    Raises:
+        InputError: The file cannot be read or is wrong.
     """
-    names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
-    if len(names) < 2:
-        return robot, data
-    text = (
-        f"targets {', '.join(names)} are not in the robot file: each starts at its tool, and tool_frame fits its place"
+    name = os.fspath(path)
+    return parse(read_text(name), name), InputFile.at(name, sha256_of(name), kind)
+
+
+def load_grade_scale(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
+    """Return the grade scale of a file and its record; None without a path, for the package's own scale."""
+    return optional(load_text, path, "scale", load_scale)
+
+
+def load_result(source: StrPath | Result | StoredResult) -> StoredResult:
+    """Return a stored result; one just computed becomes what its file would be, named by its command.
+
+    Raises:
+        InputError: The file cannot be read or holds no result.
+    """
+    if isinstance(source, StoredResult):
+        return source
+    if isinstance(source, Result):
+        text = source.to_json()
+        return StoredResult(json.loads(text), source.command, sha256(text.encode()).hexdigest(), source.command)
+    return read_result(source)
+
+
+def load_robot(
+    source: StrPath | Robot,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    poses: PosesSource | None = None,
+    kind: str = "robot",
+) -> tuple[Robot, InputFile]:
+    """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
+
+    The joint columns of ``poses``, a path or poses read before, choose the chain of a URDF without a ``tip_link``.
+
+    Raises:
+        InputError: The file cannot be read or is wrong.
+        UsageError: A link does not exist, or is given with a robot that was read before.
+    """
+    if isinstance(source, Robot):
+        if base_link is not None or tip_link is not None:
+            raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
+        digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
+        return source, InputFile(source.name, digest, kind, identity=source.identity)
+    robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
+    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity)
+
+
+def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
+    """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
+    if poses is None or isinstance(poses, Measurements):
+        return [f"q{i + 1}" for i in range(0 if poses is None or poses.q is None else poses.q.shape[0])]
+    path = pose_path(poses)
+    if not (os.path.isfile(path) or os.path.isdir(path) or (isinstance(path, PoseFile) and path.frame is not None)):
+        return []
+    # The reader of the poses reports what is wrong with the file.
+    with suppress(InputError, UsageError), open_table(path, table_options(path)) as table:
+        return table.names
+    return []
+
+
+def load_optional_robot(
+    source: StrPath | Robot | None,
+    base_link: str | None = None,
+    tip_link: str | None = None,
+    poses: PosesSource | None = None,
+) -> tuple[Robot | None, tuple[InputFile, ...]]:
+    """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
+
+    Raises:
+        InputError: The file cannot be read or is wrong.
+        UsageError: A link does not exist, or is given without a robot.
+    """
+    if source is None and (base_link or tip_link):
+        raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
+    return optional(load_robot, source, base_link, tip_link, poses)
+
+
+def pose_path(source: StrPath | SupportsColumns | Mapping[str, Any]) -> str:
+    """Return the path of a pose file, or of a data frame a path that carries it."""
+    return os.fspath(source) if isinstance(source, str | os.PathLike) else PoseFile(source)
+
+
+def stated(source: PosesSource, **reading: Any) -> PosesSource:
+    """Return poses whose file is read with these statements, which are those of a ``PoseFile``; as is without any.
+
+    Raises:
+        UsageError: Poses read before have statements.
+    """
+    if not any(reading.values()):
+        return source
+    if isinstance(source, Measurements):
+        raise UsageError(f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses")
+    return PoseFile(source, **reading)
+
+
+def load_poses(
+    source: PosesSource,
+    robot: Robot | None,
+    *,
+    ordered: bool = False,
+    ignore_limits: bool = False,
+    kind: str = "poses",
+    attained: bool = True,
+    any_target: bool = False,
+    visited_by: KnownRobot | None = None,
+) -> tuple[Measurements, InputFile]:
+    """Return poses, checked against ``robot`` if there is one, and their record.
+
+    Args:
+        source: Path, ``-`` for standard input, a data frame, or poses that were read or made before.
+        robot: Robot whose joints, limits and targets apply to the poses.
+        ordered: The rows of the file are in the order measured; poses read before carry this themselves.
+        ignore_limits: Joints of the file outside their limits are a warning, not an error.
+        kind: Kind of the input in the record.
+        attained: The poses were measured; planned poses may lack x, y, z.
+        any_target: Several targets are valid although the robot has one tool.
+        visited_by: Names and limits that apply to poses to visit, which name no target: all are visited at each pose.
+
+    Raises:
+        InputError: The file or the arrays are wrong; with every problem.
+        UsageError: ``ordered`` is given with poses that were read before.
+    """
+    if isinstance(source, Measurements):
+        if ordered and not source.ordered:
+            raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
+        data = checked_poses(source, robot)
+        if robot is not None and visited_by is None and (robot.targets or not any_target):
+            check_targets(data, robot)
+        record = _record_of(data, kind)
+    else:
+        path = pose_path(source)
+        commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
+        try:
+            if commands is not None:
+                data, statements = _with_commands(path, commands, robot, ordered, ignore_limits)
+            elif visited_by is not None:
+                data = csv_file.read_poses(path, robot=visited_by, ignore_limits=ignore_limits, attained=False)
+            elif robot is None:
+                data = csv_file.read_poses(path, ordered=ordered)
+            else:
+                data = read_robot_poses(
+                    path,
+                    robot,
+                    ordered=ordered,
+                    ignore_limits=ignore_limits,
+                    attained=attained,
+                    any_target=any_target,
+                )
+        except InputError:
+            from robacc.programs.reading import mistaken_for_poses
+
+            if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
+                raise InputError(problem) from None
+            raise
+        record = InputFile.at(path, data.sha256 or "", kind)
+        if commands is not None:
+            record = replace(record, reading={**(record.reading or {}), **statements})
+    if not data.n:
+        raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
+    return data, record
+
+
+def _record_of(data: Measurements, kind: str) -> InputFile:
+    """Return the record of the file that the poses come from, else of the CSV that they would make."""
+    if data.sha256 is not None:
+        return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
+    return InputFile("arrays", sha256(csv_file.format_poses(data).encode()).hexdigest(), kind)
+
+
+def fitted_pose_warnings(robot: Robot | None, inputs: Sequence[InputFile]) -> tuple[str, ...]:
+    """Return a warning for each file of ``inputs`` whose poses the robot was fitted to."""
+    digests = () if robot is None else robot.fitted_to
+    return tuple(
+        f"{record.name}: the robot file was fitted to these same poses, so the errors show how well the model fits "
+        "them; measure other poses to show how accurate the model is"
+        for record in inputs
+        if record.sha256 in digests
     )
-    warned = replace(data, warnings=(*data.warnings, text))
-    return replace(robot, tool=Frame(), targets=dict.fromkeys(names, robot.tool)), warned
 
 
-# Checks of poses that were made of arrays, as the reader of pose files checks columns.
+# Calls that read and write robots, poses and results.
+
+
+@call
+def read_poses(
+    path: Annotated[
+        StrPath | SupportsColumns | Mapping[str, Any],
+        Help(
+            "File to read, ``-`` for standard input, or a data frame: pandas, Polars, Arrow, or arrays by the names of "
+            "columns."
+        ),
+    ],
+    *,
+    robot: Annotated[
+        StrPath | Robot | None,
+        Help("Robot or its file; its joints, limits and targets apply to the columns. None for no robot."),
+    ] = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    angles: Angles = None,
+    units: Units = None,
+    columns: Columns = None,
+    skip_gaps: SkipGaps = False,
+    coverage: Coverage = None,
+    sheet: Sheet = None,
+    commanded: Commanded = None,
+    bag: Bag = None,
+) -> Measurements:
+    """Read and check the measured poses of a file or a data frame.
+
+    Returns:
+        Arrays in SI units, components first and poses last: ``position`` is ``(3, N)``, ``q`` is ``(J, N)``.
+
+    Raises:
+        InputError: The file is wrong; with every problem, its line and column.
+
+    Example:
+        >>> import robacc
+        >>> data = robacc.read_poses("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> data.n, data.position.shape
+        (60, (3, 60))
+    """
+    poses = stated(
+        path, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
+        commanded=commanded, bag=bag,
+    )  # fmt: skip
+    known, _ = optional(load_robot, robot, poses=poses)
+    return load_poses(poses, known, ordered=ordered, ignore_limits=ignore_limits)[0]
+
+
+def write_poses(path: StrPath, data: Measurements) -> None:
+    """Write poses to a CSV file that :func:`read_poses` reads back to the same numbers.
+
+    Raises:
+        InputError: An array is wrong, or the file cannot be written.
+    """
+    write_pieces(path, csv_file.pose_pieces(checked_poses(data, check_units=False)))
+
+
+def write_robot(path: StrPath, robot: Robot) -> None:
+    """Write a robot to a robot file (YAML, m and rad) that :func:`read_robot` reads back to the same numbers.
+
+    Raises:
+        InputError: The robot's effects cannot be read, or the file cannot be written.
+    """
+    write_text(path, robot_to_yaml(with_effect_units(robot)))
+
+
+def read_result(path: StrPath) -> StoredResult:
+    """Read a result that a command or :meth:`~robacc.api.result.Result.save` stored as JSON.
+
+    Returns:
+        ``document``, the JSON document, and ``command``, the name of its command.
+
+    Raises:
+        InputError: The file cannot be read, or is not a result with this version of the schema.
+    """
+    return envelope.read_result(os.fspath(path))
+
+
+# Checks of poses that were made of arrays, as the reader of pose files checks columns, and of their targets.
 
 _LEADING_AXES: dict[str, tuple[int, ...]] = {
     "position": (3,),
@@ -83,108 +379,104 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     """
     columns = {name: getattr(data, name) for name in (*_LEADING_AXES, *_JOINT_FIELDS, *_TEXT_FIELDS)}
     arrays = {name: np.asarray(column) for name, column in columns.items() if column is not None}
-    n = _pose_count(arrays["position"])
-    problems: list[Problem] = []
-    for name, array in arrays.items():
-        leading = _LEADING_AXES.get(name, () if name in _TEXT_FIELDS else _joint_axis(name, array, robot))
-        if array.shape != (*leading, n):
-            expected = ", ".join(map(str, (*leading, n)))
-            message = f"expected an array of shape ({expected}), found {array.shape}"
-            problems.append(_problem(data, name, message, _transposed(name, array, (n, *leading))))
-        elif name not in _TEXT_FIELDS:
-            problems += _number_problems(data, name, array)
-    if check_units and not problems and data.source is None:  # columns of a file were checked with their units
-        problems = _unit_problems(data, arrays, robot)
-    if problems:
-        raise InputError(problems)
-    changes: dict[str, Any] = {
+    # A units check of columns of a file was made with the units that the file states.
+    units = _wrong_units(arrays, robot) if check_units and data.source is None else ()
+    found = [*_wrong_arrays(arrays, robot)] or [*units]
+    if found:
+        raise InputError([Problem(text, data.source, column=name, fix=fix) for name, text, fix in found])
+    fields: dict[str, Any] = {
         name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
     }
-    return dataclasses.replace(data, **changes)
+    return replace(data, **fields)
+
+
+Wrong = Iterator[tuple[str, str, str | None]]
+"""Name of a field, what is wrong with it, and the advice."""
+
+
+def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
+    """Yield what is wrong with the shapes and the values of arrays."""
+    position = arrays["position"]
+    is_transposed = position.ndim == 2 and position.shape[1] == 3 != position.shape[0]
+    n = position.shape[0 if is_transposed else -1] if position.ndim else 0
+    for name, array in arrays.items():
+        leading = _LEADING_AXES.get(name, ())
+        if name in _JOINT_FIELDS and robot is not None:
+            leading = (len(robot.branch_variables if name == "branches" else robot.variables),)
+        elif name in _JOINT_FIELDS:
+            leading = array.shape[:1] if array.ndim == 2 else (1,)
+        if array.shape != (*leading, n):
+            transposed = f"{name}.T" if array.ndim == 2 else f"numpy.moveaxis({name}, 0, -1)"
+            fix = f"components come first and poses last, so give {transposed}"
+            text = f"expected an array of shape ({', '.join(map(str, (*leading, n)))}), found {array.shape}"
+            yield name, text, fix if array.ndim > 1 and array.shape == (n, *leading) else None
+        elif name in _TEXT_FIELDS:
+            continue
+        elif array.dtype.kind not in "fiu":
+            yield name, f"expected numbers, found {array.dtype}", None
+        elif not (finite := np.isfinite(array)).all():
+            pose = int(np.argmin(finite.reshape(-1, n).all(axis=0)))
+            yield name, f"pose {pose + 1} has a value that is not finite", None
+        elif name.endswith("rotation") and array.ndim == 3:
+            deviation = np.abs(np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]).max(axis=(0, 1))
+            invalid = (deviation > _ROTATION_TOLERANCE) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
+            if np.any(invalid):
+                yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
+        elif name.startswith("sigma") and np.any(array <= 0):
+            yield name, "expected standard deviations above 0", None
+
+
+def _wrong_units(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
+    """Yield each array that is in mm or degrees, as far as its values show it."""
+    if not arrays["position"].size:
+        return
+    for name in ("position", "commanded_position"):
+        if name in arrays and lengths_too_large(arrays[name]):
+            largest = f"{np.max(np.abs(arrays[name])):.4g}"
+            yield name, f"found positions up to {largest}, which cannot be m", "give metres"
+    joints = () if robot is None else robot.variables
+    if any(
+        joint.type == "revolute" and degrees_likely(q, joint.limits)
+        for joint, q in zip(joints, arrays.get("q", ()), strict=False)
+    ):
+        text = f"found joint angles up to {np.max(np.abs(arrays['q'])):.4g}, which cannot be rad"
+        yield "q", text, "give radians: numpy.radians(q)"
+    for name, kind, unit in (("sigma_position", "length", "m"), ("sigma_rotation", "angle", "rad")):
+        if name in arrays and doubtful_sigma(arrays[name], kind)[0]:
+            typical = f"{np.median(arrays[name]):.3g} {unit}"
+            yield name, f"found a typical uncertainty of {typical}, which no instrument has", None
 
 
 def check_targets(data: Measurements, robot: Robot) -> None:
     """Raise InputError unless every target is the robot's; a robot with one tool has one target."""
     names = [] if data.target is None or data.q is None else np.unique(data.target).tolist()
     unknown = [name for name in names if name not in robot.targets]
+    message, fix = None, None
     if robot.targets and unknown:
         message = f"found {unknown[0]!r}, expected a target of the robot ({', '.join(robot.targets)})"
-        raise InputError(_problem(data, "target", message))
-    if not robot.targets and len(names) > 1:
+    elif not robot.targets and len(names) > 1:
         message = f"found several targets ({', '.join(names)}), but the robot has one tool"
         fix = (
             "fit tool_frame, which finds their places, list them under targets: in the robot file instead of tool, or "
             "keep the rows of one target"
         )
-        raise InputError(_problem(data, "target", message, fix))
+    if message is not None:
+        raise InputError(Problem(message, data.source, column="target", fix=fix))
 
 
-def _joint_axis(name: str, array: NDArray[Any], robot: Robot | None) -> tuple[int, ...]:
-    """Return the expected number of joints."""
-    if robot is not None and name == "branches":
-        return (len(robot.branch_variables),)
-    if robot is not None:
-        return (len(robot.variables),)
-    return (array.shape[0],) if array.ndim == 2 else (1,)
+def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
+    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
 
-
-def _number_problems(data: Measurements, name: str, array: NDArray[Any]) -> list[Problem]:
-    if array.dtype.kind not in "fiu":
-        return [_problem(data, name, f"expected numbers, found {array.dtype}")]
-    if not np.all(np.isfinite(array)):
-        pose = int(np.argmin(np.isfinite(array).reshape(-1, array.shape[-1]).all(axis=0)))
-        return [_problem(data, name, f"pose {pose + 1} has a value that is not finite")]
-    if name.endswith("rotation") and array.ndim == 3:
-        deviation = np.abs(np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]).max(axis=(0, 1))
-        invalid = (deviation > _ROTATION_TOLERANCE) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
-        if np.any(invalid):
-            return [_problem(data, name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix")]
-    if name.startswith("sigma") and np.any(array <= 0):
-        return [_problem(data, name, "expected standard deviations above 0")]
-    return []
-
-
-def _pose_count(position: NDArray[Any]) -> int:
-    """Return the number of poses, also of an array whose poses come first."""
-    if position.ndim == 2 and position.shape[1] == 3 != position.shape[0]:
-        return int(position.shape[0])
-    return int(position.shape[-1]) if position.ndim else 0
-
-
-def _transposed(name: str, array: NDArray[Any], shape: tuple[int, ...]) -> str | None:
-    """Return the advice for an array whose poses come first, where its shape is ``shape``."""
-    if array.shape != shape or array.ndim < 2:
-        return None
-    call = f"{name}.T" if array.ndim == 2 else f"numpy.moveaxis({name}, 0, -1)"
-    return f"components come first and poses last, so give {call}"
-
-
-def _unit_problems(data: Measurements, arrays: dict[str, NDArray[Any]], robot: Robot | None) -> list[Problem]:
-    """Return a problem for each array that is in mm or degrees, as far as its values show it."""
-    problems = []
-    if not arrays["position"].size:
-        return []
-    for name in ("position", "commanded_position"):
-        if name in arrays and lengths_too_large(arrays[name]):
-            largest = f"{np.max(np.abs(arrays[name])):.4g}"
-            problems.append(_problem(data, name, f"found positions up to {largest}, which cannot be m", "give metres"))
-    joints = () if robot is None else robot.variables
-    for i, q in enumerate(arrays.get("q", ())):
-        revolute = i >= len(joints) or joints[i].type == "revolute"
-        if revolute and robot is not None and degrees_likely(q, joints[i].limits):
-            largest = f"{np.max(np.abs(arrays['q'])):.4g}"
-            message = f"found joint angles up to {largest}, which cannot be rad"
-            problems.append(_problem(data, "q", message, "give radians: numpy.radians(q)"))
-            break
-    for name, kind in (("sigma_position", "length"), ("sigma_rotation", "angle")):
-        if name in arrays and doubtful_sigma(arrays[name], kind)[0]:
-            typical = f"{np.median(arrays[name]):.3g} {'m' if kind == 'length' else 'rad'}"
-            problems.append(_problem(data, name, f"found a typical uncertainty of {typical}, which no instrument has"))
-    return problems
-
-
-def _problem(data: Measurements, name: str, message: str, fix: str | None = None) -> Problem:
-    return Problem(message, data.source, column=name, fix=fix)
+    Each starts at the tool. The poses carry a warning.
+    """
+    names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
+    if len(names) < 2:
+        return robot, data
+    text = (
+        f"targets {', '.join(names)} are not in the robot file: each starts at its tool, and tool_frame fits its place"
+    )
+    warned = replace(data, warnings=(*data.warnings, text))
+    return replace(robot, tool=Frame(), targets=dict.fromkeys(names, robot.tool)), warned
 
 
 # Commands of measured poses from another file: a robot program, or a table of joints or commanded poses.
@@ -198,10 +490,10 @@ _SMOOTH = 0.2
 """Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1."""
 
 
-def read_with_commands(
-    path: str, commands: str, robot: Robot | None, *, ordered: bool, ignore_limits: bool
-) -> tuple[Measurements, InputFile]:
-    """Return measured poses with the commands of another file, and the record of that file.
+def _with_commands(
+    path: str, commands: str, robot: Robot | None, ordered: bool, ignore_limits: bool
+) -> tuple[Measurements, dict[str, Any]]:
+    """Return measured poses with the commands of another file, and the record of that file as statements.
 
     Rows are joined by the names of their poses; without names in one of the files, by their order. Joints of an open
     unit are read in that under which the measured positions follow the arm.
@@ -209,49 +501,47 @@ def read_with_commands(
     Raises:
         InputError: A file is wrong, has no commands, or does not fit the other.
     """
-    from robacc.poses.reshaped_tables import unit_of_positions
-
-    stated = reading_of(path)
-    read = partial(_read_with_commands, path, commands, robot, ordered=ordered, ignore_limits=ignore_limits)
+    reading = reading_of(path)
     try:
-        return read(stated)
+        return _read_with_commands(path, commands, robot, reading, ordered, ignore_limits)
     except InputError:
         readings = []
-        for unit in ("rad", "deg") if robot is not None and stated.units is None else ():
+        for unit in ("rad", "deg") if robot is not None and reading.units is None else ():
             with suppress(InputError):
-                data, record = read(dataclasses.replace(stated, units=unit))
-                if unit_of_positions(data.position, *_poses(data, robot)) == "m":
+                data, record = _read_with_commands(
+                    path, commands, robot, replace(reading, units=unit), ordered, ignore_limits
+                )
+                if unit_of_positions(data.position, *_commanded_poses(data, robot)) == "m":
                     text = f"{commands}: joints taken as {unit}: no other unit agrees with the motion of the arm"
-                    readings.append((dataclasses.replace(data, warnings=(*data.warnings, Note(text))), record))
+                    readings.append((replace(data, warnings=(*data.warnings, Note(text))), record))
         if len(readings) != 1:
             raise
         return readings[0]
 
 
 def _read_with_commands(
-    path: str, commands: str, robot: Robot | None, stated: Reading, *, ordered: bool, ignore_limits: bool
-) -> tuple[Measurements, InputFile]:
-    """Return measured poses with commands, whose open units and angles are as ``stated``, and the record of these."""
-    from robacc.poses.csv_file import read_poses
-    from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
+    path: str, commands: str, robot: Robot | None, reading: Reading, ordered: bool, ignore_limits: bool
+) -> tuple[Measurements, dict[str, Any]]:
+    """Return measured poses with commands, whose open units and angles are as stated, and the record of these."""
     from robacc.programs.reading import is_program
 
     if commands.lower().endswith(".jbi") and (job := _job(commands)) is not None:
-        planned = dataclasses.replace(
-            _table(PoseFile(job), stated, robot, ignore_limits), source=commands, sha256=sha256_of(commands)
-        )
+        planned = _table(PoseFile(job), reading, robot, ignore_limits)
+        planned = replace(planned, source=commands, sha256=sha256_of(commands))
     elif is_program(commands):
         planned = _program(commands)
     else:
-        planned = _table(commands, stated, robot, ignore_limits)
+        planned = _table(commands, reading, robot, ignore_limits)
 
     def known_poses(keys: RowKeys) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(keys, planned, commands, path)
-        position, rotation = (None if part is None else np.where(found, part, np.nan) for part in _poses(given, robot))
+        position, rotation = (
+            None if part is None else np.where(found, part, np.nan) for part in _commanded_poses(given, robot)
+        )
         return position, rotation
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
-    measured = read_poses(path, robot=known, commands=False, known_poses=known_poses)
+    measured = csv_file.read_poses(path, robot=known, commands=False, known_poses=known_poses)
     if measured.q is not None or (measured.commands is not None and planned.q is None):
         message = "the measured poses have commands of their own"
         raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
@@ -260,21 +550,23 @@ def _read_with_commands(
     lines = np.arange(1, measured.n + 1) if measured.rows is None else measured.rows
     keys = RowKeys(measured.pose, measured.time, lines, measured.gaps)
     given, found, remarks = _joined(keys, planned, commands, measured.source)
-    data = _with_rows(measured.subset(found), given.subset(found), ordered)
-    if robot is not None:
-        from robacc.diagnostics.robot_poses import check_size
-
-        data = dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
+    given = given.subset(found)
+    names = ("q", "commanded_position", "commanded_rotation", "pose", "direction", "speed", "branches", "branch_names")
+    columns = {name: getattr(given, name) for name in names}
+    data = replace(measured.subset(found), **columns, ordered=ordered)
+    if ordered and data.q is not None and data.direction is None:
+        visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+        direction, speed = motion_between_visits(data.q, visits)
+        data = replace(data, direction=direction, speed=speed)
+    size_warnings = () if robot is None else check_size(data, robot)
     texts = (type(remark)(f"{measured.source}: {remark}") for remark in remarks)
-    warnings = (*data.warnings, *planned.warnings, *texts)
-    return dataclasses.replace(data, warnings=warnings), InputFile.at(commands, planned.sha256 or "", "commanded")
+    warnings = (*data.warnings, *size_warnings, *planned.warnings, *texts)
+    record = InputFile.at(commands, planned.sha256 or "", "commanded")
+    return replace(data, warnings=warnings), {"commanded": record.name, "commanded_sha256": record.sha256}
 
 
 def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
     """Return a table of commands; the units and angles stated for the measured poses hold for its names too."""
-    from robacc.diagnostics.robot_poses import read_robot_poses
-    from robacc.poses.csv_file import read_poses
-
     path = PoseFile(path, units=reading.units, angles=reading.angles)
     if robot is not None:
         try:
@@ -285,13 +577,11 @@ def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_l
                 if data.q is None and data.commands is not None:
                     return data  # commanded poses
             raise error from None
-    data = read_poses(path, attained=False, commands=False)
+    data = csv_file.read_poses(path, attained=False, commands=False)
     if data.commands is None and data.position.any():
         # A table of poses alone, such as a TUM trajectory: they are the commanded ones.
-        return dataclasses.replace(
-            data, commanded_position=data.position, commanded_rotation=data.rotation, rotation=None
-        )
-    return data if data.commands is not None else read_poses(path, attained=False)
+        return replace(data, commanded_position=data.position, commanded_rotation=data.rotation, rotation=None)
+    return data if data.commands is not None else csv_file.read_poses(path, attained=False)
 
 
 def _job(path: str) -> dict[str, list[Any]] | None:
@@ -323,30 +613,20 @@ def _program(path: str) -> Measurements:
         raise InputError(Problem(message, path, fix="list the commanded joints or poses in a CSV"))
     names = np.array([target.name for target in targets])
     values = np.array([target.values for target in targets]).T
-    none = np.zeros((3, names.size))
-    digest = sha256_of(path)
+    data = Measurements(np.zeros((3, names.size)), pose=names, source=path, sha256=sha256_of(path))
     if kinds == {"joint"}:
-        return Measurements(none, q=values, pose=names, source=path, sha256=digest)
+        return replace(data, q=values)
     based = sorted({target.base.name for target in targets if target.base is not None and target.base.name})
     warning = f"{path}: commanded poses are in the program's base frame{' ' + ', '.join(based) if based else ''}"
-    return Measurements(
-        none,
-        commanded_position=values[:3],
-        commanded_rotation=rotation_from_quaternion(values[3:]),
-        pose=names,
-        source=path,
-        sha256=digest,
-        warnings=(warning,),
-    )
+    rotation = rotation_from_quaternion(values[3:])
+    return replace(data, commanded_position=values[:3], commanded_rotation=rotation, warnings=(warning,))
 
 
-def _poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
+def _commanded_poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
     """Return the commanded positions and orientations; None where the commands have none."""
     if planned.q is None or robot is None:
         return planned.commanded_position, planned.commanded_rotation
-    from robacc.robots.arm import build_chain
-
-    poses = build_chain(dataclasses.replace(robot, effects=())).forward(planned.q)
+    poses = build_chain(replace(robot, effects=())).forward(planned.q)
     return poses.translation, poses.rotation
 
 
@@ -453,242 +733,3 @@ def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurem
             planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)
             at = np.arange(time.size)
     return planned, np.where(found, at, -1)
-
-
-def _with_rows(measured: Measurements, given: Measurements, ordered: bool) -> Measurements:
-    """Return measured poses with the commands of the same rows."""
-    data = dataclasses.replace(
-        measured,
-        q=given.q,
-        commanded_position=given.commanded_position,
-        commanded_rotation=given.commanded_rotation,
-        pose=given.pose,
-        direction=given.direction,
-        speed=given.speed,
-        branches=given.branches,
-        branch_names=given.branch_names,
-        ordered=ordered,
-    )
-    if not ordered or data.q is None or data.direction is not None:
-        return data
-    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
-    motion: tuple[Array, Array] = motion_between_visits(data.q, visits)
-    return dataclasses.replace(data, direction=motion[0], speed=motion[1])
-
-
-STDIN = "-"
-
-
-def path_of(source: object) -> str | None:
-    """Return ``source`` as text if it is a path, else None."""
-    return os.fspath(source) if isinstance(source, str | os.PathLike) else None
-
-
-def pose_path(source: StrPath | SupportsColumns | Mapping[str, Any]) -> str:
-    """Return the path of a pose file, or of a data frame a path that carries it."""
-    return os.fspath(source) if isinstance(source, str | os.PathLike) else PoseFile(source)
-
-
-def stated(source: PosesSource, **reading: Any) -> PosesSource:
-    """Return poses whose file is read with these statements, which are those of a ``PoseFile``; as is without any.
-
-    Raises:
-        UsageError: Poses read before have statements.
-    """
-    if not any(reading.values()):
-        return source
-    if isinstance(source, Measurements):
-        raise UsageError(f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses")
-    return PoseFile(source, **reading)
-
-
-def load_robot(
-    source: StrPath | Robot, base_link: str | None = None, tip_link: str | None = None, poses: PosesSource | None = None
-) -> tuple[Robot, InputFile]:
-    """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
-
-    The joint columns of ``poses``, a path or poses read before, choose the chain of a URDF without a ``tip_link``.
-
-    Raises:
-        InputError: The file cannot be read or is wrong.
-        UsageError: A link does not exist, or is given with a robot that was read before.
-    """
-    if isinstance(source, Robot):
-        if base_link is not None or tip_link is not None:
-            raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
-        from robacc.effects.specification import with_effect_units
-        from robacc.robots.yaml_robot import robot_to_yaml
-
-        text = robot_to_yaml(with_effect_units(source))
-        return source, InputFile(source.name, sha256(text.encode()).hexdigest(), "robot", identity=source.identity)
-    from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import read_robot, robot_path
-
-    robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
-    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), "robot", robot.identity)
-
-
-def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
-    """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
-    if isinstance(poses, Measurements):
-        return [] if poses.q is None else [f"q{i + 1}" for i in range(poses.q.shape[0])]
-    if poses is None:
-        return []
-    path = pose_path(poses)
-    if not (os.path.isfile(path) or os.path.isdir(path) or (isinstance(path, PoseFile) and path.frame is not None)):
-        return []
-    from robacc.io.open_table import open_table
-    from robacc.poses.reading import table_options
-
-    try:
-        with open_table(path, table_options(path)) as table:
-            return table.names
-    except (InputError, UsageError):
-        # The reader of the poses reports what is wrong with the file.
-        return []
-
-
-def load_optional_robot(
-    source: StrPath | Robot | None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    poses: PosesSource | None = None,
-) -> tuple[Robot | None, tuple[InputFile, ...]]:
-    """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
-
-    Raises:
-        InputError: The file cannot be read or is wrong.
-        UsageError: A link does not exist, or is given without a robot.
-    """
-    if source is None:
-        if base_link or tip_link:
-            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
-        return None, ()
-    robot, record = load_robot(source, base_link, tip_link, poses)
-    return robot, (record,)
-
-
-def load_poses(
-    source: PosesSource,
-    robot: Robot | None,
-    *,
-    ordered: bool = False,
-    ignore_limits: bool = False,
-    kind: str = "poses",
-    attained: bool = True,
-    any_target: bool = False,
-) -> tuple[Measurements, InputFile]:
-    """Return poses, checked against ``robot`` if there is one, and their record.
-
-    Args:
-        source: Path, ``-`` for standard input, a data frame, or poses that were read or made before.
-        robot: Robot whose joints, limits and targets apply to the poses.
-        ordered: The rows of the file are in the order measured; poses read before carry this themselves.
-        ignore_limits: Joints of the file outside their limits are a warning, not an error.
-        kind: Kind of the input in the record.
-        attained: The poses were measured; planned poses may lack x, y, z.
-        any_target: Several targets are valid although the robot has one tool.
-
-    Raises:
-        InputError: The file or the arrays are wrong; with every problem.
-        UsageError: ``ordered`` is given with poses that were read before.
-    """
-    if isinstance(source, Measurements):
-        if ordered and not source.ordered:
-            raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
-        data = checked_poses(source, robot)
-        if robot is not None and (robot.targets or not any_target):
-            check_targets(data, robot)
-        return require_poses(data), record_of(data, kind)
-    from robacc.diagnostics.robot_poses import read_robot_poses
-
-    path = pose_path(source)
-    if isinstance(path, PoseFile) and path.reading.commanded is not None and attained:
-        data, commands = read_with_commands(
-            path, path.reading.commanded, robot, ordered=ordered, ignore_limits=ignore_limits
-        )
-        record = InputFile.at(path, data.sha256 or "", kind)
-        stated = {**(record.reading or {}), "commanded": commands.name, "commanded_sha256": commands.sha256}
-        return require_poses(data), dataclasses.replace(record, reading=stated)
-    try:
-        if robot is None:
-            from robacc.poses.csv_file import read_poses
-
-            data = read_poses(path, ordered=ordered)
-        else:
-            data = read_robot_poses(
-                path, robot, ordered=ordered, ignore_limits=ignore_limits, attained=attained, any_target=any_target
-            )
-    except InputError:
-        from robacc.programs.reading import mistaken_for_poses
-
-        if attained and (problem := mistaken_for_poses(path)) is not None:
-            raise InputError(problem) from None
-        raise
-    return require_poses(data), InputFile.at(path, data.sha256 or "", kind)
-
-
-def require_poses(data: Measurements) -> Measurements:
-    """Return the poses.
-
-    Raises:
-        InputError: There are none.
-    """
-    if data.n:
-        return data
-    raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
-
-
-def record_of(data: Measurements, kind: str) -> InputFile:
-    """Return the record of the file that the poses come from, else of the CSV that they would make."""
-    if data.sha256 is not None:
-        return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
-    from robacc.poses.csv_file import format_poses
-
-    return InputFile("arrays", sha256(format_poses(data).encode()).hexdigest(), kind)
-
-
-def load_grade_scale(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
-    """Return the grade scale of a file and its record; None without a path, for the package's own scale.
-
-    Raises:
-        InputError: The file cannot be read or is wrong.
-    """
-    if path is None:
-        return None, ()
-    from robacc.accuracy.grade import load_scale
-    from robacc.io.files import read_text, sha256_of
-
-    name = os.fspath(path)
-    return load_scale(read_text(name), name), (InputFile.at(name, sha256_of(name), "scale"),)
-
-
-def load_result(source: StrPath | Result | StoredResult) -> StoredResult:
-    """Return a stored result; one just computed becomes what its file would be, named by its command.
-
-    Raises:
-        InputError: The file cannot be read or holds no result.
-    """
-    if isinstance(source, StoredResult):
-        return source
-    if isinstance(source, Result):
-        text = source.to_json()
-        return StoredResult(json.loads(text), source.command, sha256(text.encode()).hexdigest(), source.command)
-    return read_result(os.fspath(source))
-
-
-def with_fitted_poses(robot: Robot, inputs: Sequence[InputFile]) -> Robot:
-    """Return the robot with the poses among ``inputs`` recorded as poses that it was fitted to."""
-    digests = (record.sha256 for record in inputs if record.kind == "poses")
-    return dataclasses.replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
-
-
-def fitted_pose_warnings(robot: Robot | None, inputs: Sequence[InputFile]) -> tuple[str, ...]:
-    """Return a warning for each file of ``inputs`` whose poses the robot was fitted to."""
-    digests = () if robot is None else robot.fitted_to
-    return tuple(
-        f"{record.name}: the robot file was fitted to these same poses, so the errors show how well the model fits "
-        "them; measure other poses to show how accurate the model is"
-        for record in inputs
-        if record.sha256 in digests
-    )

@@ -1,19 +1,13 @@
-"""Call of the command ``robacc iso9283``."""
+"""Calls of ``robacc iso9283`` and of ``robacc plan --for iso9283``."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from hashlib import sha256
+from typing import Annotated, Any, ClassVar, Literal, TextIO
 
-from robacc.api.inputs import (
-    STDIN,
-    fitted_pose_warnings,
-    load_optional_robot,
-    load_poses,
-    path_of,
-)
+from robacc.api.inputs import STDIN, fitted_pose_warnings, load_optional_robot, load_poses, load_robot, path_of
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
@@ -22,18 +16,24 @@ from robacc.api.parameters import (
     IgnoreLimits,
     OptionalRobot,
     Ordered,
+    PosesSource,
+    RobotArgument,
     Seed,
     StrictRange,
     TipLink,
     call,
 )
-from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.documents.accuracy import ISO9283, ISO9283_POSES
 from robacc.errors import UsageError
+from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.iso_9283.visits import Iso9283Result
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
+from robacc.poses.csv_file import pose_pieces
+from robacc.quantities import optional_size
+from robacc.render.views.elements import draw
+from robacc.render.views.robot import proposal_comments, proposal_view
+from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -41,13 +41,7 @@ class Iso9283(Result, Iso9283Result):
     """Pose criteria of ISO 9283, with the inputs."""
 
     command: ClassVar[str] = "iso9283"
-    made: Provenance
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.accuracy import ISO9283
-
-        return ISO9283.write(self)
+    keys = ISO9283
 
 
 @call
@@ -121,6 +115,79 @@ def iso9283(
         rated_load=rated_load,
     )
     use_warnings = [warning for item in uses for warning in item.warnings]
-    body = dataclasses.replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records), *use_warnings))
+    body = replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records), *use_warnings))
     options = options_of(iso9283, arguments, align=list(aligned))
     return Iso9283(**fields_of(body), made=Provenance(options, (*records, *arm_record), seed, use))
+
+
+# Call of ``robacc plan --for iso9283``.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Iso9283Poses(CsvResult):
+    """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
+
+    command: ClassVar[str] = "iso9283-poses"
+    proposal: Proposal
+    robot: Robot
+    cycles: int
+    payload_kg: float | None
+    warnings: tuple[str, ...] = ()
+
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""
+        yield from (f"# {line}\n" for line in proposal_comments(self.proposal, self.robot.name))
+        yield from pose_pieces(planned_poses(self.proposal, self.cycles, self.payload_kg), attained=False)
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        return ISO9283_POSES.write(self.proposal, file_sha256=sha256(self.csv().encode()).hexdigest())
+
+    def draw(self, stream: TextIO) -> None:
+        """Write the cube, the commanded poses and the joints."""
+        draw(proposal_view(self.proposal, self.robot), stream)
+
+
+@call
+def iso9283_poses(
+    robot: RobotArgument,
+    *,
+    edge: Annotated[
+        float | str | None,
+        Help("Edge of the cube, such as 400mm; default: the largest preferred edge that fits.", "SIZE"),
+    ] = None,
+    plane: Annotated[
+        Literal["x+", "x-", "y+", "y-"] | None,
+        Help("Direction in which the plane rises; default: farthest from joint limits."),
+    ] = None,
+    orientation: Annotated[
+        Literal["down", "forward", "own", "free"] | None,
+        Help("Tool: down, forward, own (as at the centre) or free; default: the first that fits."),
+    ] = None,
+    cycles: Annotated[int, Help("Number of cycles through P1 to P5.", "N", least=1, most=10_000)] = 30,
+    payload: Annotated[float | None, Help("Payload to write as payload_kg.", "KG", least=0.0)] = None,
+    target: Annotated[str | None, Help("Target, for a robot with several.", "NAME")] = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Iso9283Poses:
+    """Plan the cube of ISO 9283 and its five poses for an arm.
+
+    Returns:
+        The cube, the commanded poses and joints, and the CSV of the cycles to drive.
+
+    Raises:
+        InputError: The robot cannot be used, or no cube fits.
+        UsageError: The robot has no such target, or the edge is not a length above zero.
+
+    Example:
+        >>> import robacc
+        >>> plan = robacc.iso9283_poses("sample_data/iso9283/robot.yaml", edge="400mm")
+        >>> f"{plan.proposal.edge * 1e3:.0f} mm, {plan.csv().count('P1,')} visits of P1"
+        '400 mm, 30 visits of P1'
+    """
+    arguments = locals()
+    arm, record = load_robot(robot, base_link, tip_link)
+    length = optional_size(edge, "length", "`edge`")
+    proposal = propose(arm, edge=length, plane=plane, orientation=orientation, target=target)
+    made = Provenance(options_of(iso9283_poses, arguments), (record,), None)
+    return Iso9283Poses(proposal=proposal, robot=arm, cycles=cycles, payload_kg=payload, made=made)

@@ -6,14 +6,28 @@ the checks of its arguments from it, and :mod:`robacc.cli.command` its options. 
 
 from __future__ import annotations
 
+import builtins
 import functools
 import inspect
 import math
 import os
 import re
+import sys
 import textwrap
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, ParamSpec, TypeVar, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    ParamSpec,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from robacc.errors import UsageError
 from robacc.plug_ins import plug_in_names
@@ -28,6 +42,8 @@ if TYPE_CHECKING:
     PosesSource = str | os.PathLike[str] | Measurements | SupportsColumns | Mapping[str, Any]
     """Poses: a file, poses read before, or a data frame (pandas, Polars, Arrow, or arrays by the names of columns)."""
     RobotSource = str | os.PathLike[str] | Robot
+else:
+    PosesSource = RobotSource = Any
 
 P = ParamSpec("P")
 Returned = TypeVar("Returned")
@@ -55,30 +71,17 @@ class Help(NamedTuple):
     """Group of entry points whose names are further choices."""
 
 
-class _KnownNames(dict[str, Any]):
-    """Names in annotations; one that is not known, such as a class of a module not imported, is any type."""
-
-    def __missing__(self, name: str) -> Any:
-        if name in ("str", "int", "float", "bool", "tuple", "list"):
-            raise KeyError(name)
-        return Any
-
-
-def meaning_of(annotation: Any, names: Mapping[str, Any]) -> tuple[Any, Help]:
-    """Return the type and the meaning of a parameter.
-
-    Args:
-        annotation: The annotation, as text where its module postpones the evaluation.
-        names: Names that the annotation may use besides those of this module.
-    """
-    known = _KnownNames({**globals(), "Sequence": Sequence, **names})
-    kind, meaning = annotation, Help("")
-    for _ in range(2):  # the annotation, then the type in it
-        kind = getattr(kind, "__forward_arg__", kind)
-        kind = eval(kind, {}, known) if isinstance(kind, str) else kind
-        if hasattr(kind, "__metadata__"):
-            meaning, kind = kind.__metadata__[0], kind.__origin__
-    return kind, meaning
+def meanings(declared: Callable[..., Any]) -> dict[str, tuple[Any, Help]]:
+    """Return the type and the meaning of each parameter of a function or a class."""
+    module = vars(sys.modules[declared.__module__])
+    names = {**vars(builtins), "Sequence": Sequence, **globals(), **module}
+    # A name that is not known, such as a class of a module not imported, is any type.
+    hints = get_type_hints(declared, {}, defaultdict(lambda: Any, names), include_extras=True)
+    return {
+        name: (hint.__origin__, hint.__metadata__[0]) if hasattr(hint, "__metadata__") else (hint, Help(""))
+        for name, hint in hints.items()
+        if name != "return"
+    }
 
 
 def choices_of(kind: Any) -> tuple[Any, ...]:
@@ -91,13 +94,13 @@ def choices_of(kind: Any) -> tuple[Any, ...]:
 def call(function: Callable[P, Returned]) -> Callable[P, Returned]:
     """Return a call whose docstring explains its parameters, and which checks its arguments and runs in one thread."""
     signature = inspect.signature(function)
-    meanings = {name: meaning_of(item.annotation, function.__globals__) for name, item in signature.parameters.items()}
+    declared = meanings(function)
     limited = single_threaded(function)
 
     @functools.wraps(function)
     def checked(*args: P.args, **kwargs: P.kwargs) -> Returned:
-        for name in kwargs.keys() & meanings.keys():
-            _check(name, kwargs[name], *meanings[name])
+        for name in kwargs.keys() & declared.keys():
+            _check(name, kwargs[name], *declared[name])
         return limited(*args, **kwargs)
 
     lines = [
@@ -107,7 +110,7 @@ def call(function: Callable[P, Returned]) -> Callable[P, Returned]:
             initial_indent=" " * 8,
             subsequent_indent=" " * 12,
         )
-        for name, (_, meaning) in meanings.items()
+        for name, (_, meaning) in declared.items()
     ]
     summary, returns, rest = (function.__doc__ or "").partition("    Returns:\n")
     checked.__doc__ = "\n".join((f"{summary}    Args:", *lines, "", f"{returns}{rest}"))

@@ -1,29 +1,24 @@
-"""Call of the command ``robacc plan``, and its inputs: files, places in text, limits of gates and grades."""
+"""Call of the command ``robacc plan``."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.api.inputs import (
-    load_grade_scale,
-    load_poses,
-    load_robot,
-    pose_path,
-    record_of,
-    require_poses,
-)
+from robacc.accuracy.grade import default_scale
+from robacc.api.inputs import load_grade_scale, load_poses, load_robot, optional
 from robacc.api.parameters import (
     BaseLink,
     Help,
     Ordered,
+    PosesSource,
     RobotArgument,
+    RobotSource,
     Scale,
     Seed,
     StrPath,
@@ -33,9 +28,11 @@ from robacc.api.parameters import (
     count_or_path,
     numbers,
 )
-from robacc.api.result import Provenance, Result, fields_of, options_of, use_model
+from robacc.api.result import CsvResult, Provenance, fields_of, options_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile
+from robacc.documents.expected import PLAN
+from robacc.documents.gate import read_gate
 from robacc.errors import UsageError
 from robacc.measurements import Measurements
 from robacc.planning.campaign import (
@@ -57,134 +54,26 @@ from robacc.planning.candidates import (
     parse_vector,
 )
 from robacc.plug_ins import plug_in
+from robacc.poses.csv_file import format_poses, pose_pieces
+from robacc.programs.writing import SUFFIX, write_program
 from robacc.quantities import optional_size, size
+from robacc.render.views.expected import plan_comments
 from robacc.robots.description import Robot
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource, RobotSource
-
-# Inputs of the call ``robacc.plan``: files, places in text, and the limits of gates and grades.
 
 _MOST_PAYLOADS = 5
 _STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
-def robot_to_plan_for(
-    robot: StrPath | Robot, model: StrPath | Robot | None, base_link: str | None, tip_link: str | None
-) -> tuple[Robot, tuple[InputFile, ...]]:
-    """Return the robot to plan for: the model where there is one, after a check that it is the same arm."""
-    nominal, record = load_robot(robot, base_link, tip_link)
-    if model is None:
-        return nominal, (record,)
-    calibrated, model_record = load_robot(model)
-    if calibrated.variable_names != nominal.variable_names:
-        raise UsageError(
-            f"`model` has the joints {', '.join(calibrated.variable_names)}, but the robot has "
-            f"{', '.join(nominal.variable_names)}; give the model of this robot"
-        )
-    return calibrated, (record, dataclasses.replace(model_record, kind="model"))
-
-
-def load_planned_poses(
-    source: PosesSource | None, arm: Robot, kind: str
-) -> tuple[Measurements | None, tuple[InputFile, ...]]:
-    """Return poses that need not be measured; limits are a matter of the filters."""
-    if source is None:
-        return None, ()
-    if isinstance(source, Measurements):
-        check_at_rest(arm, source)
-        return require_poses(source), (record_of(source, kind),)
-    from robacc.poses.csv_file import read_poses
-
-    path = pose_path(source)
-    data = read_poses(path, robot=dataclasses.replace(joints_of(arm), limits=None), attained=False)
-    check_at_rest(arm, data)
-    return require_poses(data), (InputFile.at(path, data.sha256 or "", kind),)
-
-
-def sight_of(
-    instrument: str | Sequence[float] | None,
-    reflector: str | Sequence[float] | None,
-    cone: float | str,
-    distance: str | Sequence[float] | None,
-) -> Sight | None:
-    """Return the line of sight of the instrument; None without an instrument.
-
-    Raises:
-        UsageError: The texts are no places or angles, or `instrument` is missing.
-    """
-    if instrument is None:
-        if reflector is not None or distance is not None:
-            raise UsageError("`reflector` and `distance` need `instrument`, the position of the instrument")
-        return None
-    near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
-    axis = None if reflector is None else parse_vector(reflector, "reflector")
-    if axis is not None and not any(axis):
-        raise UsageError("`reflector`: the direction has no length")
-    return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
-
-
-def load_demands(
-    gate: StrPath | None, grade: str | None, scale: StrPath | None
-) -> tuple[tuple[Demand, ...], tuple[InputFile, ...]]:
-    """Return the limits on the position that the measurement is to decide."""
-    demands: list[Demand] = []
-    records: tuple[InputFile, ...] = ()
-    if gate is not None:
-        from robacc.documents.gate import read_gate
-
-        loaded = read_gate(os.fspath(gate))
-        records = loaded.records
-        for criterion in loaded.gate.criteria:
-            quantity, _, statistic = criterion.key.partition(".")
-            if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                name = cast(Statistic, statistic)
-                demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
-        if not demands:
-            raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
-    if grade is not None:
-        from robacc.accuracy.grade import default_scale
-
-        custom, scale_records = load_grade_scale(scale)
-        steps = custom or default_scale()
-        limits = {step.grade: step.position for step in steps.steps}
-        if grade not in limits:
-            raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
-        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], steps.confidence))
-        records = (*records, *scale_records)
-    return tuple(demands), records
-
-
-def checked_payloads(payloads: Sequence[float]) -> tuple[float, ...]:
-    """Return payloads, kg, in ascending order.
-
-    Raises:
-        UsageError: There are too many, two are equal, or a mass is negative or not finite.
-    """
-    masses = sorted(map(float, payloads))
-    for mass in masses:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
-    if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
-        listed = ", ".join(f"{mass:g}" for mass in masses)
-        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
-    return tuple(masses)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Planned(Result, CampaignPlan):
+class Planned(CsvResult, CampaignPlan):
     """Planned poses and the expected result, with the inputs."""
 
     command: ClassVar[str] = "plan"
-    made: Provenance
 
-    def csv(self) -> str:
-        """Return the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
-        from robacc.poses.csv_file import format_poses
-        from robacc.render.views.expected import plan_comments
-
-        head = "".join(f"# {line}\n" for line in plan_comments(self))
-        return head + format_poses(self.visits(), attained=False)
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
+        yield from (f"# {line}\n" for line in plan_comments(self))
+        yield from pose_pieces(self.visits(), attained=False)
 
     def validation_csv(self) -> str:
         """Return the file of the validation poses.
@@ -192,23 +81,11 @@ class Planned(Result, CampaignPlan):
         Raises:
             UsageError: The plan has none.
         """
-        from robacc.poses.csv_file import format_poses
-
         head = (
             f"# Validation poses planned by robacc plan for {self.robot.name}; nothing was measured.\n"
             "# Use them only to check a fit (`holdout`), never in the fit.\n"
         )
         return head + format_poses(self.validation_poses(), attained=False)
-
-    def write(self, path: StrPath) -> None:
-        """Write :meth:`csv` to a file; a failure leaves no partial file.
-
-        Raises:
-            InputError: The file cannot be written.
-        """
-        from robacc.io.files import write_text
-
-        write_text(path, self.csv())
 
     def programs(self, path: StrPath) -> dict[str, str]:
         """Return the visits as robot programs in the language of the suffix of ``path``: text by file name.
@@ -219,43 +96,27 @@ class Planned(Result, CampaignPlan):
         Raises:
             UsageError: The suffix is of no language, or the robot has too many joints for it.
         """
-        if self.payload_kg is None or len(self.payload_blocks) == 1:
-            return {os.fspath(path): self.program(path)}
         file = PurePath(path)
-        return {
-            str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): self.program(path, block.payload)
-            for block in self.payload_blocks
-        }
-
-    def program(self, path: StrPath, payload: float | None = None) -> str:
-        """Return the visits as a robot program; with ``payload``, those with this payload (kg).
-
-        Raises:
-            UsageError: The suffix is of no language, the robot has too many joints for it, or no visit has the payload.
-        """
-        from robacc.programs.writing import SUFFIX, write_program
-
-        suffix = PurePath(path).suffix.lower()
-        dialects = {value: key for key, value in SUFFIX.items()}
-        if suffix not in dialects:
+        dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
+        if file.suffix.lower() not in dialects:
             raise UsageError(f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}")
-        visits = self.visits()
-        assert visits.pose is not None
-        targets = [(str(name), q.tolist()) for name, q in zip(visits.pose, self.q.T, strict=True)]
-        name = PurePath(path).stem
-        if payload is not None:
-            masses = () if self.payload_kg is None else self.payload_kg.tolist()
-            targets = [target for target, mass in zip(targets, masses, strict=False) if mass == payload]
-            name = f"{name}_{payload:g}kg"
-            if not targets:
-                raise UsageError(f"`payload`: no visit has a payload of {payload:g} kg")
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
-        return write_program(dialects[suffix], targets, name=name, linear=linear)
+        targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
+        groups = {os.fspath(path): targets}
+        if self.payload_kg is not None and len(self.payload_blocks) > 1:
+            groups = {
+                str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): [
+                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == block.payload
+                ]
+                for block in self.payload_blocks
+            }
+        return {
+            name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
+            for name, group in groups.items()
+        }
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.expected import PLAN
-
         return PLAN.write(self)
 
 
@@ -387,29 +248,35 @@ def plan(
         True
     """
     arguments = locals()
-    arm, records = robot_to_plan_for(robot, model, base_link, tip_link)
+    arm, record = load_robot(robot, base_link, tip_link)
+    calibrated, model_records = optional(load_robot, model, kind="model")
+    if calibrated is not None and calibrated.variable_names != arm.variable_names:
+        raise UsageError(
+            f"`model` has the joints {', '.join(calibrated.variable_names)}, but the robot has "
+            f"{', '.join(arm.variable_names)}; give the model of this robot"
+        )
     # A drift and other facts of the model's own campaign do not come again.
-    use = use_model(arm, None, campaign="drop")
-    arm = use.robot or arm
-    if isinstance(candidates, int):
-        check_range("candidates", candidates, 10, 100_000)
-    given = None if isinstance(candidates, int) else candidates
-    loaded_candidates, candidate_records = load_planned_poses(given, arm, "candidates")
-    loaded_task, task_records = load_planned_poses(task, arm, "task")
-    measured: Measurements | None = None
-    measured_records: tuple[InputFile, ...] = ()
-    if already is not None:
-        measured, record = load_poses(already, arm, ordered=ordered, kind="already", attained=False)
-        measured_records = (record,)
+    use = use_model(calibrated or arm, None, campaign="drop")
+    described, arm = arm, use.robot or arm
+    n_candidates, chosen_from = (candidates, None) if isinstance(candidates, int) else (DEFAULT_CANDIDATES, candidates)
+    check_range("candidates", n_candidates, 10, 100_000)
+    known = replace(joints_of(arm), limits=None)  # limits are a matter of the filters
+    given: dict[str, Measurements | None] = {}
+    records = [record, *model_records]
+    for kind, source in (("candidates", chosen_from), ("task", task)):
+        given[kind], read = optional(load_poses, source, arm, kind=kind, attained=False, visited_by=known)
+        if (poses_to_visit := given[kind]) is not None:
+            check_at_rest(arm, poses_to_visit)
+        records += read
+    given["already"], read = optional(load_poses, already, arm, ordered=ordered, kind="already", attained=False)
     links = None
     if collisions:
-        urdf, _ = load_robot(robot, base_link, tip_link)
-        if isinstance(robot, Robot) or urdf.convention != "urdf":
+        if isinstance(robot, Robot) or described.convention != "urdf":
             raise UsageError(
                 "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
             )
-        links = plug_in("robacc.collisions", "fcl")(os.fspath(robot), urdf)
-    demands, demand_records = load_demands(gate, grade, scale)
+        links = plug_in("robacc.collisions", "fcl")(os.fspath(robot), described)
+    demands, demand_records = _demands(gate, grade, scale)
     if demands and purpose != "acceptance":
         raise UsageError("`gate` and `grade` set the number of acceptance poses; give purpose acceptance")
     settings = CampaignSettings(
@@ -423,7 +290,7 @@ def plan(
             outside=tuple(parse_box(text, "outside") for text in outside),
             half_spaces=tuple(parse_half_space(text, "half_space") for text in half_space),
             min_height=None if min_height is None else length(min_height, "min_height"),
-            sight=sight_of(instrument, reflector, cone, distance),
+            sight=_sight(instrument, reflector, cone, distance),
             max_condition=max_condition,
             collisions=links,
         ),
@@ -438,15 +305,13 @@ def plan(
         target=optional_size(target_error, "length", "`target_error`"),
         demands=demands,
         expected=optional_size(expected, "length", "`expected`"),
-        n_candidates=candidates if isinstance(candidates, int) else DEFAULT_CANDIDATES,
-        payloads=checked_payloads(payload),
+        n_candidates=n_candidates,
+        payloads=_payloads(payload),
         seed=seed,
     )
-    body = plan_campaign(arm, settings, candidates=loaded_candidates, task=loaded_task, already=measured)
-    read = [data for data in (loaded_candidates, loaded_task, measured) if data is not None]
-    doubts = (*at_rest_warning(arm), *use.warnings, *(text for data in read for text in data.warnings))
-    body = dataclasses.replace(body, warnings=(*body.warnings, *doubts))
-    inputs = (*records, *candidate_records, *task_records, *measured_records, *demand_records)
+    body = plan_campaign(arm, settings, **given)
+    doubts = [text for data in given.values() if data is not None for text in data.warnings]
+    body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *use.warnings, *doubts))
     # Files are recorded by their names, objects not at all.
     files = ("model", "candidates", "task", "already", "gate", "scale")
     options = {
@@ -454,4 +319,69 @@ def plan(
         for name, value in options_of(plan, arguments).items()
         if not isinstance(value, Measurements | Robot)
     }
-    return Planned(**fields_of(body), made=Provenance(options, inputs, seed))
+    return Planned(**fields_of(body), made=Provenance(options, (*records, *read, *demand_records), seed))
+
+
+def _sight(
+    instrument: str | Sequence[float] | None,
+    reflector: str | Sequence[float] | None,
+    cone: float | str,
+    distance: str | Sequence[float] | None,
+) -> Sight | None:
+    """Return the line of sight of the instrument; None without an instrument.
+
+    Raises:
+        UsageError: The texts are no places or angles, or `instrument` is missing.
+    """
+    if instrument is None:
+        if reflector is not None or distance is not None:
+            raise UsageError("`reflector` and `distance` need `instrument`, the position of the instrument")
+        return None
+    near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
+    axis = None if reflector is None else parse_vector(reflector, "reflector")
+    if axis is not None and not any(axis):
+        raise UsageError("`reflector`: the direction has no length")
+    return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
+
+
+def _demands(
+    gate: StrPath | None, grade: str | None, scale: StrPath | None
+) -> tuple[tuple[Demand, ...], tuple[InputFile, ...]]:
+    """Return the limits of a gate and of a grade on the position, which the measurement is to decide."""
+    demands: list[Demand] = []
+    records: tuple[InputFile, ...] = ()
+    if gate is not None:
+        loaded = read_gate(os.fspath(gate))
+        records = loaded.records
+        for criterion in loaded.gate.criteria:
+            quantity, _, statistic = criterion.key.partition(".")
+            if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
+                name = cast(Statistic, statistic)
+                demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
+        if not demands:
+            raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
+    if grade is not None:
+        custom, scale_records = load_grade_scale(scale)
+        steps = custom or default_scale()
+        limits = {step.grade: step.position for step in steps.steps}
+        if grade not in limits:
+            raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
+        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], steps.confidence))
+        records = (*records, *scale_records)
+    return tuple(demands), records
+
+
+def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:
+    """Return payloads, kg, in ascending order.
+
+    Raises:
+        UsageError: There are too many, two are equal, or a mass is negative or not finite.
+    """
+    masses = sorted(map(float, payloads))
+    for mass in masses:
+        if not 0 <= mass < math.inf:
+            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
+    if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
+        listed = ", ".join(f"{mass:g}" for mass in masses)
+        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
+    return tuple(masses)

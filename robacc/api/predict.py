@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +15,8 @@ from robacc.api.inputs import (
     load_grade_scale,
     load_poses,
     load_robot,
+    load_text,
+    optional,
     path_of,
 )
 from robacc.api.parameters import (
@@ -25,6 +26,7 @@ from robacc.api.parameters import (
     Help,
     IgnoreLimits,
     Ordered,
+    PosesSource,
     RobotArgument,
     Samples,
     Scale,
@@ -35,7 +37,8 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
-from robacc.documents.envelope import InputFile, csv_text
+from robacc.documents.envelope import csv_text
+from robacc.documents.expected import prediction_charts, prediction_csv, prediction_document
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -46,7 +49,6 @@ from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, c
 from robacc.prediction.predicting import (
     NORMAL,
     Allocation,
-    Configurations,
     Prediction,
     configurations_of,
     parse_tolerances,
@@ -58,10 +60,8 @@ from robacc.prediction.predicting import (
 )
 from robacc.prediction.predicting import allocate as allocate_tolerances
 from robacc.quantities import optional_size, size
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -81,30 +81,27 @@ class Predicted(Result, Prediction):
     """Poses given for the prediction."""
     measured: Measurements | None
     """Measured poses that the prediction is compared with."""
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
-        warnings = [warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings]
-        warnings += fitted_pose_warnings(self.robot, [file for file in self.made.inputs if file.kind == "against"])
-        warnings += () if self.made.use is None else self.made.use.warnings
-        fit = model_fit(self.robot)
-        warnings += () if fit is None else fit.warnings
+        fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
         hint = None if self.comparison is None else self.comparison.hint
-        return tuple(warnings) if hint is None else (*warnings, hint)
+        return (
+            *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
+            *fitted_pose_warnings(self.robot, against),
+            *(() if self.made.use is None else self.made.use.warnings),
+            *(() if fit is None else fit.warnings),
+            *(() if hint is None else (hint,)),
+        )
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        from robacc.documents.expected import prediction_charts, prediction_document
-
         own = prediction_document(self, self.allocation, self.comparison, self.coverage)
         return {**own, **prediction_charts(self, self.robot)}
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
-        from robacc.documents.expected import prediction_csv
-
         return prediction_csv(self, self.robot.variable_names)
 
     def map_csv(self, voxel: str | float = "100mm") -> str:
@@ -116,8 +113,6 @@ class Predicted(Result, Prediction):
         Raises:
             UsageError: The edge is no length above zero.
         """
-        from robacc.robots.arm import build_chain
-
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
@@ -196,36 +191,49 @@ def predict(
         0.37 mm rms; largest contribution: j1.d
     """
     arguments = locals()
-    _check(poses, samples, against, align, noise, target)
+    if poses is not None and samples is not None:
+        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
+    if against is not None and samples is not None:
+        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
+    for name, value in (("align", align or None), ("noise", noise)):
+        if value is not None and against is None:
+            raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
+    if target is not None and (poses is not None or against is not None):
+        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
+    if path_of(poses) == path_of(against) == STDIN:
+        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
     noise_std = _noise(noise)
-    measured = poses if against is None else against
-    arm, arm_record = load_robot(robot, base_link, tip_link, None if isinstance(measured, np.ndarray) else measured)
-    toleranced, meaning, tolerance_record = _tolerances(tolerances, arm)
+    if isinstance(poses, np.ndarray):
+        poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
+    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
+    read_tolerances, tolerance_record = optional(
+        load_text, tolerances, "tolerances", lambda text, name: parse_tolerances(text, name, arm)
+    )
     grades, scale_record = load_grade_scale(scale)
     grades = grades or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
     fit = model_fit(arm) if tolerances is None and allocate is None else None
+    toleranced, meaning = read_tolerances or (arm, NORMAL)
     parameters = uncertain_parameters(toleranced) if fit is None else ()
-    planned, planned_record = _poses(poses, arm, ordered, ignore_limits, "poses")
-    measured, measured_record = _poses(against, arm, ordered, ignore_limits, "against")
-    used = measured if measured is not None else planned
-    use = use_model(
-        arm,
-        used,
-        measured_record if measured is not None else planned_record,
-        campaign=campaign,
-        strict_range=strict_range,
-        measured=measured is not None,
-    )
+    reading = {"ordered": ordered, "ignore_limits": ignore_limits}
+    # A prediction needs joints only; poses to compare with are measured.
+    planned, planned_record = optional(load_poses, poses, arm, attained=False, **reading)
+    measured, measured_record = optional(load_poses, against, arm, kind="against", **reading)
+    used, used_record = (planned, planned_record) if measured is None else (measured, measured_record)
+    is_measured = measured is not None
+    use = use_model(arm, used, used_record, campaign=campaign, strict_range=strict_range, measured=is_measured)
     arm = use.robot or arm
-    configurations = _configurations(arm, planned or measured, samples, seed, target)
+    predicted = planned or measured
+    if predicted is not None:
+        configurations = configurations_of(arm, predicted)
+    else:
+        configurations = sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
     if fit is None:
         prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
     else:
-        prediction = calibrated_accuracy(arm, fit, configurations, planned or measured, grades, seed)
-    allocation = None if allocate is None else allocate_tolerances(arm, prediction, allocate)
+        prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     aligned = effect_names(align)
     comparison: MeasuredComparison | None = None
     covered: tuple[Coverage, ...] = ()
@@ -238,7 +246,7 @@ def predict(
     options = options_of(
         predict,
         arguments,
-        samples=configurations.n if planned is None and measured is None else None,
+        samples=configurations.n if predicted is None else None,
         align=list(aligned),
         noise=list(noise) if isinstance(noise, tuple) else noise,
     )
@@ -246,7 +254,7 @@ def predict(
     return Predicted(
         **fields_of(prediction),
         robot=arm,
-        allocation=allocation,
+        allocation=None if allocate is None else allocate_tolerances(arm, prediction, allocate),
         comparison=comparison,
         coverage=covered,
         planned=planned,
@@ -255,72 +263,14 @@ def predict(
     )
 
 
-def _check(
-    poses: PosesSource | Array | None,
-    samples: int | None,
-    against: PosesSource | None,
-    align: str | Sequence[str],
-    noise: str | Noise | None,
-    target: str | None,
-) -> None:
-    if poses is not None and samples is not None:
-        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
-    if against is not None and samples is not None:
-        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
-    if against is None:
-        for name, value in (("align", align or None), ("noise", noise)):
-            if value is not None:
-                raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
-    if target is not None and (poses is not None or against is not None):
-        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
-    if path_of(poses) == path_of(against) == STDIN:
-        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
-
-
 def _noise(noise: str | Noise | None) -> Noise:
     """Return the standard deviations of position (m) and orientation (rad).
 
     Raises:
         UsageError: ``noise`` is not one or two sizes of at least zero.
     """
-    if noise is None:
-        return None, None
-    sizes = noise.split(",") if isinstance(noise, str) else noise
+    sizes = noise.split(",") if isinstance(noise, str) else noise or ()
     if len(sizes) > 2:
         raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
-    position, rotation = (*sizes, None)[:2]
-    return (
-        optional_size(position, "length", "`noise`"),
-        optional_size(rotation, "angle", "`noise`"),
-    )
-
-
-def _tolerances(path: StrPath | None, arm: Robot) -> tuple[Robot, str, tuple[InputFile, ...]]:
-    """Return the arm with the tolerances of a file, their meaning as text, and the record of the file."""
-    if path is None:
-        return arm, NORMAL, ()
-    from robacc.io.files import read_text, sha256_of
-
-    name = os.fspath(path)
-    return *parse_tolerances(read_text(name), name, arm), (InputFile.at(name, sha256_of(name), "tolerances"),)
-
-
-def _poses(
-    source: PosesSource | Array | None, arm: Robot, ordered: bool, ignore_limits: bool, kind: str
-) -> tuple[Measurements | None, tuple[InputFile, ...]]:
-    if source is None:
-        return None, ()
-    if isinstance(source, np.ndarray):
-        source = Measurements(position=np.zeros((3, source.shape[-1])), q=source.copy())
-    # A prediction needs joints only; poses to compare with are measured.
-    attained = kind == "against"
-    data, record = load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits, kind=kind, attained=attained)
-    return data, (record,)
-
-
-def _configurations(
-    arm: Robot, data: Measurements | None, samples: int | None, seed: int, target: str | None
-) -> Configurations:
-    if data is not None:
-        return configurations_of(arm, data)
-    return sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
+    position, rotation = (*sizes, None, None)[:2]
+    return optional_size(position, "length", "`noise`"), optional_size(rotation, "angle", "`noise`")

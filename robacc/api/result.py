@@ -6,14 +6,18 @@ import inspect
 import io
 import json
 import os
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 
 from robacc.api.parameters import CampaignUse
-from robacc.documents.envelope import InputFile, envelope
+from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
+from robacc.documents.keys import Kind
+from robacc.documents.parts import outside_document
 from robacc.errors import UsageError
+from robacc.io.files import write_pieces, write_text
+from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.validity import OutsideValidity, outside_validity
@@ -24,9 +28,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from pandas import DataFrame
-
-    from robacc.documents.gate import LoadedGate
-    from robacc.gates.evaluate import GateOutcome
 
 
 # Use of a model on poses: the campaign's effects that apply to them, and the poses outside its validity ranges.
@@ -41,12 +42,6 @@ class ModelUse:
     outside: OutsideValidity | None
     """Poses outside the validity ranges; None if the model has none."""
     warnings: tuple[str, ...]
-
-    def document(self) -> dict[str, Any]:
-        """Return the key ``outside_validity`` of a result; nothing without a robot."""
-        from robacc.documents.parts import outside_document
-
-        return {} if self.robot is None else {"outside_validity": outside_document(self.outside)}
 
 
 def use_model(
@@ -108,12 +103,15 @@ class Provenance:
     """How the robot's model applies to the poses; None without a robot."""
 
 
-class Result(ABC):
-    """Result of a command."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Result:
+    """Result of a command; another base has the fields of what was computed."""
 
     __slots__ = ()
     command: ClassVar[str]
     """Name of the command and of its schema."""
+    keys: ClassVar[Kind]
+    """The result's own keys, for those that need no more than the result."""
     made: Provenance
 
     if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
@@ -143,9 +141,10 @@ class Result(ABC):
         """Return the name of the input of a kind; empty without any."""
         return next((file.name for file in self.made.inputs if file.kind == kind), "")
 
-    @abstractmethod
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
+        payload: dict[str, Any] = self.keys.write(self)
+        return payload
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.
@@ -156,20 +155,20 @@ class Result(ABC):
         Raises:
             InputError: The gate cannot be read.
         """
-        if gate is None:
-            return self._document(self.made.inputs)
-        from robacc.documents.gate import read_gate
+        inputs, loaded = self.made.inputs, None
+        if gate is not None:
+            from robacc.documents.gate import gate_document, read_gate
+            from robacc.gates.evaluate import evaluate_gate
 
-        return self.gated(read_gate(os.fspath(gate)))[0]
-
-    def gated(self, gate: LoadedGate) -> tuple[dict[str, Any], GateOutcome]:
-        """Return the document with the outcome of ``gate`` under the key ``gate``, and the outcome itself."""
-        from robacc.documents.gate import gate_document
-        from robacc.gates.evaluate import evaluate_gate
-
-        document = self._document((*self.made.inputs, *gate.records))
-        outcome = evaluate_gate(gate.gate, document, gate.baselines)
-        return {**document, "gate": gate_document(outcome)}, outcome
+            loaded = read_gate(os.fspath(gate))
+            inputs = (*inputs, *loaded.records)
+        payload, use = self.payload(), self.made.use
+        if use is not None and use.robot is not None:
+            payload["outside_validity"] = outside_document(use.outside)
+        document = envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
+        if loaded is None:
+            return document
+        return {**document, "gate": gate_document(evaluate_gate(loaded.gate, document, loaded.baselines))}
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
         """Return the document as text: the output of the command with ``--format json``, byte for byte.
@@ -177,8 +176,6 @@ class Result(ABC):
         Raises:
             InputError: The gate cannot be read.
         """
-        from robacc.io.json_text import json_text
-
         return json_text(self.document(gate=gate))
 
     def save(self, path: str | os.PathLike[str], *, gate: str | os.PathLike[str] | None = None) -> None:
@@ -187,8 +184,6 @@ class Result(ABC):
         Raises:
             InputError: The file cannot be written, or the gate cannot be read.
         """
-        from robacc.io.files import write_text
-
         write_text(path, self.to_json(gate=gate))
 
     def _repr_html_(self) -> str:
@@ -210,10 +205,10 @@ class Result(ABC):
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
         from robacc.documents.envelope import read_identity
-        from robacc.io.files import write_text
         from robacc.render.page import render
 
-        pairs = () if identity is None else (identity,) if isinstance(identity, str) else _pairs(identity)
+        texts = identity.items() if isinstance(identity, Mapping) else ()
+        pairs = [identity] if isinstance(identity, str) else [f"{key}={text}" for key, text in texts]
         write_text(path, render([self._plain()], [self.command], read_identity(pairs)))
 
     def plot(self, kind: str | None = None, number: int = 1, *, path: str | os.PathLike[str] | None = None) -> Figure:
@@ -266,13 +261,27 @@ class Result(ABC):
         document: dict[str, Any] = json.loads(self.to_json())
         return document
 
-    def _document(self, inputs: Sequence[InputFile]) -> dict[str, Any]:
-        payload = {**self.payload(), **({} if self.made.use is None else self.made.use.document())}
-        return envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
 
+class CsvResult(Result):
+    """Result with a CSV of poses, which its command writes."""
 
-def _pairs(identity: Mapping[str, str]) -> tuple[str, ...]:
-    return tuple(f"{key}={text}" for key, text in identity.items())
+    __slots__ = ()
+
+    @abstractmethod
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the text of :meth:`csv` in pieces."""
+
+    def csv(self) -> str:
+        """Return the file that the command writes."""
+        return "".join(self.csv_pieces())
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write :meth:`csv` to a file; a failure leaves no partial file.
+
+        Raises:
+            InputError: The file cannot be written.
+        """
+        write_pieces(path, self.csv_pieces())
 
 
 def fields_of(body: DataclassInstance) -> dict[str, Any]:
@@ -288,14 +297,39 @@ def options_of(call: Callable[..., Result], arguments: Mapping[str, object], **r
         arguments: Its arguments, as ``locals()`` gives them before the first assignment.
         resolved: Values that replace the arguments as given; a parameter named here is recorded in any case.
     """
-    parameters = inspect.signature(call).parameters
-    if unknown := resolved.keys() - parameters.keys():
-        raise TypeError(f"{call.__name__} has no parameter {', '.join(sorted(unknown))}")
     values = {**arguments, **resolved}
-    return {name: values[name] for name in parameters if name in resolved or name not in RECORDED_APART}
+    names = inspect.signature(call).parameters
+    return {name: values[name] for name in names if name in resolved or name not in RECORDED_APART}
 
 
 def effect_names(effects: str | Sequence[str] | None) -> tuple[str, ...]:
     """Return the names in a list, or in text separated by commas, in their order and once; none for ``"none"``."""
     names = () if effects == "none" else effects.split(",") if isinstance(effects, str) else effects or ()
     return tuple(dict.fromkeys(name.strip() for name in names if name.strip()))
+
+
+# Schemas of the results, made from the declarations of their keys.
+
+
+def schema_names() -> tuple[str, ...]:
+    """Return the commands whose results have a schema."""
+    return tuple(sorted(MODULES))
+
+
+def schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema (draft 2020-12) of a command's result.
+
+    Args:
+        name: Name of the command, such as ``estimate``.
+
+    Raises:
+        UsageError: No command of that name has a schema.
+
+    Example:
+        >>> import robacc
+        >>> robacc.schema("estimate")["properties"]["n_poses"]["description"]
+        'Measured poses (rows).'
+    """
+    if name not in MODULES:
+        raise UsageError(f"no schema {name!r}; choose one of {', '.join(schema_names())}")
+    return result_schema(name)

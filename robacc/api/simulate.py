@@ -2,53 +2,48 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from dataclasses import asdict, dataclass
+from typing import Annotated, ClassVar, Literal
 
-from robacc.api.inputs import checked_poses, load_robot, pose_path, record_of, require_poses
+from robacc.api.inputs import load_poses, load_robot, optional
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
     Help,
     IgnoreLimits,
+    PosesSource,
     RobotArgument,
     Seed,
     StrictRange,
-    StrPath,
     TipLink,
     call,
     numbers,
     temperatures,
 )
-from robacc.api.result import Provenance, Result, fields_of, use_model
+from robacc.api.result import CsvResult, Provenance, fields_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import InputFile
+from robacc.documents.descriptions import SIMULATE
 from robacc.errors import MissingColumnError, UsageError
-from robacc.measurements import Measurements
-from robacc.poses.csv_file import pose_pieces, read_poses
+from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation
 from robacc.simulation.simulate import simulate as simulate_poses
-
-if TYPE_CHECKING:
-    from robacc.api.parameters import PosesSource
 
 _FIRST_ROW = 4
 """Line of the first row in a file with outliers, below two comments and the header."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Simulated(Result, Simulation):
+class Simulated(CsvResult, Simulation):
     """Simulated poses, with the robot and the plan."""
 
     command: ClassVar[str] = "simulate"
+    keys = SIMULATE
     robot: Robot
     plan: Plan
-    made: Provenance
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -60,35 +55,16 @@ class Simulated(Result, Simulation):
         """Lines of :meth:`csv` with outliers."""
         return [int(row) + _FIRST_ROW for row in self.outliers]
 
-    def csv(self) -> str:
-        """Return the file that the command writes."""
-        return "".join(self.csv_pieces())
-
     def csv_pieces(self) -> Iterator[str]:
         """Yield the text of :meth:`csv` in pieces."""
-        source = self.made.inputs[0].name
-        settings = f"seed {self.plan.seed}, {_noise_text(self.plan)}"
-        head = [f"Simulated by robacc simulate from {source} with {settings}; nothing was measured."]
-        lines = self.outlier_lines
-        head += [f"Outliers on lines {', '.join(map(str, lines))}"] if lines else []
-        yield "".join(f"# {line}\n" for line in head)
+        plan, rotation_noise = self.plan, self.plan.noise_orientation if self.plan.orientation else 0.0
+        sizes = ((plan.noise_position, "mm"), (rotation_noise, "mrad"))
+        noise = " and ".join(f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0)
+        settings = f"seed {plan.seed}, {f'noise {noise}' if noise else 'no noise'}"
+        yield f"# Simulated by robacc simulate from {self.named('robot')} with {settings}; nothing was measured.\n"
+        if lines := self.outlier_lines:
+            yield f"# Outliers on lines {', '.join(map(str, lines))}\n"
         yield from pose_pieces(self.data)
-
-    def write(self, path: StrPath) -> None:
-        """Write :meth:`csv` to a file; a failure leaves no partial file.
-
-        Raises:
-            InputError: The file cannot be written.
-        """
-        from robacc.io.files import write_pieces
-
-        write_pieces(path, self.csv_pieces())
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys: a summary of the file, without the poses."""
-        from robacc.documents.descriptions import SIMULATE
-
-        return SIMULATE.write(self)
 
 
 @call
@@ -167,6 +143,7 @@ def simulate(
     """
     if (poses is None) == (at is None):
         raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
+    ends = temperature if isinstance(temperature, tuple | None) else (temperature, temperature)
     plan = Plan(
         poses=poses or 0,
         seed=seed,
@@ -181,27 +158,9 @@ def simulate(
         commanded=commanded,
         motion=motion,
         time_step=time_step,
-        temperature=_temperature_range(temperature),
+        temperature=None if ends is None else (float(ends[0]), float(ends[1])),
         payloads=tuple(map(float, payload)),
     )
-    _check(plan)
-    arm, arm_record = load_robot(robot, base_link, tip_link, at)
-    described = arm
-    arm = use_model(arm, None, campaign=campaign).robot or arm
-    planned, records = _planned(at, arm, ignore_limits)
-    try:
-        body = simulate_poses(arm, plan, planned)
-    except MissingColumnError as error:
-        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
-        raise MissingColumnError(message) from error
-    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
-    options = {**dataclasses.asdict(plan), "campaign": campaign, "strict_range": strict_range}
-    return Simulated(
-        **fields_of(body), robot=arm, plan=plan, made=Provenance(options, (arm_record, *records), seed, use)
-    )
-
-
-def _check(plan: Plan) -> None:
     for mass in plan.payloads:
         if not 0 <= mass < math.inf:
             raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
@@ -209,31 +168,17 @@ def _check(plan: Plan) -> None:
         raise UsageError("`temperature`: expected finite numbers")
     if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
         raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
-
-
-def _noise_text(plan: Plan) -> str:
-    """Return the standard deviations of the noise along and about each axis as text."""
-    sizes = [(plan.noise_position, "mm"), (plan.noise_orientation if plan.orientation else 0.0, "mrad")]
-    texts = [f"{size * 1e3:.6g} {unit}" for size, unit in sizes if size > 0]
-    return f"noise {' and '.join(texts)}" if texts else "no noise"
-
-
-def _temperature_range(temperature: float | tuple[float, float] | None) -> tuple[float, float] | None:
-    if temperature is None:
-        return None
-    start, end = temperature if isinstance(temperature, tuple) else (temperature, temperature)
-    return float(start), float(end)
-
-
-def _planned(
-    at: PosesSource | None, arm: Robot, ignore_limits: bool
-) -> tuple[Measurements | None, tuple[InputFile, ...]]:
-    if at is None:
-        return None, ()
-    if isinstance(at, Measurements):
-        data = checked_poses(at, arm)
-        return require_poses(data), (record_of(data, "poses"),)
-    # Not read_robot_poses: poses to visit name no target; the robot visits every target at each pose.
-    path = pose_path(at)
-    data = read_poses(path, robot=joints_of(arm), ignore_limits=ignore_limits, attained=False)
-    return require_poses(data), (InputFile.at(path, data.sha256 or "", "poses"),)
+    described, arm_record = load_robot(robot, base_link, tip_link, at)
+    arm = use_model(described, None, campaign=campaign).robot or described
+    planned, records = optional(
+        load_poses, at, arm, ignore_limits=ignore_limits, attained=False, visited_by=joints_of(arm)
+    )
+    try:
+        body = simulate_poses(arm, plan, planned)
+    except MissingColumnError as error:
+        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
+        raise MissingColumnError(message) from error
+    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
+    options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
+    made = Provenance(options, (arm_record, *records), seed, use)
+    return Simulated(**fields_of(body), robot=arm, plan=plan, made=made)

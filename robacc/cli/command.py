@@ -1,33 +1,35 @@
 """Commands made from the declarations of the calls, and from what a command's own function adds to its call.
 
-A parameter is declared by ``Annotated[type, Help(…)]``: positional ones are arguments, others options. The function
-of a command may have a parameter ``call``, which gets the call with its arguments, and groups of options.
+A parameter is declared by ``Annotated[type, Help(…)]``: positional ones are arguments, others options.
 """
 
 from __future__ import annotations
 
-import ast
 import inspect
-import sys
+import itertools
+import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
+from types import UnionType
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 import typer
 
-from robacc.api.parameters import Help, choices_of, meaning_of
-from robacc.cli import clock
+from robacc.api import HOMES
+from robacc.api.parameters import Help, choices_of, meanings
+from robacc.cli import commands, output
+from robacc.errors import UsageError
+from robacc.plug_ins import plug_in_names
 from robacc.render import text as console
 from robacc.render.text import as_options
 
-_API = Path(__file__).parents[1] / "api"
 _READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")
 """Parameters of ``read_poses`` that are options of every command with a file of poses."""
 _OF_MEASUREMENTS = ("coverage", "commanded", "bag")
 """Those of them that say something of measured poses only."""
-_QUIET = Help("Leave out the notes on how files were read.")
 
 
 class Declared(NamedTuple):
@@ -39,124 +41,92 @@ class Declared(NamedTuple):
     is_argument: bool
     is_repeated: bool
     owner: str
-    """Parameter of the command's function that gets the value: ``call``, a group, or of its own name."""
+    """Who gets the value: ``call``, ``outlets``, ``reading``, or the command's function itself if empty."""
 
 
-def load(name: str, module: str | None = None) -> Any:
-    """Import the module of a command and return the command; the call's module is imported when it runs."""
-    module = module or name
-    show = getattr(import_module(f"robacc.cli.commands.{module}"), module)
-    options = declared_options(show, module)
-    program = typer.Typer(add_completion=False, rich_markup_mode=None)
-    program.command(name)(_command(show, module, options))
-    return typer.main.get_command(program)
-
-
-def declared_options(show: Callable[..., None], module: str) -> dict[str, Declared]:
-    """Return the arguments and options of a command: those of its call, its own, and how files of poses are read."""
-    own = inspect.signature(show).parameters
-    found = dict(_declared(declaration(module, module), "call")) if "call" in own else {}
-    for name, group in _groups(show).items():
-        found |= {key: item._replace(is_argument=False) for key, item in _declared(group, name) if key not in own}
-    found |= {name: item._replace(owner=name) for name, item in _declared(show, "")}
-    held = {item.meaning.holds for item in found.values()} & {"measured poses", "planned poses"}
-    if held:
-        reading = dict(_declared(declaration("reading", "read_poses"), "reading"))
-        left_out = _OF_MEASUREMENTS if "measured poses" not in held else ()
-        found |= {name: reading[name] for name in _READING if name not in left_out and name not in found}
-        found["quiet"] = Declared(bool, _QUIET, False, False, False, "quiet")
-    return found
-
-
-def declaration(module: str, name: str) -> Callable[..., Any]:
-    """Return an empty function with the signature of a call, read from its source: its module would import NumPy."""
-    tree = ast.parse((_API / f"{module}.py").read_text(encoding="utf-8"))
-    call = next(item for item in tree.body if isinstance(item, ast.FunctionDef) and item.name == name)
-    call.decorator_list, call.body = [], call.body[:1]  # the docstring
-    future = next(item for item in tree.body if isinstance(item, ast.ImportFrom))
-    names: dict[str, Any] = {}
-    exec(compile(ast.Module([future, call], []), module, "exec"), names)
-    return names[name]  # type: ignore[no-any-return]
-
-
-def _groups(show: Callable[..., None]) -> dict[str, type]:
-    """Return the groups of options among the parameters of a command's function."""
-    names = sys.modules[show.__module__].__dict__
-    kinds = {name: meaning_of(item.annotation, names)[0] for name, item in inspect.signature(show).parameters.items()}
-    return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, tuple)}
-
-
-def _declared(function: Callable[..., Any], owner: str) -> Iterator[tuple[str, Declared]]:
-    """Yield the parameters that ``--help`` explains."""
-    names = getattr(sys.modules.get(function.__module__), "__dict__", {})
-    for name, item in inspect.signature(function).parameters.items():
-        kind, meaning = meaning_of(item.annotation, names)
-        if meaning.text:
-            several = [get_origin(leaf) in (list, Sequence) for leaf in _leaves(kind) if leaf is not type(None)]
-            is_repeated = item.kind is item.VAR_POSITIONAL or (all(several) and meaning.read is None)
-            yield name, Declared(kind, meaning, item.default, item.kind is not item.KEYWORD_ONLY, is_repeated, owner)
-
-
-def _command(show: Callable[..., None], module: str, options: Mapping[str, Declared]) -> Callable[..., None]:
-    """Return the function whose signature typer reads; it makes the arguments of the command's function."""
+def load(name: str, form: str | None = None) -> Any:
+    """Return a command with its options; the module of its call is imported when it runs."""
+    show = getattr(commands, form or name)
+    options = declared_options(show)
 
     def run(**given: Any) -> None:
-        from robacc.cli.call_checks import check_call
-
-        clock.start()
+        output.started = time.time()
         check_call(given, [name for name in given if options[name].meaning.holds == "output"])
         console.is_quiet = given.pop("quiet", False)
-        values: dict[str, dict[str, Any]] = {}
+        values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}, "reading": {}}
         for name, value in given.items():
-            owner, read = options[name].owner, options[name].meaning.read
-            values.setdefault(owner, {})[name] = value if read is None or value is None else read(name, value)
-        reading = values.pop("reading", {})
+            read = options[name].meaning.read
+            values[options[name].owner][name] = value if read is None or value is None else read(name, value)
+        reading, arguments = values.pop("reading"), values[""]
         if any(reading.values()):
-            _state(values, options, reading)
-        arguments = {owner: own[owner] for owner, own in values.items() if owner in own}
-        arguments |= {name: group(**values.get(name, {})) for name, group in _groups(show).items()}
-        if "call" in values:
-            arguments["call"] = _bound(module, options, values["call"])
+            for own in values.values():
+                own |= {name: _read_as(own[name], reading) for name in own if "poses" in options[name].meaning.holds}
+        if values["outlets"]:
+            arguments["outlets"] = output.Outlets(**values["outlets"])
+        if "call" in inspect.signature(show).parameters:
+            call = getattr(import_module(f"robacc.{HOMES[show.__name__]}"), show.__name__)
+            named = {name: options[name].default if value is None else value for name, value in values["call"].items()}
+            paths = [named.pop(name) for name in [*named] if options[name].is_argument and options[name].is_repeated]
+            arguments["call"] = partial(call, *itertools.chain(*paths), **named)
         show(**arguments)
 
     parameters = [_typer_parameter(name, option) for name, option in options.items()]
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {item.name: item.annotation for item in parameters}
     run.__doc__ = show.__doc__
-    return run
+    program = typer.Typer(add_completion=False, rich_markup_mode=None)
+    program.command(name)(run)
+    return typer.main.get_command(program)
 
 
-def _state(values: dict[str, dict[str, Any]], options: Mapping[str, Declared], reading: Mapping[str, Any]) -> None:
-    """Replace the paths of files of poses by paths that carry how the files are read."""
-    from robacc.poses.reading import PoseFile
+def declared_options(show: Callable[..., None]) -> dict[str, Declared]:
+    """Return the arguments and options of a command: those of its call, its own, and how files of poses are read."""
+    own = dict(_declared(show, ""))
+    parameters = inspect.signature(show).parameters
+    found = dict(_declared(_declaration(show.__name__), "call")) if "call" in parameters else {}
+    if "outlets" in parameters:
+        outlets = _declared(output.Outlets, "outlets")
+        found |= {name: item._replace(is_argument=False) for name, item in outlets if name not in own}
+    found |= own
+    held = {item.meaning.holds for item in found.values()} & {"measured poses", "planned poses"}
+    if held:
+        reading = dict(_declared(_declaration("read_poses"), "reading"))
+        left_out = _OF_MEASUREMENTS if "measured poses" not in held else ()
+        found |= {name: reading[name] for name in _READING if name not in left_out and name not in found}
+        found["quiet"] = Declared(bool, Help("Leave out the notes on how files were read."), False, False, False, "")
+    return found
 
-    for own in values.values():
-        for name, value in own.items():
-            if options[name].meaning.holds in ("measured poses", "planned poses"):
-                if isinstance(value, list):
-                    own[name] = [PoseFile(path, **reading) for path in value]
-                elif isinstance(value, str):
-                    own[name] = PoseFile(value, **reading)
+
+def _declaration(name: str) -> Callable[..., Any]:
+    """Return a call as its source declares it, which is not to be called: its module would import NumPy."""
+    path = Path(__file__).parents[1].joinpath(*HOMES[name].split(".")).with_suffix(".py")
+    source = path.read_text(encoding="utf-8")
+    start = source.index(f"\ndef {name}(")
+    names: dict[str, Any] = {"__name__": meanings.__module__}  # whose names the annotations use
+    exec("from __future__ import annotations\n" + source[start : source.find("\n\n\n", start)], names)
+    return names[name]  # type: ignore[no-any-return]
 
 
-def _bound(module: str, options: Mapping[str, Declared], values: Mapping[str, Any]) -> partial[Any]:
-    """Return the call with its arguments; an option that was not given leaves the default of the call."""
-    function = getattr(import_module(f"robacc.api.{module}"), module)
-    positional = [name for name in values if options[name].is_repeated and options[name].is_argument]
-    named = {name: value for name, value in values.items() if name not in positional}
-    given = {name: value for name, value in named.items() if value is not None or options[name].default is None}
-    return partial(function, *(path for name in positional for path in values[name]), **given)
+def _declared(function: Callable[..., Any], owner: str) -> Iterator[tuple[str, Declared]]:
+    """Yield the parameters that ``--help`` explains."""
+    declared = meanings(function)
+    for name, item in inspect.signature(function).parameters.items():
+        kind, meaning = declared[name]
+        if meaning.text:
+            several = [get_origin(leaf) in (list, Sequence) for leaf in _leaves(kind) if leaf is not type(None)]
+            is_repeated = item.kind is item.VAR_POSITIONAL or (all(several) and meaning.read is None)
+            yield name, Declared(kind, meaning, item.default, item.kind is not item.KEYWORD_ONLY, is_repeated, owner)
 
 
 def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     """Return the parameter of typer for an argument or option."""
-    meaning, default = option.meaning, option.default
-    kind: Any = next((kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)}), str)
-    if choices_of(option.kind):
-        kind = option.kind
-    if option.is_repeated:
-        kind = list[str]
-    default = None if default == () else default
+    meaning, default = option.meaning, None if option.default == () else option.default
+    plain = (kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)})
+    choices = choices_of(option.kind)
+    if meaning.group:
+        choices = (*choices, *plug_in_names(meaning.group))
+    kind: Any = Literal[choices] if choices else next(plain, str)
+    kind = list[str] if option.is_repeated else kind
     kind = kind if default is not None else kind | None
     about: Any = {
         "metavar": meaning.metavar,
@@ -164,23 +134,93 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
         "min": meaning.least,
         "max": meaning.most,
     }
-    if option.is_argument:
-        info = typer.Argument(**about)
-    else:
-        info = typer.Option(*map(_spelled, meaning.names or (name.replace("_", "-"),)), **about)
+    names = meaning.names or (name.replace("_", "-"),)
+    spelled = (f"-{name}" if len(name) == 1 else f"--{name.replace('/', '/--')}" for name in names)
+    info = typer.Argument(**about) if option.is_argument else typer.Option(*spelled, **about)
     annotation = Annotated[kind, info]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
-def _spelled(name: str) -> str:
-    """Return the name of an option, or of a pair, with its dashes."""
-    return f"-{name}" if len(name) == 1 else f"--{name.replace('/', '/--')}"
+def _leaves(kind: Any) -> tuple[Any, ...]:
+    """Return the members of a union, or the type itself."""
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
-def _leaves(kind: Any) -> Iterator[Any]:
-    """Yield the members of a union, or the type itself."""
-    if get_origin(kind) is Union or type(kind).__name__ == "UnionType":
-        for part in get_args(kind):
-            yield from _leaves(part)
-    else:
-        yield kind
+def _read_as(value: Any, reading: Mapping[str, Any]) -> Any:
+    """Return paths of files of poses as paths that carry how the files are read."""
+    from robacc.poses.reading import PoseFile
+
+    if isinstance(value, list):
+        return [PoseFile(path, **reading) for path in value]
+    return PoseFile(value, **reading) if isinstance(value, str) else value
+
+
+# Checks of the options of a call before anything is computed.
+
+
+def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
+    """Raise an error for options that cannot work, before anything is computed.
+
+    Args:
+        parameters: Values of the options by the names of their parameters.
+        outputs: Parameters that name files to write.
+
+    Raises:
+        UsageError: an output has no name or would overwrite an input or another output, standard input is named twice,
+            ``--junit`` is given without ``--gate``, or a library that ``--report`` needs is not installed.
+        InputError: the gate cannot be read, or an output is a folder or in a folder that does not exist.
+    """
+    if parameters.get("junit") is not None and parameters.get("gate") is None:
+        raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
+    if parameters.get("report") is not None:
+        from robacc.render.plots.canvas import need
+
+        need("matplotlib", "plotly", "jinja2")
+    texts = [text for name, value in parameters.items() if name not in outputs for text in _texts(value)]
+    if texts.count("-") > 1:
+        raise UsageError("standard input can be read only once, but - is given more than once; name files")
+    inputs = [text for text in texts if _is_file(text)]
+    # A gate from a pipe can be read only once, which happens when there is a result to check.
+    gate = parameters.get("gate")
+    if gate is not None and gate != "-" and (_is_file(gate) or os.path.isdir(gate) or not os.path.exists(gate)):
+        from robacc.documents.gate import baseline_path, read_gate
+
+        inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
+    is_folder_allowed = len(_texts(parameters.get("poses"))) > 1
+    written: dict[str, str] = {}
+    for name in sorted(outputs):
+        for path in _texts(parameters[name]):
+            _check_output(f"--{name.replace('_', '-')}", path, inputs, written, is_folder_allowed)
+
+
+def _check_output(
+    option: str, path: str, inputs: Sequence[str], written: dict[str, str], is_folder_allowed: bool
+) -> None:
+    """Check a file to write, and add it to those that are ``written``, with its option."""
+    from robacc.io.files import target_of
+
+    if not path:
+        raise UsageError(f"{option}: expected the name of a file, found nothing")
+    if path != "-" and _is_file(path) and any(os.path.samefile(path, file) for file in inputs):
+        raise UsageError(f"{option} {path} is also an input and would be overwritten; name another file")
+    other = written.setdefault(path if path == "-" else os.path.realpath(path), option)
+    if other != option:
+        both, fix = ("standard output", "a file for one of them") if path == "-" else (path, "two files")
+        raise UsageError(f"{other} and {option} both name {both}; name {fix}")
+    # With several files of poses, each result is a file in a folder, which is made.
+    is_folder = is_folder_allowed and (path.endswith(("/", os.sep)) or os.path.isdir(path))
+    if path != "-" and not is_folder:
+        target_of(path)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list | tuple) else ()
+
+
+def _is_file(path: str) -> bool:
+    try:
+        return os.path.isfile(path)
+    except ValueError:  # a NUL in the name
+        return False

@@ -1,7 +1,7 @@
 """Entry point of the command line: the commands, and the exit status of every error.
 
-The module of a command is imported when the command runs, so that ``robacc --help`` is fast. For the same reason,
-modules of commands import NumPy and its users inside their functions.
+The commands are imported when one runs, so that ``robacc --help`` is fast. For the same reason, their modules import
+NumPy and its users inside their functions.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ COMMANDS = {
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",
 }
-"""Each command and its line in ``robacc --help``; its module and its function have the same name."""
+"""Each command and its line in ``robacc --help``; its function has the same name."""
 FORMS = {
     "show robots": "robots",
     "show effects": "effects",
@@ -43,7 +43,7 @@ FORMS = {
     "plan --for iso9283": "iso9283_poses",
     "init --from": "import_",
 }
-"""Forms of a command with arguments and options of their own: the words that choose them, and the module."""
+"""Forms of a command with arguments and options of their own: the words that choose them, and the function."""
 RENAMED: dict[str, tuple[str, list[str]]] = {
     "robots": ("show robots", []),
     "effects": ("show effects", []),
@@ -138,58 +138,40 @@ for _name in RENAMED:
 
 
 def main() -> None:
-    """Run the command line and exit with its status; a defect of robacc shows a traceback and exits with 1."""
+    """Run the command line, help and version included, write all of its output, and exit with its status.
+
+    A defect of robacc shows a traceback and exits with 1.
+    """
     # Set before NumPy is imported, so that no thread is started.
     os.environ.setdefault(VARIABLE, "1")
-    _open_closed_streams()
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
+    # Standard output for reading: a result on it is an error, a result in a file is not.
+    for name, mode in (("stdin", "r"), ("stdout", "r"), ("stderr", "w")):
+        stream = getattr(sys, name)
+        if stream is None:  # the shell closed it (``>&-``), and the next file would get its number
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the process ends)
+        elif name != "stdin" and isinstance(stream, io.TextIOWrapper):
             # A terminal that cannot show "±" shows "?"; without this, the program would end.
             stream.reconfigure(errors="replace")
     try:
-        _run()
-    except KeyboardInterrupt:
-        say("interrupted; nothing was written", "dim")
-        sys.exit(INTERRUPTED)
-    except BrokenPipeError:
-        _discard_output()
-        sys.exit(BROKEN_PIPE)
-    except OSError as error:
-        if error.filename is not None:
+        try:
+            typer.main.get_command(app)(prog_name="robacc")
+        except SystemExit as end:
+            if isinstance(end.__context__, BrokenPipeError):
+                # typer and rich would exit with the status of a crash.
+                raise BrokenPipeError from end
+            sys.stdout.flush()
             raise
-        # An error without a file name is about standard output, which is full or closed.
-        say_error(InputError(Problem(f"cannot be written: {str(error.strerror or error).lower()}", "standard output")))
-        _discard_output()
-        sys.exit(InputError.exit_status)
-
-
-def _run() -> None:
-    """Run the requested command, help and version included, and write all of its output.
-
-    Raises:
-        SystemExit: always, with the status.
-        BrokenPipeError: the reader of standard output or of the messages has closed it.
-    """
-    try:
-        typer.main.get_command(app)(prog_name="robacc")
-    except SystemExit as end:
-        if isinstance(end.__context__, BrokenPipeError):
-            # typer and rich would exit with the status of a crash.
-            raise BrokenPipeError from end
-        sys.stdout.flush()
-        raise
-
-
-def _open_closed_streams() -> None:
-    """Open the null device for a stream that the shell closed (``>&-``); else the next file would get its number."""
-    # Standard output for reading: a result on it is an error, a result in a file is not.
-    for name, mode in (("stdin", "r"), ("stdout", "r"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115 (until the process ends)
-
-
-def _discard_output() -> None:
-    """Send buffered output to the null device; else the interpreter reports the same error again at its exit."""
-    null_device = os.open(os.devnull, os.O_WRONLY)
-    for number in (1, 2):
-        os.dup2(null_device, number)
+    except OSError as error:
+        status = BROKEN_PIPE
+        if not isinstance(error, BrokenPipeError):
+            if error.filename is not None:
+                raise
+            # An error without a file name is about standard output, which is full or closed.
+            text = f"cannot be written: {str(error.strerror or error).lower()}"
+            say_error(InputError(Problem(text, "standard output")))
+            status = InputError.exit_status
+        # Else the interpreter reports the same error again at its exit, when it writes buffered output.
+        null_device = os.open(os.devnull, os.O_WRONLY)
+        for number in (1, 2):
+            os.dup2(null_device, number)
+        sys.exit(status)

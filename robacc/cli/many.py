@@ -7,23 +7,27 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any, NamedTuple, TextIO
+from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple, TextIO
 
-from robacc.cli import clock
-from robacc.cli.options import Format, Outlets
+import typer
+
+from robacc import parallel
+from robacc.cli import output
+from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.outcomes import EstimateHeadline, FileOutcome, exit_status
+from robacc.render.text import say, say_error, say_warnings
 
-if TYPE_CHECKING:
-    from robacc.api.estimate import Estimate
-    from robacc.gates.evaluate import GateOutcome
-    from robacc.parallel import Died
-
-
-# Estimate of one of several files, in a process of its own.
+_SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
+"""Suffix of the result of a file, by form."""
+_FILE_COST = 3 * 2**20
+"""Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
+_PROCESS_COST = 24 * 2**20
+"""Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
 
 
 class FileTask(NamedTuple):
@@ -33,8 +37,8 @@ class FileTask(NamedTuple):
     name: str
     options: Mapping[str, Any]
     """Arguments of :func:`robacc.estimate` besides the poses."""
-    form: Format
-    gate: str | None
+    outlets: Outlets
+    """Form and gate of all results."""
     result: str | None
     """File for the result in the requested form."""
     document: str | None
@@ -45,72 +49,39 @@ class FileTask(NamedTuple):
 
 
 def estimate_file(task: FileTask) -> FileOutcome:
-    """Estimate a file and write its results; an error in the file becomes part of the outcome."""
+    """Estimate a file and write its results, as the command does for a single file; an error becomes its outcome."""
     from robacc.api.estimate import estimate
+    from robacc.io.json_text import json_pieces
 
     started = time.perf_counter()
     try:
-        outcome = _write_files(task, estimate(task.path, **task.options))
+        result = estimate(task.path, **task.options)
+        document, gate, warnings = output.with_gate(result, task.outlets.gate)
+        if task.per_pose is not None:
+            output.write(task.per_pose, (result.per_pose_csv(),))
+        if task.document is not None:
+            output.write(task.document, json_pieces(document()))
+        if task.result is not None:
+            outlets = Outlets(format=task.outlets.form, output=task.result)
+            table = partial(result.draw, full=task.full, poses=task.path, robot=task.options["robot"])
+            output.write_result(outlets, "estimate", document, table, gate, warnings)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
-    return replace(outcome, seconds=time.perf_counter() - started)
-
-
-def _write_files(task: FileTask, result: Estimate) -> FileOutcome:
-    """Write the files of a result, as the command does for a single file."""
-    from robacc.cli.output import table_of, with_gate, write_result
-    from robacc.documents.gate import read_gate
-    from robacc.io.files import write_pieces, write_text
-    from robacc.io.json_text import json_pieces
-
-    outcome: GateOutcome | None = None
-    document: Mapping[str, Any] = {}
-    if task.gate is not None:
-        document, outcome = result.gated(read_gate(task.gate))
-    elif task.document is not None or task.form == "json":
-        document = result.document()
-    warnings = (*result.warnings, *(() if outcome is None else outcome.warnings))
-    if task.per_pose is not None:
-        write_text(task.per_pose, result.per_pose_csv())
-    if task.document is not None:
-        write_pieces(task.document, json_pieces(document))
-    gate = document.get("gate")
-    if task.result is not None:
-        table = table_of(result, task.path, task.options["robot"], task.full)
-        write_result(
-            Outlets(format=task.form, output=task.result),
-            "estimate",
-            document=lambda: document,
-            table=with_gate(table, gate, task.form) if gate else table,
-            gate=gate,
-            warnings=warnings,
+    else:
+        position, rotation, grade = result.position, result.orientation, result.grade
+        headline = EstimateHeadline(
+            n_poses=result.n_poses,
+            rms=position.rms,
+            p95=position.p95,
+            max=position.max,
+            orientation_rms=None if rotation is None else rotation.rms,
+            grade=grade.grade,
+            demonstrated=grade.demonstrated,
         )
-    position, orientation, grade = result.position, result.orientation, result.grade
-    return FileOutcome(
-        task.name,
-        0 if outcome is None else outcome.exit_status,
-        EstimateHeadline(
-            result.n_poses,
-            position.rms,
-            position.p95,
-            position.max,
-            None if orientation is None else orientation.rms,
-            grade.grade,
-            grade.demonstrated,
-        ),
-        warnings=warnings,
-        gate=gate,
-        written=None if task.result is None else PurePath(task.result).name,
-    )
-
-
-_SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
-"""Suffix of the result of a file, by form."""
-_FILE_COST = 3 * 2**20
-"""Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
-_PROCESS_COST = 24 * 2**20
-"""Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
+        status, written = 0 if gate is None else gate["exit_status"], task.result and PurePath(task.result).name
+        outcome = FileOutcome(task.name, status, headline, warnings=warnings, gate=gate, written=written)
+    return replace(outcome, seconds=time.perf_counter() - started)
 
 
 def estimate_each(
@@ -119,8 +90,7 @@ def estimate_each(
     outlets: Outlets,
     per_pose: str | None,
     jobs: int | None,
-    *,
-    full: bool = False,
+    full: bool,
 ) -> None:
     """Estimate every file, write the results, and exit with the worst status.
 
@@ -137,37 +107,34 @@ def estimate_each(
         InputError: an input of all files cannot be read, or a result cannot be written.
         typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
-    import tempfile
-
-    import typer
-
     _check_call(paths, options, per_pose)
-    folder = _folder(outlets.output)
-    with ExitStack() as stack:
-        documents = None
-        if outlets.report is not None or (outlets.form == "json" and folder is None):
-            documents = stack.enter_context(tempfile.TemporaryDirectory(prefix="robacc-"))
-        names = distinct_names(paths)
+    folder, per_pose_folder = _folder(outlets.output), per_pose and _folder(per_pose)
+    needs_documents = outlets.report is not None or (outlets.form == "json" and folder is None)
+    with TemporaryDirectory(prefix="robacc-") as documents:
         tasks = [
             FileTask(
                 path,
                 name,
                 options,
-                outlets.form,
-                outlets.gate,
+                outlets,
                 _target(folder, name, _SUFFIXES[outlets.form]),
-                _target(documents, str(number), ".json"),
-                _target(None if per_pose is None else _folder(per_pose), name, ".csv"),
+                _target(documents if needs_documents else None, str(number), ".json"),
+                _target(per_pose_folder, name, ".csv"),
                 full,
             )
-            for number, (path, name) in enumerate(zip(paths, names, strict=True))
+            for number, (path, name) in enumerate(zip(paths, distinct_names(paths), strict=True))
         ]
         _check_targets(tasks)
-        outcomes = _run(tasks, jobs or _jobs(paths), folder)
+        outcomes = _run(tasks, jobs, folder)
+        warnings = _warnings(outcomes)
         try:
-            _write(outcomes, tasks, outlets, folder)
+            _write(outcomes, tasks, outlets, folder, warnings)
         finally:
-            _report_problems(outcomes)
+            say_warnings(warnings)
+            for outcome in outcomes:
+                if outcome.failed:
+                    say_error(InputError(outcome.problems, total=outcome.n_problems))
+            _say_tip(outcomes)
     if status := exit_status(outcomes):
         raise typer.Exit(status)
 
@@ -218,10 +185,8 @@ def distinct_names(paths: Sequence[str]) -> list[str]:
 
 
 def _target(folder: str | None, name: str, suffix: str) -> str | None:
-    if folder is None:
-        return None
-    stem = name.removesuffix(PurePath(name).suffix)
-    return os.path.join(folder, stem.replace("/", "-").lstrip("-.") + suffix)
+    stem = name.removesuffix(PurePath(name).suffix).replace("/", "-").lstrip("-.")
+    return folder and os.path.join(folder, stem + suffix)
 
 
 def _check_targets(tasks: Sequence[FileTask]) -> None:
@@ -229,9 +194,7 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     written: dict[str, str] = {}
     inputs = {os.path.realpath(task.path) for task in tasks}
     for task in tasks:
-        for target in (task.result, task.per_pose):
-            if target is None:
-                continue
+        for target in filter(None, (task.result, task.per_pose)):
             place = os.path.realpath(target)
             if place in inputs:
                 raise UsageError(f"{target} is also an input and would be overwritten; name another folder")
@@ -240,24 +203,18 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
                 raise UsageError(f"{message}; rename one of the files")
 
 
-def _jobs(paths: Sequence[str]) -> int:
-    """Return the number of processes: one for each core, but no more than the work is worth."""
-    from robacc.parallel import usable_cores
-
-    work = sum(_FILE_COST + (os.path.getsize(path) if os.path.isfile(path) else 0) for path in paths)
-    return max(1, min(usable_cores(), len(paths), 1 + work // _PROCESS_COST))
-
-
-def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileOutcome]:
-    from robacc.cli.output import progress_bar
-    from robacc.parallel import Died, each
-
+def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:
+    """Return the outcome of each file; without ``jobs`` on each core, but on no more than the work is worth."""
+    work = sum(_FILE_COST + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
+    jobs = jobs or max(1, min(parallel.usable_cores(), len(tasks), 1 + work // _PROCESS_COST))
     outcomes: dict[int, FileOutcome] = {}
     try:
-        with progress_bar() as progress:
+        with output.progress_bar() as progress:
             progress("estimating", 0, len(tasks))
-            for number, outcome in each(estimate_file, tasks, jobs):
-                outcomes[number] = _crashed(tasks[number], outcome) if isinstance(outcome, Died) else outcome
+            for number, outcome in parallel.each(estimate_file, tasks, jobs):
+                if isinstance(outcome, parallel.Died):
+                    outcome = _crashed(tasks[number], outcome.exit_code)
+                outcomes[number] = outcome
                 progress("estimating", len(outcomes), len(tasks))
     except KeyboardInterrupt:
         if folder is None or not outcomes:
@@ -266,23 +223,16 @@ def _run(tasks: Sequence[FileTask], jobs: int, folder: str | None) -> list[FileO
     return [outcomes[number] for number in range(len(tasks))]
 
 
-def _crashed(task: FileTask, died: Died) -> FileOutcome:
+def _crashed(task: FileTask, exit_code: int) -> FileOutcome:
     """Return the outcome of a file whose process ended before its work was done."""
-    if 0 < died.exit_code < 128:
+    message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
+    if 0 < exit_code < 128:
         message, status = "robacc crashed on this file, which is a defect of robacc; the traceback is above", 1
-    else:
-        message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
     return FileOutcome(task.name, status, problems=(Problem(message, task.path),), n_problems=1)
 
 
-def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
-    """Write the warnings and errors of every file, in the order of the files."""
-    from robacc.render.text import say, say_error, say_warnings
-
-    say_warnings(_warnings(outcomes))
-    for outcome in outcomes:
-        if outcome.failed:
-            say_error(InputError(outcome.problems, total=outcome.n_problems))
+def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
+    """Write what joins points and commands, if some files have one and some the other."""
     points, commands = (
         next((one.problems[0].file for one in outcomes if one.failed and text in one.problems[0].message), None)
         for text in ("measured poses only", "x, y, z are missing")
@@ -291,42 +241,40 @@ def _report_problems(outcomes: Sequence[FileOutcome]) -> None:
         say(f"  tip: for points and commands in two files: robacc estimate {points} --commanded {commands}")
 
 
-def _write(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], outlets: Outlets, folder: str | None) -> None:
+def _write(
+    outcomes: Sequence[FileOutcome],
+    tasks: Sequence[FileTask],
+    outlets: Outlets,
+    folder: str | None,
+    warnings: tuple[str, ...],
+) -> None:
     """Write the table of all files and the requested files."""
-    from robacc.cli.output import emit, page_text, write
-    from robacc.io.files import write_text
-    from robacc.render.text import as_options
     from robacc.render.views.accuracy import many_annotations, many_view
-    from robacc.render.views.elements import draw
-    from robacc.render.views.gate import markdown
 
     options = tasks[0].options
 
     def table(stream: TextIO) -> None:
-        draw(many_view(outcomes, options["robot"], options["align"]), stream)
+        output.draw(many_view(outcomes, options["robot"], options["align"]), stream)
 
     if outlets.junit is not None:
-        from robacc.render.views.gate import junit
-
-        write_text(outlets.junit, junit("estimate", outcomes, clock.started()))
-    if outlets.report is not None and not all(outcome.failed for outcome in outcomes):
+        output.write_junit(outlets.junit, "estimate", outcomes)
+    documents = {
+        task.name: task.document
+        for outcome, task in zip(outcomes, tasks, strict=True)
+        if not outcome.failed and task.document is not None
+    }
+    if outlets.report is not None and documents:
         from robacc.render.page import render
 
-        done = [
-            (json.loads(Path(task.document).read_text(encoding="utf-8")), task.name)
-            for outcome, task in zip(outcomes, tasks, strict=True)
-            if not outcome.failed and task.document is not None
-        ]
-        write_text(outlets.report, render([document for document, _ in done], [name for _, name in done]))
-    output = outlets.output if folder is None else "-"
+        read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in documents.values()]
+        output.write(outlets.report, (render(read, [*documents]),))
+    place = outlets.output if folder is None else "-"
     if outlets.form == "json":
-        write(output, _document(outcomes, tasks, folder))
-    elif outlets.form == "markdown":
-        write(output, (markdown("estimate", page_text(table), None, tuple(map(as_options, _warnings(outcomes)))),))
+        output.write(place, _document(outcomes, tasks, {} if folder else documents))
     elif outlets.form == "github":
-        write(output, (many_annotations(outcomes),))
+        output.write(place, (many_annotations(outcomes),))
     else:
-        emit("table", output, table=table, document=dict)
+        output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, table, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
@@ -343,8 +291,10 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
     )
 
 
-def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder: str | None) -> Iterator[str]:
-    """Yield the JSON document of all files; it has the full results unless they are in ``folder``."""
+def _document(
+    outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], documents: Mapping[str, str]
+) -> Iterator[str]:
+    """Yield the JSON document of all files, with the full results in ``documents``, by the names of the files."""
     from robacc.api.result import RECORDED_APART
     from robacc.documents.accuracy import many_pieces
     from robacc.documents.envelope import InputFile, envelope
@@ -353,7 +303,7 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
 
     options = tasks[0].options
     robot = None if options["robot"] is None else robot_path(options["robot"])
-    shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].gate, "gate"))
+    shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].outlets.gate, "gate"))
     head = envelope(
         "estimate-many",
         {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)},
@@ -361,8 +311,4 @@ def _document(outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], folder
         inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
         seed=options["seed"],
     )
-    documents = (
-        None if outcome.failed or folder is not None else task.document
-        for outcome, task in zip(outcomes, tasks, strict=True)
-    )
-    return many_pieces(head, zip(outcomes, documents, strict=True))
+    return many_pieces(head, [(outcome, documents.get(outcome.name)) for outcome in outcomes])

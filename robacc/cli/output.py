@@ -1,62 +1,76 @@
-"""Write a result to standard output or to files, as a page too, with a progress bar meanwhile; commands share it."""
+"""Where results go: the options that commands add to those of their calls, and writing a result as they say.
+
+Nothing here imports NumPy or its users before there is a result.
+"""
 
 from __future__ import annotations
 
 import io
+import json
 import os
 import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from functools import cache
-from typing import TYPE_CHECKING, Any, TextIO
+from functools import cache, partial
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TextIO
 
-from robacc.cli import clock
-from robacc.cli.options import Call, CsvOutlets, Format, Outlets, PlainFormat
+import typer
+
+from robacc.api.parameters import Help
+from robacc.outcomes import FileOutcome
+from robacc.render.text import as_options, warnings_below
 
 if TYPE_CHECKING:
-    from robacc.api.estimate import Estimate
-    from robacc.api.fitting import FitResult
     from robacc.api.result import Result
-    from robacc.documents.envelope import StoredResult
-    from robacc.gates.evaluate import GateOutcome
+    from robacc.render.views.elements import Section
+
+Call = partial[Any]
+"""Call of a command with the arguments of its options."""
+Table = Callable[[TextIO], None]
+"""Draws a result onto a stream."""
+Format = Literal["table", "json", "markdown", "github"]
+_FORM = "Form of the output: github writes annotations of a run, markdown a job summary."
+_OUTPUT = ("output", "o")
+
+SummaryFormat = Annotated[Format, Help(_FORM)]
+"""Form of the summary of a command whose ``--output`` is a file of targets."""
+PlainFormat = Annotated[
+    Literal["table", "json"] | None, Help("Form of the output; default: json if `output` ends in .json, else table.")
+]
+"""Form of output that no gate applies to."""
+CsvFormat = Annotated[Literal["table", "json"], Help("Form of the output.")]
+"""Form of the summary of a command that writes a CSV."""
+Output = Annotated[str, Help("File to write; - is standard output.", "FILE", names=_OUTPUT, holds="output")]
+CsvOutput = Annotated[
+    str | None,
+    Help("CSV to write; - is standard output, without the summary.", "FILE", names=_OUTPUT, holds="output"),
+]
+Report = Annotated[str | None, Help("HTML page to write, with charts and tables.", "FILE", holds="output")]
+WriteModel = Annotated[str | None, Help("Robot file to write, with the fitted model.", "FILE", holds="output")]
+
+started = time.time()
+"""Start of the command that runs, seconds since 1970, for JUnit files; no figure depends on it."""
 
 
-# HTML page of results, for the command ``report`` and the option ``--report``.
+class Outlets(NamedTuple):
+    """Forms and files of a result."""
 
+    gate: Annotated[str | None, Help("Gate file (YAML) with criteria; exit 4: fail, 5: inconclusive.", "FILE")] = None
+    junit: Annotated[str | None, Help("JUnit XML to write, with the outcome of the gate.", "FILE", holds="output")] = (
+        None
+    )
+    report: Report = None
+    format: Annotated[Format | None, Help(f"{_FORM} Default: by the ending of `output`, .json or .md, else table.")] = (
+        None
+    )
+    output: Output = "-"
 
-def page_of_results(results: Sequence[StoredResult], identity: Mapping[str, str] | None = None) -> str:
-    """Return the page of stored results, with the identity of what was tested if it is given.
-
-    Raises:
-        InputError: a result does not follow the schema of its command.
-        UsageError: the extra ``report`` is not installed.
-    """
-    from robacc.documents.envelope import understood
-    from robacc.render.page import page_of, result_of
-
-    sections = []
-    for number, result in enumerate(results, 1):
-        with understood(result.name, result.command):
-            sections.append(result_of(result.document, number))
-    names = [result.record.name for result in results]
-    # A number after each repeated name.
-    unique = [
-        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
-    ]
-    return page_of(sections, unique, identity or {})
-
-
-def page_of_document(document: Mapping[str, Any]) -> str:
-    """Return the page of a result that was just computed, from the JSON text that would be stored."""
-    import json
-
-    from robacc.io.json_text import json_text
-    from robacc.render.page import render
-
-    return render([json.loads(json_text(document))], [str(document["command"])])
-
-
-# Progress bar on standard error.
+    @property
+    def form(self) -> Format:
+        """Form of the result: that of ``--format``, else JSON or Markdown if the output's name ends so."""
+        ending = os.path.splitext(self.output)[1].lower()
+        return self.format or ("json" if ending == ".json" else "markdown" if ending == ".md" else "table")
 
 
 @contextmanager
@@ -79,138 +93,55 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         yield show
 
 
-def deliver(outlets: Outlets, result: Result, table: Callable[[TextIO], None]) -> None:
-    """Check a result against the gate if there is one, and write it in the requested form, with its warnings below.
+def deliver(outlets: Outlets, result: Result, table: Table | None) -> None:
+    """Write a result in the requested form, with its gate if there is one, and with the warnings of both below.
 
     Args:
         outlets: Forms and files.
         result: The result; its document is built only if it is needed.
-        table: Draws the result onto a stream; called only for a table.
+        table: Draws the result; called only for a table. None for the outcome of a gate, which is the result.
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
         typer.Exit: the gate did not pass: status 4 or 5.
     """
-    from robacc.render.text import warnings_below
-
-    if outlets.gate is None:
-        with warnings_below(result.warnings):
-            document = cache(result.document)
-            write_result(outlets, result.command, document=document, table=table, gate=None, warnings=result.warnings)
-        return
-    from robacc.documents.gate import read_gate
-
-    gated_document, outcome = result.gated(read_gate(outlets.gate))
-    conclude(outlets, result.command, gated_document, table, outcome, result.warnings)
-
-
-def deliver_fit(call: Call, write_model: str | None, outlets: Outlets, full: bool) -> None:
-    """Run the call of a fit with a progress bar, write its model and deliver the result.
-
-    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
-    status 5 too; its model says so.
-
-    Args:
-        call: Call that gives the result of a fit.
-        write_model: File for the model; None for none.
-        outlets: Forms and files.
-        full: A table has all that was computed.
-
-    Raises:
-        InputError: a file cannot be written, or the gate cannot be read.
-        typer.Exit: the gate did not pass (status 4 or 5), or the fit did not converge or makes a data mistake
-            likely (status 5).
-    """
-    import typer
-
-    from robacc.render.text import say_warnings
-
-    with progress_bar() as progress:
-        result: FitResult = call(progress=progress)
-    if write_model is not None and result.converged:
-        result.write_model(write_model)
-    deliver(outlets, result, lambda stream: result.draw(stream, full, write_model))
-    if result.suspicions and write_model is not None:
-        say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
-    if result.suspicions or not result.converged:
-        raise typer.Exit(5)
-
-
-def conclude(
-    outlets: Outlets,
-    command: str,
-    document: Mapping[str, Any],
-    table: Callable[[TextIO], None] | None,
-    outcome: GateOutcome,
-    warnings: Sequence[str] = (),
-) -> None:
-    """Write a result with a gate, with the warnings of both below, and exit with the status of the gate.
-
-    Args:
-        outlets: Forms and files.
-        command: Name of the command.
-        document: JSON document with the gate.
-        table: Draws the result; None to write the outcome of the gate only.
-        outcome: Outcome of the gate.
-        warnings: Warnings of the result.
-
-    Raises:
-        InputError: a file cannot be written.
-        typer.Exit: the gate did not pass: status 4 or 5.
-    """
-    import typer
-
-    from robacc.render.text import warnings_below
-
-    warnings = (*warnings, *outcome.warnings)
+    document, gate, warnings = with_gate(result, outlets.gate)
+    status = 0 if gate is None else gate["exit_status"]
     with warnings_below(warnings):
-        if outlets.junit is not None:
-            from robacc.io.files import write_text
-            from robacc.outcomes import FileOutcome
-            from robacc.render.views.gate import junit
-
-            gate = document["gate"]
-            checked = FileOutcome(gate["name"], outcome.exit_status, gate=gate, seconds=clock.elapsed())
-            write_text(outlets.junit, junit(command, [checked], clock.started()))
-        write_result(
-            outlets,
-            command,
-            document=lambda: document,
-            table=with_gate(table, document["gate"], outlets.form),
-            gate=document["gate"],
-            warnings=warnings,
-        )
-        if outcome.exit_status and (outlets.form == "json" or outlets.output != "-"):
+        if gate is not None and outlets.junit is not None:
+            checked = FileOutcome(gate["name"], status, gate=gate, seconds=time.time() - started)
+            write_junit(outlets.junit, result.command, [checked])
+        write_result(outlets, result.command, document, table, gate, warnings)
+        if gate is not None and status and (outlets.form == "json" or outlets.output != "-"):
             from robacc.render.views.gate import say_gate
 
-            say_gate(document["gate"])
-    if outcome.exit_status:
-        raise typer.Exit(outcome.exit_status)
+            say_gate(gate)
+    if status:
+        raise typer.Exit(status)
 
 
 def with_gate(
-    table: Callable[[TextIO], None] | None, gate: Mapping[str, Any], form: Format
-) -> Callable[[TextIO], None]:
-    """Return a function that draws a result and, for a table, its gate below; other forms write the gate themselves."""
-    from robacc.render.views.elements import draw
-    from robacc.render.views.gate import gate_view
+    result: Result, gate: str | None
+) -> tuple[Callable[[], Mapping[str, Any]], Mapping[str, Any] | None, tuple[str, ...]]:
+    """Return what makes the document of a result, the gate's part of it if there is one, and the warnings of both."""
+    document = cache(partial(result.document, gate=gate))
+    outcome = document()["gate"] if gate is not None or result.command == "check" else None
+    warnings = result.warnings if outcome is None else tuple(dict.fromkeys((*result.warnings, *outcome["warnings"])))
+    return document, outcome, warnings
 
-    def drawn(stream: TextIO) -> None:
-        if table is not None:
-            table(stream)
-        if form == "table":
-            stream.write("\n" if table is not None else "")
-            draw(gate_view(gate), stream)
 
-    return drawn
+def write_junit(path: str, command: str, outcomes: Sequence[FileOutcome]) -> None:
+    """Write the outcomes of a gate as JUnit XML."""
+    from robacc.render.views.gate import junit
+
+    write(path, (junit(command, outcomes, started),))
 
 
 def write_result(
     outlets: Outlets,
     command: str,
-    *,
     document: Callable[[], Mapping[str, Any]],
-    table: Callable[[TextIO], None],
+    table: Table | None,
     gate: Mapping[str, Any] | None,
     warnings: Sequence[str],
 ) -> None:
@@ -220,38 +151,46 @@ def write_result(
         outlets: Forms and files.
         command: Name of the command.
         document: Makes the JSON document, with the gate; called only if it is needed.
-        table: Draws the result onto a stream.
-        gate: The gate's part of the document.
+        table: Draws the result; None for nothing above the gate.
+        gate: The gate's part of the document, which stands below the table.
         warnings: Warnings of the result and the gate, for the forms that contain them.
 
     Raises:
         InputError: a file cannot be written.
     """
     if outlets.report is not None:
-        from robacc.io.files import write_text
+        from robacc.io.json_text import json_text
+        from robacc.render.page import render
 
-        write_text(outlets.report, page_of_document(document()))
+        write(outlets.report, (render([json.loads(json_text(document()))], [command]),))
+
+    def page(stream: TextIO) -> None:
+        if table is not None:
+            table(stream)
+        if gate is not None and outlets.form == "table":
+            from robacc.render.views.gate import gate_view
+
+            stream.write("\n" if table is not None else "")
+            draw(gate_view(gate), stream)
+
     if outlets.form in ("table", "json"):
-        emit(outlets.form, outlets.output, table=table, document=document)
+        emit(outlets.form, outlets.output, page, document)
         return
-    from robacc.render.text import as_options
     from robacc.render.views.gate import github_annotations, markdown
 
     text_of = markdown if outlets.form == "markdown" else github_annotations
-    write(outlets.output, (text_of(command, page_text(table), gate, tuple(map(as_options, warnings))),))
+    write(outlets.output, (text_of(command, page_text(page), gate, tuple(map(as_options, warnings))),))
 
 
-def emit(
-    form: PlainFormat, output: str, *, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
-) -> None:
-    """Write a table or a JSON document to ``output`` (``-`` is standard output).
+def emit(form: Format | None, output: str, table: Table, document: Callable[[], Mapping[str, Any]]) -> None:
+    """Write a table or a JSON document to ``output`` (``-`` is standard output); only the one that is written is made.
 
-    Only the requested form is made: ``table`` draws onto a stream, ``document`` builds the JSON document.
+    Without a form, a name that ends in .json gets the document.
 
     Raises:
         InputError: the file cannot be written.
     """
-    if form == "json":
+    if (form or ("json" if output.lower().endswith(".json") else "table")) == "json":
         from robacc.io.json_text import json_pieces
 
         write(output, json_pieces(document()))
@@ -262,31 +201,14 @@ def emit(
         write(output, (page_text(table),))
 
 
-def write_plan(
-    outlets: CsvOutlets, csv: str, table: Callable[[TextIO], None], document: Callable[[], Mapping[str, Any]]
-) -> None:
-    """Write the CSV of planned poses if it has a file, then the summary unless the CSV is on standard output.
+def draw(sections: Iterable[Section], stream: TextIO) -> None:
+    """Write the sections of a view as text to ``stream``."""
+    from robacc.render.views import elements
 
-    Raises:
-        InputError: the file cannot be written.
-    """
-    if outlets.output is not None:
-        write(outlets.output, (csv,))
-    if outlets.output != "-":
-        emit(outlets.format, "-", table=table, document=document)
+    elements.draw(sections, stream)
 
 
-def table_of(result: Estimate, path: str, robot: str | None, full: bool) -> Callable[[TextIO], None]:
-    """Return what draws an estimate onto a stream, in one screen unless ``full``."""
-    from robacc.documents.accuracy import ESTIMATE_ITSELF
-    from robacc.render.views.accuracy import estimate_view
-    from robacc.render.views.elements import Form, draw
-
-    form: Form = "full" if full else "short"
-    return lambda stream: draw(estimate_view(ESTIMATE_ITSELF.write(result), path, robot, form), stream)
-
-
-def page_text(table: Callable[[TextIO], None]) -> str:
+def page_text(table: Table) -> str:
     """Return the drawing as plain text."""
     page = io.StringIO()
     table(page)

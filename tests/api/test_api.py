@@ -23,7 +23,8 @@ from commands import output, run
 
 import robacc
 import robacc.api
-from robacc.api.parameters import choices_of, meaning_of
+from robacc.api.parameters import choices_of, meanings
+from robacc.cli import commands
 from robacc.cli.command import declared_options
 from robacc.io.json_text import json_text
 
@@ -213,12 +214,11 @@ def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_options_of_a_command_are_the_parameters_of_its_call(name: str) -> None:
-    call = importlib.import_module(f"robacc.api.{name}")
-    command = getattr(importlib.import_module(f"robacc.cli.commands.{name}"), name)
-    options = declared_options(command, name)
-    for key, parameter in inspect.signature(inspect.unwrap(getattr(call, name))).parameters.items():
+    call = inspect.unwrap(getattr(robacc, name))
+    options = declared_options(getattr(commands, name))
+    for key, parameter in inspect.signature(call).parameters.items():
         # The declaration is read from the source, without the names that the call's module imports.
-        kind, meaning = meaning_of(parameter.annotation, vars(call))
+        kind, meaning = meanings(call)[key]
         if key == "progress":
             assert key not in options
         elif options[key].owner == "call":

@@ -7,7 +7,6 @@ import os
 import pty
 import subprocess
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import commands
@@ -15,6 +14,7 @@ import pytest
 from commands import missing, refused
 
 import robacc
+from robacc.cli import commands as declarations
 from robacc.cli.main import COMMANDS, RENAMED
 from robacc.errors import MAX_PROBLEMS, InputError, Problem, UsageError
 from robacc.render.text import say_error
@@ -46,7 +46,7 @@ def test_version_and_help() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
-    function = getattr(import_module(f"robacc.cli.commands.{name}"), name)
+    function = getattr(declarations, name)
     assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
 
 

@@ -6,13 +6,13 @@ import ast
 import inspect
 import re
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 from types import FunctionType
 
 import pytest
 
 import robacc
+from robacc.cli import commands
 from robacc.cli.main import COMMANDS, FORMS
 from robacc.errors import InputError, Problem, UsageError
 from robacc.render.text import _MARKED, as_options, say_error
@@ -58,8 +58,7 @@ def test_no_text_of_the_library_has_an_option():
 
 def test_every_marked_name_is_a_parameter_of_a_call():
     functions = [call for call in (getattr(robacc, name) for name in robacc.__all__) if isinstance(call, FunctionType)]
-    modules = {*COMMANDS, *FORMS.values()}
-    functions += [getattr(import_module(f"robacc.cli.commands.{name}"), name) for name in modules]
+    functions += [getattr(commands, name) for name in (*COMMANDS, *FORMS.values())]
     parameters = {name for function in functions for name in inspect.signature(function).parameters}
     for name, path in library_files():
         marked = {match[1] for text in texts(path) for match in _MARKED.finditer(text)}

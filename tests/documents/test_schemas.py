@@ -15,7 +15,7 @@ from jsonschema import Draft202012Validator, ValidationError
 from typer.testing import CliRunner
 
 import robacc
-from robacc.api.schema import schema_names
+from robacc.api.result import schema_names
 from robacc.cli.main import COMMANDS, RENAMED, app
 from robacc.documents.envelope import schema_version
 

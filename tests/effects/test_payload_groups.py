@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from independent_arm import DECLARED, GRAVITY, Matrix, measured, robot, run, target, torques
 
-from robacc.api.reading import read_poses, write_poses
+from robacc.api.inputs import read_poses, write_poses
 from robacc.effects.elastic import PayloadCompliance
 from robacc.effects.request import build, parse_requests
 from robacc.errors import UsageError

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robacc.api.correct import correct
-from robacc.api.reading import read_poses
+from robacc.api.inputs import read_poses
 from robacc.effects.request import build, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Options

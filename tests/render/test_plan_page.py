@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.cli.output import page_of_document
-from robacc.render.page import command_line
+from robacc.render.page import command_line, render
 from robacc.render.plots.results import charts_of
 from robacc.render.views.elements import effect_families
 
@@ -53,7 +52,7 @@ def test_limits_are_those_of_the_joints(calibration: dict[str, object]) -> None:
 
 
 def test_the_page_says_what_to_do(calibration: dict[str, object]) -> None:
-    page = page_of_document(calibration)
+    page = render([calibration], ["plan"])
     for text in (
         "Plan for the calibration of sample arm",
         "Order of the visits",
@@ -72,7 +71,7 @@ def test_a_trace_with_payloads() -> None:
     names = [entry["name"] for entry in charts_of(trace)[0].scene["traces"]]  # type: ignore[union-attr]
     assert "poses with 0 kg" in names
     assert "poses with 4 kg" in names
-    page = page_of_document(trace)
+    page = render([trace], ["plan"])
     assert "effects found at their usual size" in page
     assert "not tested (" in page
 
@@ -86,6 +85,6 @@ def test_the_command_line_makes_the_plan_again(calibration: dict[str, object]) -
 
 def test_a_plan_that_says_enough() -> None:
     enough = document(already=ROBOT.parent / "poses.csv", fit="base_frame,joint_offset")
-    page = page_of_document(enough)
+    page = render([enough], ["plan"])
     assert "enough poses" in page
     assert "poses.csv" in page

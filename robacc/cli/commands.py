@@ -1,0 +1,825 @@
+"""The commands: for each what it adds to its call, and how the result is shown.
+
+A function has the name of its call in :mod:`robacc.api`, and its docstring is the text of ``--help``. The parameter
+``call`` gets the call with the arguments of its options, ``outlets`` the options of :class:`Outlets`.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import PurePath
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from robacc.api.parameters import BaseLink, Help, IgnoreLimits, OptionalRobot, Ordered, TipLink
+from robacc.cli.output import (
+    Call,
+    CsvFormat,
+    CsvOutput,
+    Outlets,
+    Output,
+    PlainFormat,
+    Report,
+    SummaryFormat,
+    WriteModel,
+    deliver,
+    draw,
+    emit,
+    progress_bar,
+    write,
+)
+from robacc.errors import InputError, Note, Problem, UsageError
+from robacc.render.text import say_warnings, warnings_below
+
+if TYPE_CHECKING:
+    from robacc.api.fitting import FitResult
+
+# Measured poses.
+
+
+def estimate(
+    call: Call,
+    poses: Annotated[
+        list[str],
+        Help(
+            "Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
+            "POSES [POSES …]",
+            holds="measured poses",
+        ),
+    ],
+    *,
+    per_pose: Annotated[str | None, Help("CSV to write with the error of each pose.", "FILE", holds="output")] = None,
+    jobs: Annotated[
+        int | None, Help("Number of files processed at the same time; default: number of cores.", "N", least=1)
+    ] = None,
+    full: Annotated[bool, Help("Table with covariances, principal axes, tests, worst poses and limitations.")] = False,
+    outlets: Outlets,
+) -> None:
+    """Compute the Cartesian error of measured poses, its covariances and the accuracy grade.
+
+    With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
+    columns. Several files, such as DIR/*.csv, are estimated one by one and shown in one table; an error in one file
+    does not stop the others. With --output DIR/ each result becomes a file in that folder.
+
+    Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
+    """
+    from robacc.api.result import effect_names
+
+    options = call.keywords
+    if options["align"] is not None:
+        options["align"] = effect_names(options["align"])
+    if len(poses) > 1:
+        from robacc.cli.many import estimate_each
+
+        estimate_each(poses, options, outlets, per_pose, jobs, full)
+        return
+    result = call(poses[0])
+    if per_pose is not None:
+        write(per_pose, (result.per_pose_csv(),))
+    deliver(outlets, result, lambda stream: result.draw(stream, full, poses[0], options["robot"]))
+
+
+def trace(
+    call: Call,
+    *,
+    write_model: WriteModel = None,
+    full: Annotated[bool, Help("Table with candidates, tests, coefficients, errors and detection limits.")] = False,
+    outlets: Outlets,
+) -> None:
+    """Find the effects that explain the residual, and report the error before and after on held-out poses.
+
+    Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
+    """
+    _fit(call, write_model, outlets, full)
+
+
+def calibrate(
+    call: Call,
+    *,
+    write_model: WriteModel = None,
+    full: Annotated[bool, Help("Table with coefficients, errors before and after, and quality of the fit.")] = False,
+    outlets: Outlets,
+) -> None:
+    """Fit named effects to measured poses, and report fitted and held-out errors before and after.
+
+    An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
+    data show it.
+
+    Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
+    """
+    _fit(call, write_model, outlets, full)
+
+
+def _fit(call: Call, write_model: str | None, outlets: Outlets, full: bool) -> None:
+    """Run the call of a fit with a progress bar, write its model and deliver the result.
+
+    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
+    status 5 too; its model says so.
+    """
+    with progress_bar() as progress:
+        result: FitResult = call(progress=progress)
+    if write_model is not None and result.converged:
+        result.write_model(write_model)
+    deliver(outlets, result, lambda stream: result.draw(stream, full, write_model))
+    if result.suspicions and write_model is not None:
+        say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
+    if result.suspicions or not result.converged:
+        raise typer.Exit(5)
+
+
+def iso9283(
+    call: Call,
+    *,
+    full: Annotated[bool, Help("Table with criteria by pose, conditions, methods and limitations.")] = False,
+    outlets: Outlets,
+) -> None:
+    """Compute the pose criteria of ISO 9283 from cycles of commanded poses.
+
+    The result also lists which conditions of the standard the measurement meets.
+
+    With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
+    columns. If neither is known, the result has repeatability but no accuracy.
+
+    Example: robacc iso9283 cycles.csv --robot robot.yaml
+    """
+    from robacc.render.views.accuracy import iso9283_view
+
+    result, robot = call(), call.keywords["robot"]
+    deliver(
+        outlets,
+        result,
+        lambda stream: draw(iso9283_view(result.payload(), robot, "full" if full else "short"), stream),
+    )
+
+
+# Models.
+
+
+def predict(
+    call: Call,
+    *,
+    per_pose: Annotated[
+        str | None, Help("CSV to write with the prediction at each pose.", "FILE", holds="output")
+    ] = None,
+    warranty_map: Annotated[
+        str | None, Help("CSV to write with the errors and the grade by voxel.", "FILE", holds="output")
+    ] = None,
+    voxel: Annotated[str, Help("Edge of a voxel of `warranty_map`, such as 50mm.", "SIZE")] = "100mm",
+    outlets: Outlets,
+) -> None:
+    """Predict covariances, error budget and grade from parameter tolerances or the fit of a model file.
+
+    The prediction is for the joints of --poses, else of --against, else for configurations over the joint ranges. With
+    a model that --write-model wrote, it is for the calibrated arm; with --tolerances, it is for arms made with these
+    tolerances.
+
+    Example: robacc predict robot.yaml --tolerances tolerances.yaml --allocate C
+    """
+    from robacc.render.views.expected import prediction_view
+
+    result = call()
+    if warranty_map is not None:
+        write(warranty_map, (result.map_csv(voxel),))
+    if per_pose is not None:
+        write(per_pose, (result.per_pose_csv(),))
+    source = "" if result.comparison is None else result.comparison.source
+    deliver(outlets, result, lambda stream: draw(prediction_view(result.payload(), source, "full"), stream))
+
+
+def correct(
+    call: Call,
+    *,
+    per_target: Annotated[
+        str | None, Help("CSV of commands, corrections and expected errors.", "FILE", holds="output")
+    ] = None,
+    frames: Annotated[
+        list[str] | None, Help("Tools and bases that a program only names; may be repeated.", "FILE")
+    ] = None,
+    format: SummaryFormat = "table",
+    outlets: Outlets,
+) -> None:
+    """Compute the commands that make the real arm reach its targets, from a model of the arm.
+
+    A robot program (KUKA .src, .dat, ABB .mod, FANUC .ls, URScript .script, Staubli .dtx) becomes the same program with
+    other numbers in its targets, in the frames of the program. The CSV has the joints to command, and the wanted poses
+    as cmd_ columns. With --output, the corrections and the expected errors are written to standard output. A target
+    that cannot be corrected keeps its nominal command.
+
+    Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
+    """
+    from robacc.api.correct import correct_program
+    from robacc.io.files import write_bytes
+    from robacc.poses.reading import AS_NAMED, reading_of
+    from robacc.programs.reading import is_program
+    from robacc.render.views.expected import correction_text
+
+    given, output = call.keywords, outlets.output
+    targets, model = given["targets"], given["model"]
+    outlets = outlets._replace(format=format, output="-")
+    is_plain = outlets == Outlets(format="table")
+    if is_program(targets):
+        if output == "-" or not is_plain or per_target or given["frame"] == "base":
+            raise UsageError(
+                "a program needs --output, and takes no --format, --gate, --report, --per-target and --frame"
+            )
+        if reading_of(targets) != AS_NAMED:
+            raise UsageError(
+                "a program states its own units and angles; leave out --angles, --units, --columns, --skip-gaps and "
+                "--sheet"
+            )
+        # The program's own frames and the model's arm hold.
+        options = {name: given[name] for name in given if name not in ("targets", "frame", "base_link", "tip_link")}
+        program = correct_program(targets, frames=frames or [], **options)
+        with warnings_below(program.warnings):
+            write_bytes(output, program.data)
+            parts = [part.payload() for part in program.corrections]
+            draw(correction_text(parts, len(program.program.targets), (targets, model), output), sys.stdout)
+            sys.stdout.flush()
+        return
+    if frames:
+        raise UsageError("--frames belongs to a robot program")
+    if output == "-" and not is_plain:
+        raise UsageError("--format json, --gate, --junit and --report need --output, the CSV that they describe")
+    result = call()
+    if per_target is not None:
+        write(per_target, (result.per_target_csv(),))
+    if output == "-":
+        with warnings_below(result.warnings):
+            write("-", result.csv_pieces())
+        return
+    write(output, result.csv_pieces())
+    deliver(
+        outlets,
+        result,
+        lambda stream: draw(
+            correction_text([result.payload()], result.n_targets, (targets, model), output),
+            stream,
+        ),
+    )
+
+
+def simulate(call: Call, *, format: CsvFormat = "table", output: Output = "-") -> None:
+    """Simulate measured poses of a robot with the effects of its file, and write them as a CSV.
+
+    The simulation uses the exact nonlinear model.
+
+    Example: robacc simulate robot.yaml --poses 60 --seed 1 --noise 0.03mm --output simulated.csv
+    """
+    _check_csv(format, output)
+    result = call()
+    say_warnings(result.data.warnings)
+    write(output, result.csv_pieces())
+    if format == "json":
+        write("-", (result.to_json(),))
+
+
+def export(
+    call: Call,
+    *,
+    format: Annotated[
+        Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table"] | None,
+        Help(
+            "Format of the file; default: ur-calibration for an arm of Universal Robots. With `urdf`: form of the "
+            "summary, table or json.",
+            group="robacc.exporters",
+        ),
+    ] = None,
+    output: Annotated[
+        str | None, Help("File to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
+    ] = None,
+    urdf: Annotated[
+        str | None,
+        Help(
+            "URDF to write from the numbers as they are, without a fit; - is standard output.", "FILE", holds="output"
+        ),
+    ] = None,
+    document: Annotated[
+        str | None, Help("JSON result to write, with the remaining error.", "FILE", holds="output")
+    ] = None,
+) -> None:
+    """Write a robot model for a controller, a driver or a simulator, with the error that remains there.
+
+    Example: robacc export robot.yaml --format mdh --output modified.yaml
+    """
+    from robacc.render.views.expected import export_view
+
+    if urdf is not None:
+        if output is not None or document or any(call.keywords[name] for name in ("nominal", "arm", "template")):
+            raise UsageError("--urdf names the file to write; the other options belong to --format and --output")
+        if format not in (None, "table", "json"):
+            raise UsageError(f"--urdf writes a URDF, --format {format} another file; use --output with --format")
+        _write_urdf(call, urdf, format == "json")
+        return
+    if format == "table":
+        raise UsageError("--format table belongs to --urdf")
+    if output is None:
+        raise UsageError("name the file to write with --output; - is standard output")
+    result = call(format=format)
+    say_warnings(result.warnings)
+    write(output, (result.text,))
+    if document is not None:
+        write(document, (result.to_json(),))
+    draw(export_view(result.payload()), sys.stderr if output == "-" else sys.stdout)
+
+
+def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
+    """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
+    from robacc.api.inputs import load_robot
+    from robacc.documents.descriptions import urdf_payload
+    from robacc.documents.envelope import envelope
+    from robacc.fitting.parameters import absorb_constants
+    from robacc.io.files import sha256_of
+    from robacc.io.json_text import json_pieces
+    from robacc.robots.urdf_writer import robot_to_urdf
+
+    if is_json and urdf == "-":
+        raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")
+    options = {name: call.keywords[name] for name in ("base_link", "tip_link")}
+    robot, record = load_robot(call.keywords["model"], **options)
+    text, losses = robot_to_urdf(absorb_constants(robot))
+    write(urdf, (text,))
+    say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
+    if is_json:
+        keys = urdf_payload(sha256_of(urdf), losses)
+        write("-", json_pieces(envelope("export", keys, options=options, inputs=(record,), seed=None)))
+
+
+# Plans.
+
+
+def plan(
+    call: Call,
+    *,
+    format: CsvFormat = "table",
+    output: CsvOutput = None,
+    validation_output: Annotated[str | None, Help("File for the validation poses.", "FILE", holds="output")] = None,
+    program: Annotated[
+        str | None, Help("File for a robot program: .src, .mod, .ls or .script.", "FILE", holds="output")
+    ] = None,
+    full: Annotated[
+        bool, Help("Summary with all predicted errors, standard errors, detection limits and similar effects.")
+    ] = False,
+    report: Report = None,
+) -> None:
+    """Plan a measurement: choose the poses worth measuring, order them, and predict the result.
+
+    The CSV of --output lists the visits in order. --for iso9283 plans the cube of ISO 9283 and its five poses, with
+    options of its own: robacc plan --for iso9283 --help.
+
+    Example: robacc plan robot.yaml --for calibrate --poses 30 --output plan.csv
+    """
+    from robacc.render.views.expected import plan_view
+
+    _check_csv(format, output)
+    if (validation_output is None) != (call.keywords["validation"] == 0):
+        raise UsageError("--validation N and --validation-output FILE belong together")
+    result = call()
+    with warnings_below(result.warnings):
+        files = {} if program is None else result.programs(program)
+        if validation_output is not None:
+            files = {validation_output: result.validation_csv(), **files}
+        for path, text in files.items():
+            write(path, (text,))
+        if report is not None:
+            result.report(report)
+        if output is not None:
+            write(output, result.csv_pieces())
+        names = str(call.keywords["model"] or call.keywords["robot"]), output
+        if output != "-":
+            form: Literal["full", "short"] = "full" if full else "short"
+            emit(format, "-", lambda stream: draw(plan_view(result.document(), form, *names), stream), result.document)
+
+
+def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput = None) -> None:
+    """Plan the cube of ISO 9283 and its five poses for an arm.
+
+    The CSV of --output has pose, cycle, joints and commanded pose. Add the measured x, y, z and orientation, and
+    robacc iso9283 reads it.
+
+    Example: robacc plan robot.yaml --for iso9283 --payload 6 --output plan.csv
+    """
+    _check_csv(format, output)
+    result = call()
+    if output is not None:
+        write(output, result.csv_pieces())
+    if output != "-":
+        emit(format, "-", result.draw, result.document)
+
+
+def _check_csv(format: str, output: str | None) -> None:
+    """Raise UsageError for a JSON document where the CSV would go to standard output too."""
+    if format == "json" and output == "-":
+        raise UsageError("--format json needs --output, the CSV that it describes")
+
+
+# Stored results.
+
+
+def check(
+    call: Call, *, gate: Annotated[str, Help("Gate file (YAML) with the criteria.", "FILE")], outlets: Outlets
+) -> None:
+    """Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.
+
+    Example: robacc check result.json --gate gate.yaml
+    """
+    deliver(outlets, call(gate=gate), None)
+
+
+def compare(
+    call: Call,
+    *,
+    paired: Annotated[bool, Help("Compare two CSVs of the same targets, before and after a correction.")] = False,
+    model: Annotated[str | None, Help("With `paired`: model of the correction.", "FILE")] = None,
+    nominal: Annotated[str | None, Help("With `paired`: nominal robot, for CSVs without cmd_ columns.", "FILE")] = None,
+    noise: Annotated[str | None, Help("With `paired`: measurement noise along each axis.", "SIZE")] = None,
+    outlets: Outlets,
+) -> None:
+    """Compare stored results or files of poses: significant differences, ranking and confirmed grades.
+
+    Differences are paired if the results have the same poses. Files of poses are estimated first, as robacc estimate
+    does with --robot and --align. A prediction is not ranked with measured arms.
+
+    --paired compares two CSVs of the same targets, measured before and after a correction: the gain, what remains, and
+    whether the correction was loaded.
+
+    Example: robacc compare arm1.json arm2.json --grade D
+    """
+    from robacc.api.compare import compare_paired
+    from robacc.render.views.compare import comparison_view, paired_view
+
+    targets = {"model": model, "nominal": nominal, "noise": noise}
+    stored = {name: call.keywords.get(name) for name in ("baseline", "by", "grade", "scale", "robot", "align")}
+    stored |= {"gate": outlets.gate, "report": outlets.report}
+    for name, value in (stored if paired else targets).items():
+        if value is not None:
+            why = "compares stored results; leave it out with --paired" if paired else "needs --paired"
+            raise UsageError(f"--{name} {why}")
+    if not paired:
+        result = call()
+        deliver(outlets, result, lambda stream: draw(comparison_view(result.payload(), "full"), stream))
+        return
+    if len(call.args) != 2:
+        raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(call.args)}")
+    changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
+    deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), call.args), stream))
+
+
+_PICTURES = (".svg", ".png", ".pdf")
+
+
+def report(
+    results: Annotated[list[str], Help("Results of any command as JSON; - reads standard input.", "RESULT [RESULT …]")],
+    *,
+    identity: Annotated[
+        list[str] | None,
+        Help(
+            "What was tested, as a YAML file or as serial_number=12345, customer=…; may be repeated. It replaces what "
+            "the robot file states under identity.",
+            "FILE|KEY=TEXT",
+        ),
+    ] = None,
+    chart: Annotated[
+        str | None,
+        Help(
+            "Kind of the chart to write in place of the page; default for `output` .svg, .png, .pdf: the main chart, "
+            "and a note of others.",
+            "KIND",
+            names=("chart", "kind"),
+        ),
+    ] = None,
+    number: Annotated[int, Help("Number of the chart among several of its kind.", "N", least=1)] = 1,
+    output: Annotated[
+        str | None,
+        Help(
+            "File to write; - is standard output; default: RESULT.html, or report.html for several results.",
+            "FILE",
+            names=("output", "o"),
+            holds="output",
+        ),
+    ] = None,
+) -> None:
+    """Write stored results as an HTML page with charts and tables, or one chart as SVG, PNG or PDF.
+
+    The page is a single file that needs no network, to read, print on A4 and sign. A chart is the one on the page.
+    Needs an extra: pip install '.[report]' in a checkout, or pip install 'robacc[report] @ git+URL' with the
+    repository's URL.
+
+    Example: robacc report result.json --identity cell7.yaml --output report.html
+    """
+    from robacc.documents.envelope import read_identity, read_result, understood
+    from robacc.render.page import page_of, result_of
+    from robacc.render.plots.canvas import need
+
+    if chart is not None or PurePath(output or "").suffix.lower() in _PICTURES:
+        _write_chart(results, chart or "", number, output or "")
+        return
+    need("matplotlib", "plotly", "jinja2")
+    read = [read_result(path) for path in results]
+    identities = read_identity(identity or ())
+    sections = []
+    for place, result in enumerate(read, 1):
+        with understood(result.name, result.command):
+            sections.append(result_of(result.document, place))
+    names = [result.record.name for result in read]
+    # A number after each repeated name.
+    names = [
+        name if names.count(name) == 1 else f"{name} ({names[: i + 1].count(name)})" for i, name in enumerate(names)
+    ]
+    page = page_of(sections, names, identities)
+    if output is None:
+        is_named = len(results) == 1 and results[0] != "-"
+        output = f"{results[0].removesuffix('.json')}.html" if is_named else "report.html"
+        print(f"wrote {output}")
+    write(output, (page,))
+
+
+def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
+    """Write a chart of the one result; without a kind the main chart, and a note of others."""
+    from robacc.documents.envelope import read_result, understood
+    from robacc.io.files import write_bytes
+    from robacc.render.plots.canvas import as_file, need
+    from robacc.render.plots.results import chart_of, charts_of, kinds_of
+
+    form = PurePath(output).suffix.lower()
+    if form not in _PICTURES:
+        raise UsageError(f"--output {output}: expected a name that ends in .svg, .png or .pdf")
+    if len(results) > 1:
+        raise UsageError(f"a chart is of one result, found {len(results)}")
+    need("matplotlib")
+    stored = read_result(results[0])
+    with understood(stored.name, stored.command):
+        chart = chart_of(stored.document, kind, number)
+        image = as_file(chart, form.removeprefix("."))
+    write_bytes(output, image)
+    if not kind:
+        others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
+        say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `chart`: {others}")])
+
+
+# What robacc knows.
+
+
+def show(
+    robot: Annotated[str, Help("Robot file (YAML), URDF, or name of an arm.", "ROBOT")],
+    *,
+    format: PlainFormat = None,
+    output: Output = "-",
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> None:
+    """Show a robot file or URDF; or the arms, effects and result schemas that robacc knows.
+
+    In place of a file, robots lists the arms that come with the package, effects the effects or what their names ask
+    for, schema NAME the keys of a command's result; robacc show effects --help has their options.
+
+    Example: robacc show robot.yaml
+    """
+    from robacc.api.inputs import load_robot
+    from robacc.documents.descriptions import SHOW
+    from robacc.documents.envelope import envelope
+    from robacc.effects.specification import coefficients
+    from robacc.render.views.robot import robot_view
+    from robacc.robots.library import summarise
+
+    options = {"base_link": base_link, "tip_link": tip_link}
+    arm, record = load_robot(robot, base_link, tip_link)
+    summary = summarise(arm, coefficients(arm))
+    emit(
+        format,
+        output,
+        lambda stream: draw(robot_view(summary), stream),
+        lambda: envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
+    )
+
+
+def robots(
+    name: Annotated[str | None, Help("Part of a maker's or an arm's name; default: every arm.", "[TEXT]")] = None,
+    *,
+    format: PlainFormat = None,
+    output: Output = "-",
+) -> None:
+    """List the arms that come with the package; every command takes one as --robot NAME.
+
+    Each is the nominal model of a data sheet: register it to your measurements, and check its limits and tool.
+
+    Example: robacc show robots ur
+    """
+    from robacc.documents.descriptions import ROBOTS
+    from robacc.documents.envelope import envelope
+    from robacc.render.views.robot import robots_view
+    from robacc.robots.library import library, similar_arms
+
+    wanted = (name or "").lower()
+    arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
+    if not arms:
+        near = ", ".join(similar_arms(wanted))
+        raise InputError(
+            Problem(
+                f"no arm of the package has {name!r} in its name",
+                fix=f"did you mean {near}?" if near else "robacc show robots lists all of them",
+            )
+        )
+    emit(
+        format,
+        output,
+        lambda stream: draw(robots_view(arms), stream),
+        lambda: envelope("robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None),
+    )
+
+
+def effects(
+    effect: Annotated[str | None, Help("Effect to describe in detail.", "[EFFECT]")] = None,
+    *,
+    format: PlainFormat = None,
+    output: Output = "-",
+    robot: OptionalRobot = None,
+    poses: Annotated[
+        str | None,
+        Help(
+            "CSV of poses; the list says which effects they can identify. Needs `robot`.",
+            "FILE",
+            holds="measured poses",
+        ),
+    ] = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> None:
+    """List the effects; with a name, show its equation, unit, usual size, required data and similar effects.
+
+    Example: robacc show effects backlash --robot robot.yaml
+    """
+    from robacc.api.inputs import load_optional_robot, load_poses
+    from robacc.documents.descriptions import EFFECTS
+    from robacc.documents.envelope import envelope
+    from robacc.effects import effect_class
+    from robacc.effects.request import catalogue
+    from robacc.render.views.robot import effects_view
+
+    if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
+        raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
+    if effect is not None:
+        effect_class(effect)
+    arm, inputs = load_optional_robot(robot, base_link, tip_link, poses)
+    data = None
+    if poses is not None:
+        data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
+        inputs = (*inputs, record)
+        say_warnings(data.warnings)
+    entries = catalogue(effect, arm, data)
+    options = {"effect": effect, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
+    options |= {"base_link": base_link, "tip_link": tip_link}
+    emit(
+        format,
+        output,
+        lambda stream: draw(effects_view(entries, effect is not None), stream),
+        lambda: envelope("effects", EFFECTS.write({"effects": entries}), options=options, inputs=inputs, seed=None),
+    )
+
+
+def schema(
+    name: Annotated[str | None, Help("Name of a command; without it, the names are listed.", "[NAME]")] = None,
+    *,
+    output: Output = "-",
+) -> None:
+    """Print the JSON Schema of a command's result: keys, units and required keys.
+
+    Example: robacc show schema estimate -o estimate.schema.json
+    """
+    from robacc.api import result
+    from robacc.io.json_text import json_text
+
+    names = (f"{command}\n" for command in result.schema_names())
+    write(output, names if name is None else (json_text(result.schema(name)),))
+
+
+# Files to start from.
+
+_TABLES = frozenset(
+    {".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".json", ".jsonl", ".xlsx", ".xls", ".ods", ".parquet"}
+)
+"""Ends of names of exports."""
+
+
+def init(
+    source: Annotated[
+        str | None,
+        Help("URDF, name of an arm, or export of poses; without it, give --joints.", "[FILE]"),
+    ] = None,
+    *,
+    joints: Annotated[int | None, Help("Number of joints of the example arm, without a URDF.", "N")] = None,
+    robot: Annotated[str, Help("Robot file to write.", "FILE")] = "robot.yaml",
+    poses: Annotated[str, Help("CSV to write.", "FILE")] = "poses.csv",
+    columns: Annotated[str, Help("Column map to write for an export of poses.", "FILE")] = "columns.yaml",
+    folder: Annotated[str, Help("Folder of the files; created if it does not exist.", "DIR")] = ".",
+    force: Annotated[bool, Help("Overwrite existing files.")] = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> None:
+    """Write files to start from: a commented robot file and a CSV of poses, or the map of an export.
+
+    The files for an arm or a number of joints are valid. The rows of the CSV are simulated; replace them with your
+    measurements.
+
+    For an export of an instrument or robot (CSV, text, workbook), init writes a column map instead: the meaning of each
+    column. Correct it, and give it to other commands with --columns.
+
+    --from FILE writes a robot file from the kinematics of a controller, with options of its own: robacc init --from
+    --help.
+
+    Example: robacc init --joints 6 --folder my-arm
+    """
+    from robacc.io.files import make_folder, read_text
+    from robacc.modelling.robot_file import read_robot, robot_path
+    from robacc.robots.yaml_robot import parse_robot
+    from robacc.simulation.templates import poses_template, robot_template, urdf_template
+
+    if (source is None) == (joints is None):
+        raise UsageError("give either a file or --joints, the number of joints")
+    files = [os.path.normpath(os.path.join(folder, name)) for name in (robot, poses, columns)]
+    if source is not None and PurePath(source).suffix.lower() in _TABLES:
+        _write_columns(source, files[2], folder, force)
+        return
+    _check_free(files[:2], source, force)
+    names = PurePath(files[0]).name, PurePath(files[1]).name
+    if source is None:
+        if base_link or tip_link:
+            raise UsageError("--base-link and --tip-link choose a chain of a URDF, so they need a URDF")
+        text = robot_template(joints or 0, *names)
+    else:
+        model = read_robot(source, base_link=base_link, tip_link=tip_link)
+        if (path := robot_path(source)) != source:
+            text = read_text(path)
+        elif model.convention != "urdf":
+            raise UsageError(f"{source} is a robot file already; robacc init needs a URDF")
+        else:
+            text = urdf_template(model, PurePath(source).name, *names)
+    arm = parse_robot(text, files[0])
+    table, rows = poses_template(arm, *names)
+    make_folder(folder)
+    write(files[0], (text,))
+    write(files[1], (table,))
+    count = len(arm.variables)
+    print(
+        f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)",
+        "next:",
+        *([f"  enter the dimensions of your arm in {files[0]}"] if source is None else []),
+        f"  robacc show {files[0]}",
+        f"  replace the rows of {files[1]} with your measurements",
+        f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame",
+        sep="\n",
+    )
+
+
+def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
+    """Write the column map of an export and print the next steps."""
+    from robacc.io.files import make_folder
+    from robacc.poses.column_proposal import propose_columns
+
+    proposal = propose_columns(export, PurePath(path).name)
+    if os.path.exists(path) and not force:
+        raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
+    make_folder(folder)
+    write(path, (proposal.text,))
+    commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
+    print(
+        f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})",
+        "next:",
+        *([f"  fill in {' and '.join(proposal.open_statements)} in {path}"] if proposal.open_statements else []),
+        *(f"  decide in {path}: {question}" for question in proposal.open_columns),
+        f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}",
+        sep="\n",
+    )
+
+
+def _check_free(files: list[str], urdf: str | None, force: bool) -> None:
+    """Raise UsageError for files that are one, would overwrite the URDF, or exist."""
+    if os.path.realpath(files[0]) == os.path.realpath(files[1]):
+        raise UsageError(f"--robot and --poses both name {files[0]}; name two files")
+    for path in files:
+        if urdf is not None and os.path.realpath(path) == os.path.realpath(urdf):
+            raise UsageError(f"{path} is the URDF and would be overwritten; name another file")
+    existing = [path for path in files if os.path.exists(path)]
+    if existing and not force:
+        verb = "exists" if len(existing) == 1 else "exist"
+        raise UsageError(f"{' and '.join(existing)} {verb} already; overwrite with --force, or name another --folder")
+
+
+def import_(
+    call: Call,
+    *,
+    output: Annotated[
+        str, Help("Robot file to write; - is standard output.", "FILE", names=("output", "o"), holds="output")
+    ],
+) -> None:
+    """Write a robot file from the kinematics of a controller or of its ROS driver.
+
+    Example: robacc init --from calibration.conf --arm ur10e --output ur10e.yaml
+    """
+    from robacc.robots.yaml_robot import robot_to_yaml
+    from robacc.version import __version__
+
+    write(output, (robot_to_yaml(call(), [f"Written by robacc {__version__} import."]),))

@@ -18,9 +18,9 @@ from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import DeflectionChoice, choose_deflection
 from robacc.fitting.parameters import Correlation, correlations, high_leverage
+from robacc.fitting.priors import ShrunkKind, shrink_to_nominal, without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal, without_idle_rotations
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -124,7 +124,7 @@ def calibrate(
     A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
     `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
     coefficient name, in SI units (as :mod:`robacc.fitting.priors` gives them). Without them, ``shrink`` applies
-    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
+    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.priors`).
     Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
 
     Raises:

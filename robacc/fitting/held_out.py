@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import blocks_of, whole_groups
 from robacc.fitting.visits import places
-from robacc.fitting.whitening import blocks_of, whole_groups
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.observation import observed_jacobian, residuals

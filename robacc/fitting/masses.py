@@ -15,10 +15,10 @@ from robacc.effects.base import Effect, Term
 from robacc.effects.elastic import Deflection, Elastic
 from robacc.effects.joint_compliance import JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
-from robacc.fitting.fit_result import Fit, Options, with_added_covariance
+from robacc.fitting.fit_result import Fit, Options, with_covariance
 from robacc.fitting.normal_equations import solved
+from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import without_idle_rotations
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity.loads import own_weight, unit_loads
@@ -149,7 +149,8 @@ def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
         sensitivity = _sensitivity(fit, data)
     except EquilibriumError:
         return fit
-    return with_added_covariance(fit, std**2 * sensitivity @ sensitivity.T)
+    own = np.ix_(*[fit.identifiability.columns] * 2)
+    return with_covariance(fit, fit.covariance[own] + std**2 * sensitivity @ sensitivity.T)
 
 
 def _sensitivity(fit: Fit, data: Measurements) -> Array:

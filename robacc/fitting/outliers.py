@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.fitting.whitening import sum_of_squares
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.observation import Noise, NoiseSource, weights
@@ -94,7 +93,7 @@ def _misfit(residual: Array, known: Array | float, used: float) -> float:
     """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
     dof = max(residual.size - used, _LEAST_DOF * residual.size)
     if isinstance(known, float):
-        return float(np.sqrt(sum_of_squares(residual) / dof))
+        return float(np.sqrt(np.vdot(residual, residual) / dof))
     square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0

@@ -16,11 +16,11 @@ from robacc.effects.base import Effect, Term
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
 from robacc.fitting.fit_result import Dropped, identify_terms
-from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.normal_equations import joint_columns, whitening
 from robacc.fitting.parameters import CORRELATED, Correlation
-from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
+from robacc.fitting.priors import tolerance_priors
+from robacc.fitting.solver import BADLY_MADE, broad_stds
 from robacc.fitting.visits import visit_numbers
-from robacc.fitting.whitening import whitening
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

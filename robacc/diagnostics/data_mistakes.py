@@ -30,15 +30,15 @@ from robacc.diagnostics.changes import (
     zeros,
 )
 from robacc.diagnostics.mistakes import CLEAR, GROSS, MOST_ROWS, PLAUSIBLE, Mistake, registered_poses, spread
-from robacc.diagnostics.registrations import (
+from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistake
+from robacc.errors import InputError, RobaccError
+from robacc.fitting.closed_form import (
     arm_poses,
     orientation_errors,
     register_orientations,
     register_positions,
     rows_by_target,
 )
-from robacc.diagnostics.row_mistakes import find_part_mistake, find_row_mistake
-from robacc.errors import InputError, RobaccError
 from robacc.geometry import Array, Poses, log_between
 from robacc.measurements import Measurements, even_rows
 from robacc.robots.description import Robot
@@ -47,6 +47,8 @@ _LEAST_POSES = 8
 """Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
+_IN_PART = 2.0 / 3.0
+"""Share of the rows whose error has to be small: registration is robust against mistakes in the others."""
 _SAMPLE = 60
 """Rows that hypotheses are judged by, and hypotheses of each group that are, by a rough fit: it bounds the time."""
 _BEST = 8
@@ -117,8 +119,8 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
-    """Return whether the registered error may come from a mistake."""
-    error = _median_error(data, poses.translation)
+    """Return whether the registered error may come from a mistake, in a third of the rows at least."""
+    error = float(np.quantile(np.linalg.norm(data.position - poses.translation, axis=0), _IN_PART))
     if data.rotation is None or error > GROSS * spread(data.position):
         return error > GROSS * spread(data.position)
     return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
@@ -257,7 +259,7 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
     if measured is None:
         found = map(_Hypothesis, sets, share, share, free.median, nothing, nothing)
         return sorted(found, key=lambda item: item.rank)
-    turn, turned = register_orientations(rotation, measured)
+    turn, turned, _ = register_orientations(rotation, measured)
     common = register_positions(rotation, translation, position, by_target, turn=turn).median
     # Orientations that hardly vary do not show the base, which the positions then show.
     other = orientation_errors(rotation, measured, free.rotation)

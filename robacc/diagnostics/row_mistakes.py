@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.diagnostics.mistakes import CLEAR, GROSS, MOST_ROWS, PLAUSIBLE, Mistake, registered_poses, spread
-from robacc.diagnostics.registrations import arm_poses, register_positions, rows_by_target
+from robacc.fitting.closed_form import arm_poses, register_positions, rows_by_target
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict

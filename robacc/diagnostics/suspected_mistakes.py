@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.diagnostics.registrations import register_positions
+from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.geometry import log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements

@@ -204,19 +204,19 @@ _SIGNIFICANCE = 0.001
 
 def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, options: Options) -> Fit:
     """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole."""
-    effects = list(original.free)
-    for place, effect in enumerate(effects):
-        if isinstance(effect, LinkGeometry) and not effect.labels and set(effect.joints) == set(original.arm.names):
-            break
-    else:
-        return fitted
+    whole = {
+        number
+        for number, effect in enumerate(original.free)
+        if isinstance(effect, LinkGeometry) and not effect.labels and set(effect.joints) == set(original.arm.names)
+    }
     columns = fitted.identifiability.columns
-    rotations = [i for i in columns if fitted.owners[i] == place and fitted.terms[i].label == "beta"]
+    rotations = [i for i in columns if fitted.owners[i] in whole and fitted.terms[i].label == "beta"]
     covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
     if not rotations or not np.isfinite(covariance).all():
         return fitted
     matrix, scale = unit_diagonal(covariance)
     if chi2_sf(float(scale * value @ solved(matrix, scale * value)), float(len(rotations))) <= _SIGNIFICANCE:
         return fitted
-    effects[place] = LinkGeometry(effects[place].joints, ("theta", "d", "a", "alpha"))
+    labels = ("theta", "d", "a", "alpha")
+    effects = (LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free))
     return fit(dataclasses.replace(original, free=tuple(effects)), data, options)

@@ -16,9 +16,9 @@ from robacc.effects.request import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, choose_deflection
+from robacc.fitting.masses import DeflectionChoice, choose_form
 from robacc.fitting.parameters import Correlation, correlations, high_leverage
-from robacc.fitting.priors import ShrunkKind, shrink_to_nominal, without_idle_rotations
+from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
@@ -72,10 +72,7 @@ class CalibrationPlan:
         """
         model, options = Model.of(self.robot, effects), self.with_priors(options, effects, data)
         fitted = fit(model, data, options) if near is None else refit(near, effects, data, options)
-        chosen, model, deflection = choose_deflection(fitted, model, data, options)
-        if self.priors:
-            return chosen, deflection
-        return without_idle_rotations(chosen, model, data, options), deflection
+        return choose_form(fitted, model, data, options)
 
     def shrunk(self, chosen: Fit, data: Measurements, options: Options) -> tuple[Fit, tuple[ShrunkKind, ...]]:
         """Return the fit with constants shrunk to nominal, unless there are priors or the plan has no shrinkage."""
@@ -176,7 +173,7 @@ def _calibrate(
         shrunk=shrunk,
         correlations=correlations(final),
         identifiability=final.identifiability,
-        leverage=high_leverage(final, data),
+        leverage=high_leverage(final),
         partial_residuals=tuple(
             (effect, curve)
             for effect in effects

@@ -1,9 +1,9 @@
 """Registration of base and targets in closed form, from any start, for one robot or for many hypotheses at once.
 
 With F the arm's own pose (to the last link, known effects included), R the rotation from the measuring frame to the
-base and g the target on the last link, a measured position p obeys R p = p_F + R_F g + u. For a given R the best g and u
-are linear in R, so that the squared error is a quadratic form in the nine elements of R, whatever the number of poses.
-Its minimum without the constraint, made orthogonal, is the start of a few Gauss-Newton steps on the rotation.
+base and g the target on the last link, a measured position p obeys R p = p_F + R_F g + u. For a given R the best g and
+u are linear in R, so that the squared error is a quadratic form in the nine elements of R, whatever the number of
+poses. Its minimum without the constraint, made orthogonal, is the start of a few Gauss-Newton steps on the rotation.
 
 Orientations obey R_B R_F R_G = R_measured. The null vector of the linear equations R_F R_G - R_B^T R_measured = 0
 consists of both rotations: columns of R_G among themselves and of R_B among themselves are orthonormal, so that it

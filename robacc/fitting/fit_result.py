@@ -211,12 +211,19 @@ class Fit:
 
     def without(self, effects: Collection[int]) -> Array:
         """Return ``(P,)`` the fit's coefficients without some free effects, to first order."""
+        if not effects:
+            return self.theta
         columns = self.identifiability.columns
         remaining = np.array([self.owners[i] not in effects for i in columns], dtype=bool)
         theta = np.zeros_like(self.theta)
         matrix, scale = unit_diagonal((self.gram + np.diag(self.precision))[np.ix_(remaining, remaining)])
         theta[columns[remaining]] = scale * solved(matrix, scale * self.rhs[remaining])
         return theta
+
+    def jacobian(self, rows: NDArray[np.int64], components: int = 6) -> Array:
+        """Return ``(components, K, n)`` the Jacobian of the identifiable coefficients at some rows of the poses."""
+        bound = self.model.bind(self.data.subset(rows))
+        return bound.linearise(self.theta, self.identifiability.columns, components)[1]
 
     def predict(self, data: Measurements, theta: Array | None = None) -> Poses:
         """Return the poses that the written model predicts: beyond their validity range, effects are held.

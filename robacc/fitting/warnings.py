@@ -125,7 +125,7 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
         return ()
     lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
     pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
-    shared = () if pattern is None else (pattern.text,)
+    shared = () if pattern is None else (pattern,)
     several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
     counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
     return (f"outliers left out of the fit: {counted}", *shared)

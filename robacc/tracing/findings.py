@@ -410,7 +410,7 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
     """Yield hints on outliers that are not accidental."""
     pattern = outlier_pattern(data, ~final.inliers, final.model.arm.names)
     if pattern is not None:
-        yield pattern.text
+        yield pattern
     share = final.outliers.size / data.n
     if share > _MANY_OUTLIERS:
         yield f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance"

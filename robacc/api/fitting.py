@@ -22,11 +22,11 @@ from robacc.api.inputs import (
 )
 from robacc.api.parameters import CampaignUse, StrPath
 from robacc.api.result import ModelUse, Result, fields_of, use_model
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.effects.request import Baseline, default_baseline, parse_requests
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.visits import places
+from robacc.fitting.warnings import suspected_mistakes
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign
 from robacc.modelling.validity import outside_validity

@@ -15,7 +15,6 @@ from robacc.accuracy.stages import Stage
 from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.row_loads import unlogged_loads
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.orders import order_tolerance, origin_of
 from robacc.effects.search_forms import orders_of
@@ -28,7 +27,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import with_deflection
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
-from robacc.fitting.warnings import LackOfFit
+from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

@@ -94,15 +94,13 @@ class Priors:
         self._weights = np.array([term.weight for term in terms], dtype=np.float64)
         typical = np.array([term.typical for term in terms], dtype=np.float64)
         self._largest = LARGEST_OF_PROFILE * np.array([np.max(typical * member) for member in self._member])
-        self._stds = np.array([start.get(name, typical[np.argmax(m)]) for name, m in self._by_group()])
+        usual = typical[self._member.argmax(axis=1)] if self.groups else typical[:0]
+        self._stds = np.array([start.get(name, std) for name, std in zip(self.groups, usual.tolist(), strict=True)])
         sizes = [
             start.get(term.group, term.typical) * term.weight if term.group else std
             for term, std in zip(terms, given.tolist(), strict=True)
         ]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
-
-    def _by_group(self) -> list[tuple[str, Array]]:
-        return list(zip(self.groups, self._member, strict=True))
 
     @property
     def group_stds(self) -> dict[str, float]:

@@ -83,11 +83,9 @@ def spread(position: Array) -> float:
     return max(float(np.sqrt(np.var(position, axis=1).sum())), 1e-12)
 
 
-def registered_poses(robot: Robot, data: Measurements, registered: Measurements | None = None) -> Poses:
-    """Return the poses of the nominal model with base and targets registered, by default on an even share of them."""
-    if registered is None:
-        registered = data.subset(even_rows(data.n, MOST_ROWS))
-    return predict(register_frames(robot, registered, True, True), data)
+def registered_poses(robot: Robot, data: Measurements) -> Poses:
+    """Return the poses of the nominal model with base and targets registered, on an even share of the poses."""
+    return predict(register_frames(robot, data.subset(even_rows(data.n, MOST_ROWS)), True, True), data)
 
 
 # Rows that belong to the joints of other rows, and stretches of rows.
@@ -167,25 +165,20 @@ def find_part_mistake(
 
 def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array:
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
+    assert data.q is not None
     margin = int(_SHIFTS.max())
     length = min(max(data.n // _WINDOWS, _FEWEST_ROWS), _MOST_IN_WINDOW, data.n - 2 * margin)
-    by_target = rows_by_target(robot, data)
-    tried: list[tuple[float, int, int]] = []
+    by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
+    tried: list[tuple[float, Array, Array, Array]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
         rows = np.arange(start, start + length)
-        window = data.subset(rows)
-        links = arm_poses(robot, window, np.repeat(np.array([window.q]), _SHIFTS.size, axis=0))
-        measured = data.position.T[rows + _SHIFTS[:, None]]
-        medians = register_positions(*links, measured, by_target[:, rows]).median
-        tried.extend((median, start, shift) for median, shift in zip(medians.tolist(), _SHIFTS.tolist(), strict=True))
+        links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
+        found = register_positions(*links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
     candidates = [predicted]
-    for _, start, shift in sorted(tried)[:_WINDOWS]:
-        rows = np.arange(start, start + length)
-        measured_rows = data.subset(rows + shift)
-        window = dataclasses.replace(
-            data.subset(rows), position=measured_rows.position, rotation=measured_rows.rotation
-        )
-        candidates.append(registered_poses(robot, data, window).translation)
+    for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:_WINDOWS]:
+        on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
+        candidates.append(((translation[0] + on_link + shift) @ turn).T)
     # Rows that do not fit count alike: they may be the most.
     gross = 2 * GROSS * spread(data.position)
     scores = [np.minimum(_errors_by_shift(each, data.position).min(axis=0), gross).sum() for each in candidates]

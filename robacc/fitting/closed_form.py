@@ -19,6 +19,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.geometry import Array, Poses, rpy_from_rotation, skew
@@ -179,7 +180,7 @@ def register_positions(
     return Registration(fitted, centre, _RELUCTANCE * moved[:, 3:].reshape(h, -1, 3), vectors)
 
 
-def register_orientations(rotation: Array, measured: Array) -> tuple[Array, Array, Array]:
+def register_orientations(rotation: Array, measured: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the rotations ``(H, 3, 3)`` from the measuring frame to the base, median errors, and if it is unique.
 
     Errors ``(H,)`` are in rad; it is not unique ``(H,)`` if the last link turns about one axis only.

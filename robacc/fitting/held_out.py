@@ -127,7 +127,7 @@ def held_out_poses(
     if not size:
         return poses
     most = _MOST_NUMBERS // (rows_of * size)
-    blocks = list(whole_groups(groups, max(data.n if data.n <= most else most // 8, 1)))
+    blocks = whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M, n)``."""
@@ -148,7 +148,7 @@ def held_out_poses(
         kept = np.array([fit.owners[i] not in absent for i in columns], dtype=bool)
         if start is None or not kept.any():
             continue
-        whole = np.linalg.solve(root.T, np.where(kept, fit.without(absent)[columns], 0.0))
+        whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, fit.without(absent)[columns], 0.0)))
         error = residuals(data, start) if absent else fit.residual
         models.append((start, np.linalg.qr(root[:, ~kept])[0], whole, error))
     for rows in blocks:

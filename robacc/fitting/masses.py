@@ -327,26 +327,36 @@ def _kg(mass: float) -> str:
 
 def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     """Return which load the springs of a fit point to; None unless one of them has uncertain masses."""
-    springs = springs_of(fit)
-    if not any(effect.masses == "uncertain" for effect in springs):
+    if not any(effect.masses == "uncertain" for effect in springs_of(fit)):
         return None
-    arm = fit.model.arm
-    columns = weight_columns(fit, data)
-    usual = _usual_stds(arm, columns)
+    arm, columns = fit.model.arm, weight_columns(fit, data)
+    usual = regressor_stds(arm, 1.0)
+    for body in arm.chain.bodies:
+        for label in (f"{axis}{body.owner + 1}" for axis in ("hx", "hy", "hz")):
+            usual[label] = max(usual[label], _LEAST_REACH * body.mass)
     error = max(relative_std(fit), _LEAST_ERROR)
+    stds = error * _ERRORS[:, None] * np.array([usual[label] for label in columns.labels])
     log_prior = -0.5 * np.square(np.log(_ERRORS) / _ERRORS_STD)
     log_prior -= math.log(np.sum(np.exp(log_prior)))
-    none = _log_evidence(columns, np.zeros((_ERRORS.size, usual.size)), error * _ERRORS[:, None] * usual) + log_prior
+    none = _log_evidence(columns, np.zeros_like(stds), stds) + log_prior
     evidence_of_none = float(np.logaddexp.reduce(none))
     if not math.isfinite(evidence_of_none):
         return None
     places = []
     for link, masses in _hypotheses(arm, columns):
-        mean, std = _prior(arm, columns, link, masses, error * _ERRORS[:, None] * usual)
+        mean, std = _prior(arm, columns, link, masses, stds)
         evidence = _log_evidence(columns, mean, std).reshape(masses.size, -1, _ERRORS.size) + log_prior
         by_mass = np.logaddexp.reduce(evidence.reshape(masses.size, -1), axis=1) - math.log(_OFFSETS.size)
-        places.append(_place(arm.robot.joints[link].name, masses, by_mass - evidence_of_none))
-    places = sorted((p for p in places if math.isfinite(p.log_bayes_factor)), key=lambda p: -p.log_bayes_factor)
+        weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
+        if not weights.any():
+            continue
+        # The prior of the mass is even in its logarithm.
+        cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
+        sizes = np.sign(masses[0]) * np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
+        likely = float(np.logaddexp.reduce(by_mass)) - math.log(masses.size) - evidence_of_none
+        name = arm.robot.joints[link].name
+        places.append(LoadPlace(name, float(sizes[1]), float(sizes.min()), float(sizes.max()), likely))
+    places.sort(key=lambda place: -place.log_bayes_factor)
     if not places:
         return None
     best = places[0].log_bayes_factor
@@ -356,23 +366,14 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     return UndeclaredLoad(columns.joints, tuple(near), is_named, error * float(_ERRORS[int(np.argmax(none))]))
 
 
-def _usual_stds(arm: Arm, columns: WeightColumns) -> Array:
-    """Return ``(K,)`` standard deviations of the masses and first moments at a relative error of 1."""
-    stds = regressor_stds(arm, 1.0)
-    for body in arm.chain.bodies:
-        least = _LEAST_REACH * body.mass
-        stds |= {f"{axis}{body.owner + 1}": max(stds[f"{axis}{body.owner + 1}"], least) for axis in ("hx", "hy", "hz")}
-    return np.array([stds[label] for label in columns.labels])
-
-
 def _hypotheses(arm: Arm, columns: WeightColumns) -> Iterator[tuple[int, Array]]:
     """Yield links (numbers of their joints in the robot) with masses to try: more than the file's, and less."""
     carried = {link: sum(body.mass for body in arm.chain.bodies if body.owner == link) for link in arm.owners}
     links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
-    total = sum(carried[link] for link in links)
+    masses = sum(carried[link] for link in links) * _LOADS
     for link in links:
-        yield link, total * _LOADS
-        if (lacking := total * _LOADS[total * _LOADS < 0.9 * carried[link]]).size:
+        yield link, masses
+        if (lacking := masses[masses < 0.9 * carried[link]]).size:
             yield link, -lacking
 
 
@@ -383,28 +384,12 @@ def _prior(arm: Arm, columns: WeightColumns, link: int, masses: Array, stds: Arr
     standard deviations.
     """
     offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
-    mean = np.zeros((masses.size, offsets.size, len(stds), stds.shape[1]))
+    mean = np.zeros((masses.size, offsets.size, *stds.shape))
     std = np.broadcast_to(stds, mean.shape).copy()
-    for k, label in enumerate(columns.labels):
-        if label == f"m{link + 1}":
-            mean[..., k] = masses[:, None, None]
-        elif label[0] == "h" and label[2:] == str(link + 1):
-            std[..., k] = np.hypot(std[..., k], np.abs(np.multiply.outer(masses, offsets))[:, :, None])
+    mean[..., columns.labels.index(f"m{link + 1}")] = masses[:, None, None]
+    moments = [k for k, label in enumerate(columns.labels) if label[0] == "h" and label[2:] == str(link + 1)]
+    std[..., moments] = np.hypot(std[..., moments], np.abs(np.multiply.outer(masses, offsets))[:, :, None, None])
     return mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1])
-
-
-def _place(link: str, masses: Array, by_mass: Array) -> LoadPlace:
-    """Return a hypothesis from the log evidence ``(S,)`` of each mass; the prior of the mass is even in its log."""
-    weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
-    if not weights.any():
-        return LoadPlace(link, 0.0, 0.0, 0.0, -math.inf)
-    cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
-    low, middle, high = np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
-    sign = float(np.sign(masses[0]))
-    ends = sorted((sign * float(low), sign * float(high)))
-    return LoadPlace(
-        link, sign * float(middle), ends[0], ends[1], float(np.logaddexp.reduce(by_mass)) - math.log(masses.size)
-    )
 
 
 def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:

@@ -17,7 +17,6 @@ unchanged.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -193,8 +192,8 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     return [order[first[counts == n][:, None] + np.arange(n)].astype(np.int64) for n in np.unique(counts).tolist()]
 
 
-def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.int64]]:
-    """Yield the rows in blocks of ``size`` rows, or a few more, that leave rows with equal numbers together.
+def whole_groups(numbers: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
+    """Return the rows in blocks of about ``size`` rows that leave rows with equal numbers together.
 
     Numbers come in the order of their first rows, so that a block's rows lie close together.
     """
@@ -202,11 +201,8 @@ def whole_groups(numbers: NDArray[np.int64], size: int) -> Iterator[NDArray[np.i
     first[numbers[::-1]] = np.arange(numbers.size)[::-1]
     order = np.argsort(first[numbers], kind="stable")
     last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
-    start = 0
-    while start < order.size:
-        end = int(last[np.searchsorted(last, min(start + size, order.size))])
-        yield order[start:end]
-        start = end
+    ends = np.minimum(np.arange(size, numbers.size + size, size), numbers.size)
+    return np.split(order, np.unique(last[np.searchsorted(last, ends)])[:-1])
 
 
 # Normal equations.

@@ -135,7 +135,7 @@ def _cost_of_signs(one: Fit) -> float:
         return 0.0
     compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names}
     values = zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True)
-    return sum(0.5 * value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
+    return math.fsum(0.5 * value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
 
 
 def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:

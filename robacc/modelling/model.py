@@ -10,7 +10,7 @@ import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,18 @@ from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 
 # Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients.
+
+
+class _Layout(NamedTuple):
+    """Columns of requested coefficients in a Jacobian."""
+
+    column: dict[int, int]
+    """Number of a term to column."""
+    parts: list[TermPart]
+    motions: list[int]
+    """Motions that a sweep follows: that of each column if all are plain, else each motion once."""
+    is_plain: bool
+    """Whether each coefficient moves one motion by just as much, so that its column is that of the motion."""
 
 
 @dataclass(frozen=True)
@@ -61,15 +73,8 @@ class BoundModel:
         ``(K,)`` are the indices of the requested coefficients, in order; by default all. With 3 ``rows``, the Jacobian
         is that of the position.
         """
-        numbers = range(len(self.terms)) if columns is None else columns.tolist()
-        column = {len(self.fixed) + number: i for i, number in enumerate(numbers)}
-        requested = [entry for entry in self._entries if entry.number in column]
+        column, requested, motions, is_plain = self._layout(np.arange(len(self.terms)) if columns is None else columns)
         elastic, coefficients = self._elastic, np.concatenate((self.fixed_values, theta))
-        # Each coefficient moves one motion by just as much, so that its column is that of the motion.
-        is_plain = not elastic.entries and len(requested) == len(column) and all(_is_plain(e.part) for e in requested)
-        motions = [part.motion for number in numbers for part in self.terms[number].parts]
-        if not is_plain:
-            motions = sorted({*motions, *(e.part.motion for e in elastic.entries)} - {SCALE_OF_INSTRUMENT})
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, elastic.counts)
         jacobian = sweep.jacobian[:rows]
         if not is_plain:
@@ -87,10 +92,28 @@ class BoundModel:
         if np.any(scale):
             jacobian[:3] *= 1.0 + scale
             poses = Poses(poses.rotation, poses.translation * (1.0 + scale))
-        for entry in requested:
-            if entry.part.motion == SCALE_OF_INSTRUMENT:
+        for entry in self._scales:
+            if entry.number in column:
                 jacobian[:3, column[entry.number]] += sweep.poses.translation * entry.part.factor
         return poses, jacobian
+
+    def _layout(self, columns: NDArray[np.int64]) -> _Layout:
+        """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""
+        key = columns.tobytes()
+        if key not in self._layouts:
+            numbers, elastic = columns.tolist(), self._elastic.entries
+            column = {len(self.fixed) + number: i for i, number in enumerate(numbers)}
+            requested = [entry for entry in self._entries if entry.number in column]
+            is_plain = not elastic and len(requested) == len(column) and all(_is_plain(e.part) for e in requested)
+            motions = [part.motion for number in numbers for part in self.terms[number].parts]
+            if not is_plain:
+                motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
+            self._layouts[key] = _Layout(column, requested, motions, is_plain)
+        return self._layouts[key]
+
+    @cached_property
+    def _layouts(self) -> dict[bytes, _Layout]:
+        return {}
 
     @cached_property
     def _entries(self) -> tuple[TermPart, ...]:
@@ -117,10 +140,19 @@ class BoundModel:
             for motion, entries in by_motion.items()
         ]
 
+    @cached_property
+    def _constants(self) -> list[TermPart]:
+        """Parts that move a motion by a constant."""
+        return [e for e in self._entries if _is_rigid(e.part) and not isinstance(e.part.factor, np.ndarray)]
+
+    @cached_property
+    def _scales(self) -> list[TermPart]:
+        """Parts that are the instrument's scale."""
+        return [entry for entry in self._entries if entry.part.motion == SCALE_OF_INSTRUMENT]
+
     def _scale(self, coefficients: NDArray[Any]) -> Any:
         """Return by how much the instrument's scale differs from 1."""
-        scales = (e for e in self._entries if e.part.motion == SCALE_OF_INSTRUMENT)
-        return sum(coefficients[e.number] * e.part.factor for e in scales)
+        return sum(coefficients[entry.number] * entry.part.factor for entry in self._scales)
 
     def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain, deflections included."""
@@ -132,9 +164,9 @@ class BoundModel:
         for motion, numbers, factors in self._regressors:
             if np.any(coefficients[numbers]):
                 scalars[motion] = scalars[motion] + coefficients[numbers] @ factors
-        for entry in self._entries:
+        for entry in self._constants:
             part, value = entry.part, values[entry.number]
-            if value != 0 and _is_rigid(part) and not isinstance(part.factor, np.ndarray):
+            if value != 0:
                 added = value * part.factor
                 scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars

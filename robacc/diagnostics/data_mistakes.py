@@ -378,8 +378,6 @@ _LEAST_POSES = 8
 """Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
-_IN_PART = 2.0 / 3.0
-"""Share of the rows whose error has to be small: registration is robust against mistakes in the others."""
 _SAMPLE = 60
 """Rows that hypotheses are judged by, and hypotheses of each group that are, by a rough fit: it bounds the time."""
 _BEST = 8
@@ -450,8 +448,8 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
-    """Return whether the registered error may come from a mistake, in a third of the rows at least."""
-    error = float(np.quantile(np.linalg.norm(data.position - poses.translation, axis=0), _IN_PART))
+    """Return whether the registered error may come from a mistake."""
+    error = _median_error(data, poses.translation)
     if data.rotation is None or error > GROSS * spread(data.position):
         return error > GROSS * spread(data.position)
     return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS

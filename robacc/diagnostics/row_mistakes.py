@@ -172,8 +172,8 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     tried: list[tuple[float, Array, Array, Array]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
         rows = np.arange(start, start + length)
-        links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
-        found = register_positions(*links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
+        found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
         tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
     candidates = [predicted]
     for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:_WINDOWS]:

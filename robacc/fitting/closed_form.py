@@ -31,6 +31,9 @@ _PASSES = 3
 """Fits of a registration, each with the rows weighted by their errors in the one before."""
 _CAUCHY = 3.0
 """Median errors at which a row has half its weight."""
+_TRIM = 6.0
+"""Median errors beyond which a pose is left out of a trimmed registration, as a beam break is."""
+_LEAST_WEIGHT = 1e-12
 _STEPS = 5
 """Gauss-Newton steps of the rotation, which converge quadratically."""
 _RIDGE = 1e-9
@@ -109,10 +112,10 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
             target = rotation @ np.moveaxis(tools.rotation, 2, 0)[index]
             known = nearest_rotation(np.einsum("hnij,hnkj->hik", target, measured))
         elif measured is not None and data.n >= 3:
-            turned, _, is_unique = register_orientations(rotation, measured)
+            turned, _, is_unique = register_orientations(rotation, measured, passes=1)
             known = turned if is_unique[0] else None
         rows = by_target if tool else by_target[:0]
-        found = register_positions(rotation, nominal, data.position.T[None], rows, turn=known)
+        found = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
         turn, moved = found.rotation, found.targets[0]
         before = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
         robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ found.shift[0]) @ before))
@@ -144,6 +147,7 @@ def register_positions(
     *,
     turn: Array | None = None,
     passes: int = _PASSES,
+    trimmed: bool = False,
 ) -> Registration:
     """Register base and targets to measured positions.
 
@@ -154,6 +158,7 @@ def register_positions(
         by_target: ``(T, N)`` as :func:`rows_by_target` returns it; without rows only the base is registered.
         turn: ``(H, 3, 3)`` known rotation from the measuring frame to the base; None to fit it.
         passes: Fits.
+        trimmed: Least squares of all rows but those far off, in two passes; else each row counts by its error.
     """
     h, n = translation.shape[:2]
     # Columns of shift and targets, to eliminate, and of the nine elements of R and the arm.
@@ -165,7 +170,7 @@ def register_positions(
         columns[:, :, axis, 3 * axis : 3 * axis + 3] = measured - means[0]
     columns[..., 9] = translation - means[1]
     weight = np.ones((h, n))
-    for _ in range(passes):
+    for _ in range(2 if trimmed else passes):
         root = np.repeat(np.sqrt(weight), 3, axis=1)[..., None]
         free, wanted = offsets.reshape(h, 3 * n, -1) * root, columns.reshape(h, 3 * n, 10) * root
         inverse = np.linalg.pinv(free.swapaxes(1, 2) @ free, rcond=(_LEAST_TURN * _RELUCTANCE) ** 2, hermitian=True)
@@ -174,13 +179,17 @@ def register_positions(
         start = (wanted.swapaxes(1, 2) @ wanted)[:, :9, 9]
         fitted = _best_rotation(rest.swapaxes(1, 2) @ rest, start) if turn is None else turn
         vectors = ((rest @ _with_arm(fitted)) / root).reshape(h, n, 3)
-        weight = _weights(np.linalg.norm(vectors, axis=2))
+        errors = np.linalg.norm(vectors, axis=2)
+        limit = _TRIM * np.median(errors, axis=1, keepdims=True)
+        weight = np.where(errors <= limit, 1.0, _LEAST_WEIGHT) if trimmed else _weights(errors)
     moved = (solved @ _with_arm(fitted))[..., 0]
     centre = moved[:, :3] + (fitted @ means[0].swapaxes(1, 2))[..., 0] - means[1][:, 0]
     return Registration(fitted, centre, _RELUCTANCE * moved[:, 3:].reshape(h, -1, 3), vectors)
 
 
-def register_orientations(rotation: Array, measured: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+def register_orientations(
+    rotation: Array, measured: Array, passes: int = _PASSES
+) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the rotations ``(H, 3, 3)`` from the measuring frame to the base, median errors, and if it is unique.
 
     Errors ``(H,)`` are in rad; it is not unique ``(H,)`` if the last link turns about one axis only.
@@ -188,10 +197,11 @@ def register_orientations(rotation: Array, measured: Array) -> tuple[Array, Arra
     Args:
         rotation: ``(H, N, 3, 3)`` orientation of the last link in the base.
         measured: ``(H, N, 3, 3)`` measured orientations.
+        passes: Fits.
     """
     h, n = rotation.shape[:2]
     weight = np.ones((h, n))
-    for _ in range(_PASSES):
+    for _ in range(passes):
         share = weight / weight.sum(axis=1, keepdims=True)
         # Elements (i, j), (l, k) of R_F and the measured orientation.
         weighted = np.swapaxes((rotation * share[..., None, None]).reshape(h, n, 9), 1, 2)

@@ -126,8 +126,12 @@ class Whitening:
 
     def cost(self, values: Array) -> float:
         """Return the sum of the squares of ``(M, N)`` whitened."""
-        white = self.apply(values)
-        return float(np.vdot(white, white))
+        total, step = 0.0, values.shape[1] if self.blocks else _MOST_NUMBERS // 32
+        for start in range(0, values.shape[1], step):
+            rows = slice(start, start + step)
+            white = (self if self.blocks else self.subset(rows)).apply(values[:, rows])
+            total += float(np.vdot(white, white))
+        return total
 
     def _mix(self, scaled: Array) -> None:
         """Multiply scaled values ``(L, M, N)`` in place by the factors of the visits."""

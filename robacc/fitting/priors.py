@@ -1,4 +1,4 @@
-"""What is known of an arm's constants beside the poses: constants that poses hardly show, and those that are nominal.
+"""What is known of an arm's constants beside the poses: weakly identifiable constants, and those that are nominal.
 
 **Weakly identifiable** are constants that the broad prior of :mod:`robacc.fitting.solver` bounds.
 

@@ -8,8 +8,9 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.outliers import row_weights
 from robacc.measurements import Measurements
-from robacc.modelling.observation import observed_jacobian, residuals, weights
+from robacc.modelling.observation import observed_jacobian, residuals
 
 
 def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tuple[OptimizeResult, np.ndarray]:
@@ -19,7 +20,7 @@ def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tu
 
     scipy judges its steps in units of the coefficients, which differ by 1e5: each gets its standard error for one.
     """
-    kept, bound, weight = found.identifiability.columns, found.model.bind(data), weights(data, noise, noise)
+    kept, bound, weight = found.identifiability.columns, found.model.bind(data), row_weights(data, (noise, noise))
     size = np.sqrt(np.diag(found.covariance))[kept]
 
     prior = np.sqrt(found.precision) * size

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TextIO, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TextIO, TypeVar, cast
 
 import numpy as np
 
@@ -41,7 +41,6 @@ from robacc.api.parameters import (
 from robacc.api.result import ModelUse, Provenance, Result, fields_of, options_of, use_model
 from robacc.calibration.calibrating import Calibration
 from robacc.calibration.calibrating import calibrate as fit_effects
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.documents.envelope import InputFile
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
@@ -50,6 +49,7 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.visits import places
+from robacc.fitting.warnings import suspected_mistakes
 from robacc.io.files import write_text
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import with_campaign

@@ -16,11 +16,11 @@ from robacc.effects.request import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, choose_deflection
+from robacc.fitting.masses import choose_form
 from robacc.fitting.parameters import Correlation, correlations, high_leverage
+from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import ShrunkKind, shrink_to_nominal, without_idle_rotations
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
@@ -28,61 +28,6 @@ from robacc.robots.description import Robot
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.refitting import refit
 from robacc.tracing.search import search
-
-# Effects that a calibration fits, and its fits with and without shrinkage to the nominal values.
-
-
-@dataclass(frozen=True)
-class CalibrationPlan:
-    """Requested effects: fixed effects are fitted as given, searched effects on the joints with evidence."""
-
-    robot: Robot
-    requests: Sequence[Request]
-    priors: Mapping[str, float]
-    """Standard deviation about zero, rad or m, by coefficient name; empty without priors."""
-    shrink: bool
-    """Constants that are requested for all joints are shrunk to nominal where there are no priors."""
-
-    def searched(self, data: Measurements) -> tuple[Effect, ...]:
-        """Return the searched effects on the joints with evidence."""
-        requests = [request for request in self.requests if is_searched(request)]
-        if not requests:
-            return ()
-        build(requests, Arm.of(self.robot), data)
-        return search(Model.of(self.robot, self.fixed(data)), data, only=[r.name for r in requests]).effects
-
-    def fixed(self, data: Measurements) -> tuple[Effect, ...]:
-        """Return the effects that are fitted as requested."""
-        return build([request for request in self.requests if not is_searched(request)], Arm.of(self.robot), data)
-
-    def with_priors(self, options: Options, effects: Sequence[Effect], data: Measurements) -> Options:
-        """Return ``options`` with the priors, infinite for coefficients without a prior."""
-        if not self.priors:
-            return options
-        arm = Arm.of(self.robot)
-        names = [term.name for effect in effects for term in effect.terms(arm, data)]
-        return dataclasses.replace(options, priors=np.array([self.priors.get(name, np.inf) for name in names]))
-
-    def unshrunk(
-        self, effects: tuple[Effect, ...], data: Measurements, options: Options, near: Fit | None = None
-    ) -> tuple[Fit, DeflectionChoice | None]:
-        """Return the fit of all effects, with the torque model of elastic effects that the data support.
-
-        Without explicit priors, idle rotations are removed. ``near`` is a fit of the same effects to start from.
-        """
-        model, options = Model.of(self.robot, effects), self.with_priors(options, effects, data)
-        fitted = fit(model, data, options) if near is None else refit(near, effects, data, options)
-        chosen, model, deflection = choose_deflection(fitted, model, data, options)
-        if self.priors:
-            return chosen, deflection
-        return without_idle_rotations(chosen, model, data, options), deflection
-
-    def shrunk(self, chosen: Fit, data: Measurements, options: Options) -> tuple[Fit, tuple[ShrunkKind, ...]]:
-        """Return the fit with constants shrunk to nominal, unless there are priors or the plan has no shrinkage."""
-        if self.priors or not self.shrink:
-            return chosen, ()
-        requested = (request.name for request in self.requests if request.joints is None)
-        return shrink_to_nominal(chosen, data, options, [name for name in requested if name in CONSTANTS])
 
 
 def is_searched(request: Request) -> bool:
@@ -124,40 +69,53 @@ def calibrate(
     A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
     `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
     coefficient name, in SI units (as :mod:`robacc.fitting.priors` gives them). Without them, ``shrink`` applies
-    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.sparse_prior`).
+    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.priors`).
     Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
 
     Raises:
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
-    plan = CalibrationPlan(robot, requests, priors or {}, shrink)
 
     def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
         how = HoldOut.of(weighted, holdout, n_folds, seed)
-        return _calibrate(plan, weighted, options or Options(), how, progress)
+        return _calibrate(robot, requests, weighted, options or Options(), priors or {}, shrink, how, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
 def _calibrate(
-    plan: CalibrationPlan, data: Measurements, options: Options, how: HoldOut, progress: Progress
+    stated: Robot,
+    requests: Sequence[Request],
+    data: Measurements,
+    options: Options,
+    priors: Mapping[str, float],
+    shrink: bool,
+    how: HoldOut,
+    progress: Progress,
 ) -> tuple[Calibration, DirectionalNoise | None]:
     """Return the result of :func:`calibrate`, and noise that is larger along one direction than along others."""
-    stated, mistakes = plan.robot, check_data(plan.robot, data)
-    robot = with_gravity_direction(Model.of(stated, plan.fixed(data)), data).arm.robot
-    plan = dataclasses.replace(plan, robot=robot)
+    mistakes = check_data(stated, data)
+    fixed = build([request for request in requests if not is_searched(request)], Arm.of(stated), data)
+    robot = with_gravity_direction(Model.of(stated, fixed), data).arm.robot
     progress("fitting", 0, 1)
-    effects = (*plan.fixed(data), *plan.searched(data))
-    unshrunk, deflection = plan.unshrunk(effects, data, options)
+    effects = (*fixed, *_searched(Model.of(robot, fixed), requests, data))
+    model = Model.of(robot, effects)
+    if priors:
+        names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
+        options = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
+    unshrunk, deflection = choose_form(fit(model, data, options), model, data, options)
 
     def refitted(scattered: Options) -> Fit:
         nonlocal deflection
-        again, deflection = plan.unshrunk(effects, data, scattered, unshrunk)
+        again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
         return again
 
     structure = with_error_structure(unshrunk, data, options, refitted)
-    final, shrunk = plan.shrunk(structure.fit, data, structure.options)
+    final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
+    if shrink and not priors:
+        everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
+        final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
     structure = dataclasses.replace(structure, fit=final)
     effects = final.model.free
     frames = tuple(effect for effect in effects if effect.traits.is_frame)
@@ -168,7 +126,7 @@ def _calibrate(
     kept = final.identifiability.columns
     warnings = (
         *judged.warnings,
-        *_request_warnings(plan.requests, final, judged.nominal, judged.after),
+        *_request_warnings(requests, final, judged.nominal, judged.after),
         *structure.warnings,
     )
     result = Calibration(
@@ -177,7 +135,7 @@ def _calibrate(
         shrunk=shrunk,
         correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
         identifiability=final.identifiability,
-        leverage=high_leverage(final, data),
+        leverage=high_leverage(final),
         partial_residuals=tuple(
             (effect, curve)
             for effect in effects
@@ -186,6 +144,15 @@ def _calibrate(
         ),
     )
     return result, structure.directional
+
+
+def _searched(model: Model, requests: Sequence[Request], data: Measurements) -> tuple[Effect, ...]:
+    """Return the searched effects on the joints with evidence; ``model`` has the others."""
+    searched = [request for request in requests if is_searched(request)]
+    if not searched:
+        return ()
+    build(searched, model.arm, data)  # An effect that cannot be fitted is an error.
+    return search(model, data, only=[request.name for request in searched]).effects
 
 
 def _request_warnings(requests: Sequence[Request], final: Fit, registered: Stage, after: Stage) -> Iterator[str]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,42 +30,38 @@ _UNDECIDED = 0.25
 """Standard error of the share above which the poses do not decide."""
 
 
-def read_back_warning(final: Fit, data: Measurements) -> Iterator[str]:
-    """Yield which joints the measured positions follow, if the file has both; nothing if the model has `read_back`."""
-    model = final.model
-    cls = effect_class(READ_BACK)
+def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
+    """Return which joints the measured positions follow, if the file has both; empty if the model has `read_back`."""
+    model, cls = final.model, effect_class(READ_BACK)
     if cls.missing(model.arm, data) is not None or any(effect.name == READ_BACK for effect in model.free):
-        return
+        return ()
     assert data.read_back is not None
     assert data.q is not None
-    difference = data.read_back - data.q
-    shift = np.einsum("mjn,jn->mn", joint_columns(model, data)[:3], difference)
-    size = rms_length(shift)
-    effect = cls.default(model.arm, data)
-    fitted = fit(dataclasses.replace(model, free=(*model.free, effect)), data)
+    shift = np.einsum("mjn,jn->mn", joint_columns(model, data)[:3], data.read_back - data.q)
+    fitted = fit(model.with_free(cls.default(model.arm, data)), data)
     number = fitted.names.index(READ_BACK)
     share, std = float(fitted.theta[number]), float(np.sqrt(fitted.covariance[number, number]))
-    start = f"the joints read back differ from the commanded joints by {1e3 * size:.3g} mm rms at the target"
+    start = (
+        f"the joints read back differ from the commanded joints by {1e3 * rms_length(shift):.3g} mm rms at the target"
+    )
     if not np.isfinite(std) or std > _UNDECIDED:
-        yield f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used"
-        return
+        return (f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used",)
     follow = f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference"
     # Beyond three standard errors, and a tenth for what the model lacks, a share is impossible.
     if abs(share - 0.5) > 0.6 + 3.0 * std:
-        yield (
+        return (
             f"{follow}, but only 0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints "
-            "are used"
+            "are used",
         )
-        return
     cause = "the joints were read before the arm had settled"
     if share >= FOLLOWED_SHARE:
         cause = (
             "the arm was measured before it had settled, or its controller leaves a constant error; give the "
             "joints read back as q1 … qN"
         )
-    yield (
+    return (
         f"{follow} (0: the arm stood at the commanded joints, 1: at those read back); the commanded joints are used; "
-        f"{cause}"
+        f"{cause}",
     )
 
 
@@ -161,11 +156,10 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
-    if data.n > _MOST_ROWS:
-        rows = random_rows(data, _MOST_ROWS)
-        return _evident_rounding(model, data.subset(rows), residual[:, rows])
+    rows = random_rows(data, _MOST_ROWS)
+    q, data, residual = data.q[:, rows], data.subset(rows), residual[:, rows]
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
-    steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, data.q, strict=True)]
+    steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, q, strict=True)]
     std = np.array([step for step, _ in steps]) / math.sqrt(12.0)
     columns = joint_columns(model, data)[:3] * std[:, None]
     covariance = np.einsum("ajn,bjn->nab", columns, columns)
@@ -179,14 +173,11 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
 
 def _likelihood(residual: Array, covariance: Array) -> float:
     """Return the largest log-likelihood of ``(3, N)`` for covariances ``(N, 3, 3)`` plus white noise, in m and m²."""
-    size = float(np.sqrt(np.mean(np.square(residual))))
-    best = -np.inf
-    for share in _SHARES:
-        full = covariance + (share * size) ** 2 * np.eye(3)
-        solved = np.linalg.solve(full, residual.T[:, :, None])[:, :, 0]
-        squares = float(np.sum(solved * residual.T))
-        best = max(best, -0.5 * (squares + float(np.sum(np.linalg.slogdet(full)[1]))))
-    return best
+    noise = np.square(_SHARES) * np.mean(np.square(residual))
+    values, vectors = np.linalg.eigh(covariance)
+    along = np.square(np.einsum("nij,in->nj", vectors, residual))
+    total = np.maximum(values, 0.0) + noise[:, None, None]
+    return float(np.max(-0.5 * np.sum(along / total + np.log(total), axis=(1, 2))))
 
 
 # Memory of a joint's play: errors that depend on how its torque changed since the previous visit.

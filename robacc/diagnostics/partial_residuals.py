@@ -21,16 +21,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.chain import BLOCK
 from robacc.effects.base import Effect
 from robacc.effects.drivers import Driver
-from robacc.effects.frames import JointOffset
 from robacc.effects.periodic import orders_of, supported_orders
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
-from robacc.modelling.model import Model
 from robacc.modelling.observation import observed_jacobian, residuals
 
 _GRID = 400
@@ -110,7 +108,8 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
         direction[:3] = moved / np.maximum(np.linalg.norm(moved, axis=0), 1e-300)
         direction *= _sign(effect, [fit.names[i] for i in indices], fit, data)
     else:
-        direction = _joint_column(joint, fit, data)
+        # The derivative of the residual by the joint, with all free coefficients at zero.
+        direction = observed_jacobian(joint_columns(fit.model, data), fit.residual)[:, arm.number(joint)]
     before, after, sd = _projected(direction, without, fit)
     explained = before - after
     # Without a simpler driver the effect is drawn over its own prediction: poses lie along the diagonal.
@@ -132,17 +131,6 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     return PartialResidual(
         joint, driver.name, driver.unit, unit, driver.values, explained, before, after, sd, grid, value, spectrum
     )
-
-
-def _joint_column(joint: str, fit: Fit, data: Measurements) -> Array:
-    """Return ``(M, N)`` the derivative of the residual by the joint, with all free coefficients at zero."""
-    model = Model(fit.model.arm, fit.model.known, (JointOffset((joint,)),))
-    column = np.empty(fit.residual.shape)
-    for start in range(0, data.n, BLOCK):
-        rows = np.arange(start, min(start + BLOCK, data.n))
-        _, jacobian = model.bind(data.subset(rows)).linearise(np.zeros(1))
-        column[:, rows] = observed_jacobian(jacobian, fit.residual[:, rows])[:, 0]
-    return column
 
 
 def _projected(direction: Array, without: Array, fit: Fit) -> tuple[Array, Array, Array]:

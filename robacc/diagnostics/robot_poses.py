@@ -8,7 +8,7 @@ import os
 import numpy as np
 
 from robacc.accuracy.estimation import commanded_poses
-from robacc.diagnostics.mistakes import MOST_ROWS
+from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.errors import InputError, Problem
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.columns import BranchColumn

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.diagnostics.mistakes import MOST_ROWS
+from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
@@ -84,19 +84,16 @@ def unlogged_loads(fit: Fit, data: Measurements) -> RowLoads | None:
         _grouped(fit.residual[:3, rows], np.concatenate((jacobian, moved), axis=1), moved)
         for moved in (shifts * torque[loaded], shifts)
     )
-    if by_load is None or (by_shift is not None and by_shift.squares < _CLEARLY * by_load.squares):
+    if by_load is None or (by_shift is not None and by_shift[2] < _CLEARLY * by_load[2]):
         return None
-    order = np.argsort(by_load.levels)
-    levels = by_load.levels[order] - by_load.levels.min()
-    groups = tuple(rows[by_load.labels == label] for label in order)
-    return RowLoads(groups, tuple((levels / levels[-1]).tolist()))
+    labels, levels, _ = by_load
+    order = np.argsort(levels)
+    shares = (levels[order] - levels.min()) / np.ptp(levels)
+    return RowLoads(tuple(rows[labels == label] for label in order), tuple(shares.tolist()))
 
 
-@dataclass(frozen=True, slots=True)
-class _Grouping:
-    labels: NDArray[np.int64]
-    levels: Array
-    squares: float
+_Grouping = tuple[NDArray[np.int64], Array, float]
+"""Group of each row ``(N,)``, level of each group, and the sum of squares that remains."""
 
 
 def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
@@ -109,18 +106,20 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
     basis = left[:, sizes > _LEAST_NEW * sizes.max()]
     squares = float(np.sum(np.square(residual.ravel() - basis @ (basis.T @ residual.ravel()))))
-    amounts, precision, free = _amounts(residual, basis, moved)
+    amounts, free = _amounts(residual, basis, moved)
     if squares <= _LEAST_GAIN * free:
         # Groups of loads explain no more than a load of its own for each row.
         return None
     for count in range(2, _MOST_GROUPS + 1):
-        grouping = _settled(residual, basis, moved, _labels(amounts, precision, count))
-        if np.bincount(grouping.labels, minlength=count).min() < max(_SMALLEST_GROUP * n, 3):
+        limits = np.quantile(amounts, np.arange(1, count) / count)
+        grouping = _settled(residual, basis, moved, np.searchsorted(limits, amounts), count)
+        labels, _, remaining = grouping
+        if np.bincount(labels, minlength=count).min() < max(_SMALLEST_GROUP * n, 3):
             continue
-        gain = squares / max(grouping.squares, 1e-300)
+        gain = squares / max(remaining, 1e-300)
         cost = n * np.log(count) + 0.5 * np.log(3 * n) * (count + moved.shape[1])
         # Each row's own amount takes one of its three coordinates. Equal groups of evenly spread amounts gain count^2.
-        is_tight = grouping.squares < _CLEARLY * 1.5 * free or gain > 2.0 * count**2
+        is_tight = remaining < _CLEARLY * 1.5 * free or gain > 2.0 * count**2
         if gain > _LEAST_GAIN and is_tight and 1.5 * n * np.log(gain) > cost:
             return grouping
     return None
@@ -145,8 +144,8 @@ def _fit(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, flo
     return residual - shared.reshape(residual.shape), np.asarray(coefficients), float(np.sum(np.square(rest - shared)))
 
 
-def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, float]:
-    """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, its precision, and the sum of squares."""
+def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]:
+    """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, and the sum of squares."""
     mixture, squares = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1)), math.inf
     for _ in range(_STEPS):
         before = squares
@@ -164,23 +163,11 @@ def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array,
         mixture = mixture / max(float(np.abs(mixture).max()), 1e-300)
         if before - squares <= _SETTLED * before < math.inf:
             break
-    return amounts, precision, squares
+    return amounts, squares
 
 
-def _labels(amounts: Array, precision: Array, count: int) -> NDArray[np.int64]:
-    """Return the best grouping ``(N,)`` of weighted numbers, from starts at quantiles."""
-    levels = np.quantile(amounts, (np.arange(count) + 0.5) / count)
-    for _ in range(_STEPS):
-        labels: NDArray[np.int64] = np.argmin(np.abs(amounts[:, None] - levels), axis=1)
-        weight = np.bincount(labels, precision, count)
-        sums = np.bincount(labels, precision * amounts, count)
-        levels = np.where(weight > 0, sums / np.maximum(weight, 1e-300), levels)
-    return labels
-
-
-def _settled(residual: Array, basis: Array, moved: Array, labels: NDArray[np.int64]) -> _Grouping:
+def _settled(residual: Array, basis: Array, moved: Array, labels: NDArray[np.int64], count: int) -> _Grouping:
     """Return the grouping with the levels, the mixture and the common coefficients fitted together, in turn."""
-    count = int(labels.max()) + 1
     levels = np.arange(count, dtype=float)
     for _ in range(_STEPS):
         error, mixture, squares = _fit(residual, basis, moved * levels[labels])
@@ -189,4 +176,4 @@ def _settled(residual: Array, basis: Array, moved: Array, labels: NDArray[np.int
         levels = np.bincount(labels, products, count) / np.maximum(np.bincount(labels, sizes, count), 1e-300)
         away = np.sum(np.square(error[:, :, None] - direction[:, :, None] * levels), axis=0)
         labels = np.argmin(away, axis=1)
-    return _Grouping(labels, levels, squares)
+    return labels, levels, squares

@@ -1,4 +1,4 @@
-"""Rows that belong to the joints of other rows, and stretches of rows in other conventions.
+"""A mistake as it is reported; rows that belong to the joints of other rows, and stretches in other conventions.
 
 Base and targets are registered on windows of rows under every shift. Of the registration that fits most rows, each row
 then has an error under each shift. A stretch in which another shift fits better by far is shifted. Rows that fit under
@@ -8,17 +8,87 @@ no shift are matched with each other (assignment, Kuhn 1955). A stretch that fit
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.diagnostics.mistakes import CLEAR, GROSS, MOST_ROWS, PLAUSIBLE, Mistake, registered_poses, spread
-from robacc.diagnostics.registrations import arm_poses, register_positions, rows_by_target
-from robacc.geometry import Array, rms_length
-from robacc.measurements import Measurements
+from robacc.fitting.closed_form import arm_poses, register_frames, register_positions, rows_by_target
+from robacc.geometry import Array, Poses, rms_length
+from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import predict
 from robacc.robots.description import Robot
+
+# A mistake in the data or the robot file, and the misfit from which there may be one.
+
+GROSS = 0.01
+"""Median registered error, as a share of the standard deviation of the positions (or in rad), above which it may come
+from a mistake. An arm as it is built stays below. A single row may have twice as much, as may the sum of a position
+error and an orientation error."""
+PLAUSIBLE = 0.1
+"""The same of positions that are right in the main: registered on few rows, or on an arm with a further mistake."""
+CLEAR = 8.0
+"""Factor by which the correction of a mistake has to reduce the error. Registration of base and target explains at most
+a factor of three of a mistake in a few rows."""
+MOST_ROWS = 400
+"""Rows, evenly spread, on which base and target are registered, which bounds the time."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Mistake, or several together, in the data or the robot file, or in some rows."""
+
+    name: str
+    fix: str
+    before: float | None = None
+    """Median position error of the registered nominal model, m; None if the name has the figures."""
+    after: float | None = None
+    """The same with the mistake corrected, m."""
+    turned_before: float | None = None
+    """Median orientation error of the registered nominal model, rad."""
+    turned_after: float | None = None
+    alternatives: tuple[str, ...] = ()
+    """Other mistakes that explain these poses as well."""
+    unseen: tuple[str, ...] = ()
+    """Joints whose sign these poses do not show."""
+    of_rows: bool = False
+    """Whether the errors are those of the rows in the name."""
+    refused: bool = True
+    """Whether the data cannot be used as they are."""
+
+    @property
+    def text(self) -> str:
+        """Return the message."""
+        text = self.name
+        if self.before is not None and self.after is not None:
+            kind, unit, before, after = "error", "mm", f"{1e3 * self.before:.3g}", f"{1e3 * self.after:.3g}"
+            whose = "their" if self.of_rows else "the"
+            if self.turned_before is not None and self.turned_after is not None and self.after > self.before / 2:
+                kind, unit = "orientation error", "degrees"
+                before, after = f"{math.degrees(self.turned_before):.3g}", f"{math.degrees(self.turned_after):.2g}"
+            errors = f"{whose} median {kind} is {before} {unit}, and {after} {unit} after this correction"
+            text += f": with base and tool registered, {errors}"
+        text += f"; {self.fix}"
+        if self.alternatives:
+            text += f". Not distinguishable on these poses: {'; or '.join(self.alternatives)}"
+        if self.unseen:
+            text += f". These poses do not show the sign of {', '.join(self.unseen)}"
+        return text
+
+
+def spread(position: Array) -> float:
+    """Return the standard deviation of positions ``(3, N)`` about their centre, m."""
+    return max(float(np.sqrt(np.var(position, axis=1).sum())), 1e-12)
+
+
+def registered_poses(robot: Robot, data: Measurements) -> Poses:
+    """Return the poses of the nominal model with base and targets registered, on an even share of the poses."""
+    return predict(register_frames(robot, data.subset(even_rows(data.n, MOST_ROWS)), True, True), data)
+
+
+# Rows that belong to the joints of other rows, and stretches of rows.
 
 _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
@@ -95,25 +165,20 @@ def find_part_mistake(
 
 def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array:
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
+    assert data.q is not None
     margin = int(_SHIFTS.max())
     length = min(max(data.n // _WINDOWS, _FEWEST_ROWS), _MOST_IN_WINDOW, data.n - 2 * margin)
-    by_target = rows_by_target(robot, data)
-    tried: list[tuple[float, int, int]] = []
+    by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
+    tried: list[tuple[float, Array, Array, Array]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
         rows = np.arange(start, start + length)
-        window = data.subset(rows)
-        links = arm_poses(robot, window, np.repeat(np.array([window.q]), _SHIFTS.size, axis=0))
-        measured = data.position.T[rows + _SHIFTS[:, None]]
-        medians = register_positions(*links, measured, by_target[:, rows]).median
-        tried.extend((median, start, shift) for median, shift in zip(medians.tolist(), _SHIFTS.tolist(), strict=True))
+        turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
+        found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
     candidates = [predicted]
-    for _, start, shift in sorted(tried)[:_WINDOWS]:
-        rows = np.arange(start, start + length)
-        measured_rows = data.subset(rows + shift)
-        window = dataclasses.replace(
-            data.subset(rows), position=measured_rows.position, rotation=measured_rows.rotation
-        )
-        candidates.append(registered_poses(robot, data, window).translation)
+    for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:_WINDOWS]:
+        on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
+        candidates.append(((translation[0] + on_link + shift) @ turn).T)
     # Rows that do not fit count alike: they may be the most.
     gross = 2 * GROSS * spread(data.position)
     scores = [np.minimum(_errors_by_shift(each, data.position).min(axis=0), gross).sum() for each in candidates]

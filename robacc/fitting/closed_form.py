@@ -1,47 +1,92 @@
-"""Registration of base and target in closed form, from any start, before least squares refines them.
+"""Registration of base and targets in closed form, from any start, for one robot or for many hypotheses at once.
 
-With F the arm's own pose (base to last link, known effects included), B the base and G the target on the last link, a
-measured pose is B F G. Position only: p = R_B (p_F + R_F g) + t_B.
+With F the arm's own pose (to the last link, known effects included), R the rotation from the measuring frame to the
+base and g the target on the last link, a measured position p obeys R p = p_F + R_F g + u. For a given R the best g and
+u are linear in R, so that the squared error is a quadratic form in the nine elements of R, whatever the number of
+poses. Its minimum without the constraint, made orthogonal, is the start of a few Gauss-Newton steps on the rotation.
+
+Orientations obey R_B R_F R_G = R_measured. The null vector of the linear equations R_F R_G - R_B^T R_measured = 0
+consists of both rotations: columns of R_G among themselves and of R_B among themselves are orthonormal, so that it
+follows from the leading singular vectors of the mean of R_F x R_measured (robot-world and hand-eye calibration by
+Kronecker products, A. Li, L. Wang, D. Wu 2010).
+
+Hypotheses are the leading axis H of every array; a stack of H matrices has the shape ``(H, m, m)``.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError
-from robacc.geometry import (
-    Array,
-    Poses,
-    compose,
-    rotate_back,
-    rpy_from_rotation,
-    transpose,
-)
+from robacc.geometry import Array, Poses, rpy_from_rotation, skew
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
 
+_PASSES = 3
+"""Fits of a registration, each with the rows weighted by their errors in the one before."""
+_CAUCHY = 3.0
+"""Median errors at which a row has half its weight."""
 _TRIM = 6.0
-"""Median errors beyond which a pose is left out of the second pass, as a beam break is."""
-_ALTERNATIONS = 50
-_SETTLED = 1e-9
-"""Decrease of the cost, as a share, at which the alternation ends."""
-_LEAST_TURN = 1e-2
-"""rad: spread of the last link's turns below which a target's place along an axis stays as the robot file has it."""
-_LEAST_POSITION_VAR = 1e-4
-"""m^2; least weight of orientations, which decide if all positions are close together."""
+"""Median errors beyond which a pose is left out of a trimmed registration, as a beam break is."""
+_LEAST_WEIGHT = 1e-12
+_STEPS = 5
+"""Gauss-Newton steps of the rotation, which converge quadratically."""
+_RIDGE = 1e-9
+"""Share of the trace by which normal matrices of the rotation are regularised."""
 _RELUCTANCE = 1e-3
 """Scale of a target's columns: the solution of least norm moves the base rather than a target."""
+_LEAST_TURN = 1e-2
+"""rad: spread of the last link's turns below which a target's place along an axis stays where it is."""
 _ONE_AXIS = 1e-4
 """Second smallest eigenvalue over the largest, below which axes are parallel within about a degree."""
+_GENERATORS = np.moveaxis(skew(np.eye(3)), 2, 0)
+
+
+@dataclass(frozen=True, slots=True)
+class Registration:
+    """Registration of positions for each of H hypotheses."""
+
+    rotation: Array
+    """``(H, 3, 3)`` rotation R from the measuring frame to the base."""
+    shift: Array
+    """``(H, 3)`` u, m."""
+    targets: Array
+    """``(H, T, 3)`` change of each target on the last link, m."""
+    vectors: Array
+    """``(H, N, 3)`` the remaining errors, measured minus predicted, in the base, m."""
+
+    @property
+    def median(self) -> Array:
+        """Return the median length ``(H,)`` of the remaining error, m."""
+        return np.asarray(np.median(np.linalg.norm(self.vectors, axis=2), axis=1))
+
+
+def arm_poses(robot: Robot, data: Measurements, q: Array) -> tuple[Array, Array]:
+    """Return the last link's rotations ``(H, N, 3, 3)`` and positions ``(H, N, 3)`` at joints ``(H, J, N)``."""
+    h, joints, n = q.shape
+    rows = data.subset(np.tile(np.arange(n), h))
+    rows = dataclasses.replace(rows, q=q.transpose(1, 0, 2).reshape(joints, h * n))
+    poses = predict(dataclasses.replace(robot, tool=Frame(), targets={}), rows)
+    return np.moveaxis(poses.rotation, 2, 0).reshape(h, n, 3, 3), poses.translation.T.reshape(h, n, 3)
+
+
+def rows_by_target(robot: Robot, data: Measurements) -> Array:
+    """Return ``(T, N)``, 1 where a row is of a target of the robot, else 0."""
+    if data.target is None or not robot.targets:
+        return np.ones((1, data.n))
+    return np.asarray(np.array(list(robot.targets))[:, None] == data.target, dtype=np.float64)
 
 
 def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
-    """Return the robot with its base, its tool (or each target's), or both, registered in closed form.
+    """Return the robot with its base, its tool (or each target's), or both, registered.
+
+    Orientations decide the base if they were measured, unless the last link turns about one axis only, as of a SCARA:
+    these do not distinguish a turn of the base about it from a turn of the target.
 
     Raises:
         InputError: too few poses for it.
@@ -49,143 +94,139 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     if not (base or tool):
         return robot
     needed = 1 if data.rotation is not None else 3
-    if data.n < needed:
+    if data.n < needed or data.q is None:
         raise InputError(
             f"{data.n} pose{'s' * (data.n != 1)}: registration of base_frame or tool_frame needs at least {needed}"
         )
-    inliers = np.ones(data.n, dtype=bool)
-    registered = robot
-    for _ in range(2):
-        registered = _register(robot, data.subset(np.flatnonzero(inliers)), base, tool)
-        error = np.linalg.norm(data.position - predict(registered, data).translation, axis=0)
-        trimmed = error <= _TRIM * np.median(error)
-        if trimmed.all() or trimmed.sum() < max(needed, data.n // 2):
-            break
-        inliers = trimmed
-    return registered
-
-
-def _register(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
-    names, index = _targets(robot, data)
-    frames = [robot.targets.get(name, robot.tool) for name in names]
-    tools = [Poses.from_xyz_rpy(np.array(f.xyz), np.array(f.rpy)) for f in frames]
-    base_now = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
-    per_row = _stack(tools, index)
-    arm = base_now.inverse() @ predict(robot, data) @ per_row.inverse()
+    frames = robot.targets or {"": robot.tool}
+    by_target = rows_by_target(robot, data)
+    index = by_target.argmax(axis=0)
+    tools = Poses.from_xyz_rpy(*(np.array([getattr(f, name) for f in frames.values()]).T for name in ("xyz", "rpy")))
+    rotation, translation = arm_poses(robot, data, data.q[None])
+    nominal = translation + np.einsum("nij,jn->ni", rotation[0], tools.translation[:, index])
+    measured = None if data.rotation is None else np.moveaxis(data.rotation, 2, 0)[None]
+    turn, moved = np.eye(3)[None], np.zeros((len(frames), 3))
+    if base:
+        known = None
+        if measured is not None and not tool:
+            target = rotation @ np.moveaxis(tools.rotation, 2, 0)[index]
+            known = nearest_rotation(np.einsum("hnij,hnkj->hik", target, measured))
+        elif measured is not None and data.n >= 3:
+            turned, _, is_unique = register_orientations(rotation, measured, passes=1)
+            known = turned if is_unique[0] else None
+        rows = by_target if tool else by_target[:0]
+        found = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
+        turn, moved = found.rotation, found.targets[0]
+        before = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
+        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ found.shift[0]) @ before))
     if not tool:
-        return _with_frames(robot, _base_from(arm @ per_row, data), None, names)
-    if not base:
-        return _with_frames(robot, None, _tools_from(base_now @ arm, data, index, tools), names)
-    new_base, new_tools = _base_and_tools(arm, data, index, tools)
-    return _with_frames(robot, new_base, new_tools, names)
+        return robot
+    placed = {}
+    for number, (name, frame) in enumerate(frames.items()):
+        rows, turned = index == number, tools.rotation[..., number]
+        if rows.any() and not base:
+            errors = data.position.T[rows] - nominal[0, rows]
+            moved[number] = np.median(np.einsum("nji,nj->ni", rotation[0, rows], errors), axis=0)
+        if rows.any() and measured is not None:
+            turned = nearest_rotation(np.einsum("nji,jk,nkl->il", rotation[0, rows], turn[0], measured[0, rows]))
+        placed[name] = _frame(Poses(turned, np.array(frame.xyz) + moved[number]))
+    return dataclasses.replace(robot, targets=placed) if robot.targets else dataclasses.replace(robot, tool=placed[""])
 
 
-def _base_and_tools(
-    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]
-) -> tuple[Poses, list[Poses]]:
-    """Return base and targets together: from the orientations if they were measured, else by alternation."""
-    start = None
-    if data.rotation is not None and data.n >= 3:
-        start = _rotations_by_svd(arm.rotation, data.rotation)
-    base, placed = _alternate(arm, data, index, list(tools), start)
-    if data.rotation is not None and start is None:
-        row = Poses(base.rotation[..., None], base.translation[:, None])
-        turned = _tools_from(row @ arm, data, index, placed)
-        placed = [Poses(new.rotation, old.translation) for new, old in zip(turned, placed, strict=True)]
-    return base, placed
+def _frame(pose: Poses) -> Frame:
+    x, y, z = pose.translation.tolist()
+    roll, pitch, yaw = rpy_from_rotation(pose.rotation).tolist()
+    return Frame((x, y, z), (roll, pitch, yaw))
 
 
-def _alternate(
-    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: list[Poses], start: tuple[Array, Array] | None
-) -> tuple[Poses, list[Poses]]:
-    """Solve t_B and every g linearly for a given R_B, then R_B by registration for given g, to convergence."""
-    if start is not None:
-        rotation, turn = start
-        tools = [Poses(turn, tool.translation) for tool in tools]
-    else:
-        base = _base_from(arm @ _stack(tools, index), data, orientation=False)
-        rotation = base.rotation
-    previous_cost = np.inf
-    translation = np.zeros(3)
-    for _ in range(_ALTERNATIONS):
-        translation, offsets, residual = _linear_offsets(arm, data, index, tools, rotation)
-        tools = [Poses(tool.rotation, offset) for tool, offset in zip(tools, offsets, strict=True)]
-        if start is not None or previous_cost - residual <= _SETTLED * previous_cost:
-            break
-        previous_cost = residual
-        rotation = _base_from(arm @ _stack(tools, index), data, orientation=False).rotation
-    return Poses(rotation, translation), tools
+def register_positions(
+    rotation: Array,
+    translation: Array,
+    measured: Array,
+    by_target: Array,
+    *,
+    turn: Array | None = None,
+    passes: int = _PASSES,
+    trimmed: bool = False,
+) -> Registration:
+    """Register base and targets to measured positions.
 
-
-def _linear_offsets(
-    arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses], rotation: Array
-) -> tuple[Array, list[Array], float]:
-    """Solve for t_B and each target's g by least squares in R_B^T p - p_F = R_B^T t_B + R_F g.
-
-    Along a direction that is not identifiable (a SCARA's axes) the base moves and the targets stay.
+    Args:
+        rotation: ``(H, N, 3, 3)`` orientation of the last link in the base.
+        translation: ``(H, N, 3)`` its position, or that of the targets where they are known roughly, m.
+        measured: ``(H or 1, N, 3)`` measured positions, m.
+        by_target: ``(T, N)`` as :func:`rows_by_target` returns it; without rows only the base is registered.
+        turn: ``(H, 3, 3)`` known rotation from the measuring frame to the base; None to fit it.
+        passes: Fits.
+        trimmed: Least squares of all rows but those far off, in two passes; else each row counts by its error.
     """
-    count = len(tools)
-    rhs = np.einsum("ji,jn->in", rotation, data.position) - (arm @ _stack(tools, index)).translation
-    matrix = np.zeros((data.n, 3, 3 + 3 * count))
-    matrix[:, :, :3] = np.eye(3)
-    for target in range(count):
-        rows = np.flatnonzero(index == target)
-        matrix[rows, :, 3 + 3 * target : 6 + 3 * target] = _RELUCTANCE * np.moveaxis(arm.rotation[:, :, rows], 2, 0)
-    solution, *_ = np.linalg.lstsq(matrix.reshape(-1, 3 + 3 * count), rhs.T.ravel(), rcond=_LEAST_TURN * _RELUCTANCE)
-    residual = matrix.reshape(-1, 3 + 3 * count) @ solution - rhs.T.ravel()
-    offsets = [tool.translation + _RELUCTANCE * solution[3 + 3 * i : 6 + 3 * i] for i, tool in enumerate(tools)]
-    return rotation @ solution[:3], offsets, float(residual @ residual)
+    h, n = translation.shape[:2]
+    # Columns of shift and targets, to eliminate, and of the nine elements of R and the arm.
+    shift = np.broadcast_to(np.eye(3), (h, n, 3, 3))
+    offsets = np.concatenate([shift, *(_RELUCTANCE * rotation * r[:, None, None] for r in by_target)], axis=3)
+    means = measured.mean(axis=1, keepdims=True), translation.mean(axis=1, keepdims=True)
+    columns = np.zeros((h, n, 3, 10))
+    for axis in range(3):
+        columns[:, :, axis, 3 * axis : 3 * axis + 3] = measured - means[0]
+    columns[..., 9] = translation - means[1]
+    weight = np.ones((h, n))
+    for _ in range(2 if trimmed else passes):
+        root = np.repeat(np.sqrt(weight), 3, axis=1)[..., None]
+        free, wanted = offsets.reshape(h, 3 * n, -1) * root, columns.reshape(h, 3 * n, 10) * root
+        inverse = np.linalg.pinv(free.swapaxes(1, 2) @ free, rcond=(_LEAST_TURN * _RELUCTANCE) ** 2, hermitian=True)
+        solved = inverse @ (free.swapaxes(1, 2) @ wanted)
+        rest = wanted - free @ solved
+        start = (wanted.swapaxes(1, 2) @ wanted)[:, :9, 9]
+        fitted = _best_rotation(rest.swapaxes(1, 2) @ rest, start) if turn is None else turn
+        vectors = ((rest @ _with_arm(fitted)) / root).reshape(h, n, 3)
+        errors = np.linalg.norm(vectors, axis=2)
+        limit = _TRIM * np.median(errors, axis=1, keepdims=True)
+        weight = np.where(errors <= limit, 1.0, _LEAST_WEIGHT) if trimmed else _weights(errors)
+    moved = (solved @ _with_arm(fitted))[..., 0]
+    centre = moved[:, :3] + (fitted @ means[0].swapaxes(1, 2))[..., 0] - means[1][:, 0]
+    return Registration(fitted, centre, _RELUCTANCE * moved[:, 3:].reshape(h, -1, 3), vectors)
 
 
-def _rotations_by_svd(arm: Array, measured: Array) -> tuple[Array, Array] | None:
-    """Return R_B and R_G with R_B R_F R_G = R measured: the null vector of the linear equations R_F R_G - R_B^T R = 0.
+def register_orientations(
+    rotation: Array, measured: Array, passes: int = _PASSES
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return the rotations ``(H, 3, 3)`` from the measuring frame to the base, median errors, and if it is unique.
 
-    None if it is not unique: turns about one axis only, as of a SCARA, do not distinguish a turn of the base about it
-    from a turn of the target.
+    Errors ``(H,)`` are in rad; it is not unique ``(H,)`` if the last link turns about one axis only.
 
-    Source: robot-world/hand-eye calibration by Kronecker products, A. Li, L. Wang, D. Wu 2010.
+    Args:
+        rotation: ``(H, N, 3, 3)`` orientation of the last link in the base.
+        measured: ``(H, N, 3, 3)`` measured orientations.
+        passes: Fits.
     """
-    # Element (i, k): sum_j F[i, j] G[j, k] - sum_j B[j, i] R[j, k]. Columns of G among themselves and of B among
-    # themselves are orthonormal, so the normal matrix is n [1, -C; -C^T, 1] and C alone decides.
-    n = arm.shape[-1]
-    mixed = (arm.reshape(9, n) @ measured.reshape(9, n).T / n).reshape(3, 3, 3, 3)
-    left, values, right = np.linalg.svd(mixed.transpose(1, 3, 2, 0).reshape(9, 9))
-    if 1.0 - values[1] < _ONE_AXIS * (1.0 + values[0]):
-        return None
-    tool, base = left[:, 0].reshape(3, 3), right[0].reshape(3, 3)
-    if np.linalg.det(tool) < 0:
-        tool, base = -tool, -base
-    return nearest_rotation(base), nearest_rotation(tool)
+    h, n = rotation.shape[:2]
+    weight = np.ones((h, n))
+    for _ in range(passes):
+        share = weight / weight.sum(axis=1, keepdims=True)
+        # Elements (i, j), (l, k) of R_F and the measured orientation.
+        weighted = np.swapaxes((rotation * share[..., None, None]).reshape(h, n, 9), 1, 2)
+        mixed = (weighted @ measured.reshape(h, n, 9)).reshape(h, 3, 3, 3, 3)
+        left, values, right = np.linalg.svd(mixed.transpose(0, 2, 4, 3, 1).reshape(h, 9, 9))
+        tool, base = left[:, :, 0].reshape(h, 3, 3), right[:, 0, :].reshape(h, 3, 3)
+        sign = np.sign(np.linalg.det(tool))[:, None, None]
+        tool, base = nearest_rotation(sign * tool), nearest_rotation(sign * base)
+        errors = _angles(base[:, None] @ rotation @ tool[:, None], measured)
+        weight = _weights(errors)
+    is_unique = 1.0 - values[:, 1] >= _ONE_AXIS * (1.0 + values[:, 0])
+    return np.swapaxes(base, 1, 2), np.asarray(np.median(errors, axis=1)), is_unique
 
 
-def _base_from(target: Poses, data: Measurements, orientation: bool = True) -> Poses:
-    """Return B with B X = measured, X the target in the base: registration of points (Kabsch) and orientations."""
-    predicted, measured = target.translation, data.position
-    predicted_mean, measured_mean = predicted.mean(axis=1), measured.mean(axis=1)
-    matrix = (measured - measured_mean[:, None]) @ (predicted - predicted_mean[:, None]).T
-    if orientation and data.rotation is not None:
-        # Weighted as points at the scatter of the positions, so that neither kind dominates.
-        position_var = max(float(np.sum(np.square(predicted - predicted_mean[:, None]))) / data.n, _LEAST_POSITION_VAR)
-        matrix = matrix + position_var * np.einsum("ijn,kjn->ik", data.rotation, target.rotation)
-    rotation = nearest_rotation(matrix)
-    return Poses(rotation, measured_mean - rotation @ predicted_mean)
+def orientation_errors(rotation: Array, measured: Array, base: Array) -> Array:
+    """Return the median orientation error ``(H,)``, rad, with the target registered and the base's rotation known.
 
-
-def _tools_from(arm: Poses, data: Measurements, index: NDArray[np.int64], tools: Sequence[Poses]) -> list[Poses]:
-    """Return each target's mean pose on the last link."""
-    local = rotate_back(arm.rotation, data.position - arm.translation)
-    mean_tools = []
-    for target, tool in enumerate(tools):
-        rows = index == target
-        if not rows.any():
-            mean_tools.append(tool)
-            continue
-        rotation = tool.rotation
-        if data.rotation is not None:
-            turned = compose(transpose(arm.rotation[..., rows]), data.rotation[..., rows])
-            rotation = nearest_rotation(turned.sum(axis=2))
-        mean_tools.append(Poses(rotation, local[:, rows].mean(axis=1)))
-    return mean_tools
+    Args:
+        rotation: ``(H, N, 3, 3)`` orientation of the last link in the base.
+        measured: ``(H, N, 3, 3)`` measured orientations.
+        base: ``(H, 3, 3)`` rotation from the measuring frame to the base.
+    """
+    turned = base[:, None] @ measured
+    tool = nearest_rotation(np.einsum("hnji,hnjk->hik", rotation, turned))
+    return np.asarray(np.median(_angles(rotation @ tool[:, None], turned), axis=1))
 
 
 def nearest_rotation(matrix: Array) -> Array:
@@ -196,33 +237,45 @@ def nearest_rotation(matrix: Array) -> Array:
     return result
 
 
-def _targets(robot: Robot, data: Measurements) -> tuple[list[str], NDArray[np.int64]]:
-    names = list(robot.targets) or [""]
-    if data.target is None or not robot.targets:
-        return names, np.zeros(data.n, dtype=np.int64)
-    place = {name: i for i, name in enumerate(names)}
-    return names, np.array([place[name] for name in data.target], dtype=np.int64)
+def _best_rotation(form: Array, start: Array) -> Array:
+    """Return the rotation ``(H, 3, 3)`` of least cost; ``form`` ``(H, 10, 10)`` is of the elements of R and -1.
+
+    Gauss-Newton starts from the minimum without the constraint and from ``start`` ``(H, 9)``.
+    """
+    h = len(form)
+    a, b = form[:, :9, :9], form[:, :9, 9:]
+    free = np.linalg.solve(_regular(a), b)[..., 0]
+    turns = nearest_rotation(np.stack([free, start]).reshape(2, h, 3, 3))
+    for _ in range(_STEPS):
+        tangent = np.einsum("kij,shjl->shilk", _GENERATORS, turns).reshape(2, h, 9, 3)
+        across = np.swapaxes(tangent, 2, 3)
+        gradient = across @ (a @ turns.reshape(2, h, 9, 1) - b)
+        step = -np.linalg.solve(_regular(across @ a @ tangent), gradient)[..., 0]
+        turns = nearest_rotation(turns + np.einsum("shk,kij,shjl->shil", step, _GENERATORS, turns))
+    vector = _with_arm(turns)
+    cost = (np.swapaxes(vector, 2, 3) @ form @ vector)[..., 0, 0]
+    return np.asarray(turns[np.argmin(cost, axis=0), np.arange(h)])
 
 
-def _stack(poses: Sequence[Poses], index: NDArray[np.int64]) -> Poses:
-    rotation = np.stack([pose.rotation for pose in poses], axis=-1)
-    translation = np.stack([pose.translation for pose in poses], axis=-1)
-    return Poses(rotation[..., index], translation[..., index])
+def _with_arm(turn: Array) -> Array:
+    """Return the coefficients ``(..., 10, 1)`` of the columns of positions: the elements of R, and -1 of the arm."""
+    flat = turn.reshape(*turn.shape[:-2], 9)
+    return np.concatenate([flat, np.full((*flat.shape[:-1], 1), -1.0)], axis=-1)[..., None]
 
 
-def _with_frames(robot: Robot, base: Poses | None, tools: Sequence[Poses] | None, names: Sequence[str]) -> Robot:
-    if base is not None:
-        robot = dataclasses.replace(robot, base=_frame(base))
-    if tools is not None:
-        if robot.targets:
-            frames = {name: _frame(tool) for name, tool in zip(names, tools, strict=True)}
-            robot = dataclasses.replace(robot, targets=frames)
-        else:
-            robot = dataclasses.replace(robot, tool=_frame(tools[0]))
-    return robot
+def _regular(normal: Array) -> Array:
+    """Return normal matrices ``(..., m, m)`` that can be inverted."""
+    size = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-30
+    return np.asarray(normal + _RIDGE * size * np.eye(normal.shape[-1]))
 
 
-def _frame(pose: Poses) -> Frame:
-    x, y, z = (float(value) for value in pose.translation)
-    roll, pitch, yaw = (float(value) for value in rpy_from_rotation(pose.rotation))
-    return Frame((x, y, z), (roll, pitch, yaw))
+def _weights(errors: Array) -> Array:
+    """Return the weights ``(H, N)`` of rows with these errors."""
+    typical = np.maximum(np.median(errors, axis=1, keepdims=True), 1e-12)
+    return np.asarray(1.0 / (1.0 + np.square(errors / (_CAUCHY * typical))))
+
+
+def _angles(predicted: Array, measured: Array) -> Array:
+    """Return the angles ``(H, N)`` between orientations ``(H, N, 3, 3)``, rad."""
+    trace = np.einsum("hnij,hnij->hn", predicted, measured)
+    return np.asarray(np.arccos(np.clip((trace - 1.0) / 2.0, -1.0, 1.0)))

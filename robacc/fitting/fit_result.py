@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
-from robacc.fitting.normal_equations import posterior, solved
-from robacc.fitting.whitening import Whitening
+from robacc.fitting.normal_equations import Whitening, posterior, solved, unit_diagonal
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -91,70 +90,37 @@ class Identifiability:
         }
 
 
-def identify(
-    triangle: Array,
-    names: Sequence[str],
-    n_poses: int,
-    units: Sequence[str] | None = None,
-    least_parts: Sequence[float] | None = None,
-) -> Identifiability:
-    """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian (its R factor).
+def identify_terms(triangle: Array, terms: Sequence[Term], n_poses: int) -> Identifiability:
+    """Decide from ``triangle`` ``(R, P)``, any matrix with the Gram matrix of the whitened Jacobian of ``terms``.
 
-    If ``units`` are given, the length of a column is compared with columns of the same unit only. ``least_parts`` are
-    the shares of columns that must be independent, where these are above :data:`DEPENDENT`.
-
-    Modified Gram-Schmidt in the order of the columns: an independent column takes its direction out of all that follow.
-    Its factor is as exact as Householder's (Bjorck 1967), and the directions of dependent columns never enter.
+    The length of a column is compared with columns of the same unit only. Modified Gram-Schmidt in the order of the
+    columns: an independent column takes its direction out of all that follow. Its factor is as exact as Householder's
+    (Bjorck 1967), and the directions of dependent columns never enter.
     """
     length = np.sqrt(np.sum(np.square(triangle), axis=0))
     nonzero = length > _NOTHING * float(length.max(initial=0.0))
-    if units is not None:
-        column_units = np.array(units, dtype=str)
-        for unit in np.unique(column_units):
-            of_unit = column_units == unit
-            nonzero &= ~of_unit | (length > DEPENDENT * float(length[of_unit].max(initial=0.0)))
+    units = np.array([term.unit for term in terms], dtype=str)
+    for unit in np.unique(units):
+        nonzero &= (units != unit) | (length > DEPENDENT * float(length[units == unit].max()))
     remaining = np.asfortranarray(triangle / np.where(nonzero, length, 1.0))
-    factor = np.zeros((triangle.shape[1], triangle.shape[1]))
+    factor = np.zeros((len(terms), len(terms)))
     columns: list[int] = []
-    dependent: list[tuple[int, int]] = []
-    for column in np.flatnonzero(nonzero).tolist():
-        vector = remaining[:, column]
+    dropped = []
+    for column, term in enumerate(terms):
+        vector, count = remaining[:, column], len(columns)
         size = float(np.sqrt(vector @ vector))
-        if size <= (DEPENDENT if least_parts is None else max(DEPENDENT, least_parts[column])):
-            dependent.append((column, len(columns)))
+        if nonzero[column] and size > max(DEPENDENT, term.least_part):
+            shares = vector @ remaining[:, column:] / size
+            remaining[:, column:] -= np.outer(vector / size, shares)
+            factor[count, column:] = shares
+            columns.append(column)
             continue
-        direction = vector / size
-        shares = direction @ remaining[:, column:]
-        remaining[:, column:] -= np.outer(direction, shares)
-        factor[len(columns), column:] = shares
-        columns.append(column)
+        shares = np.linalg.solve(factor[:count, columns], nonzero[column] * factor[:count, column])
+        largest = np.argsort(-np.abs(shares), kind="stable")
+        partners = [terms[columns[i]].name for i in largest if abs(shares[i]) > _NAMED]
+        dropped.append(Dropped(term.name, tuple(partners)))
     root = factor[: len(columns), columns]
-    partners = _partners(root, factor, dependent, [names[i] for i in columns])
-    dropped = tuple(Dropped(names[i], partners.get(i, ())) for i in range(len(names)) if i not in set(columns))
-    return Identifiability(np.array(columns, dtype=np.int64), dropped, root, n_poses)
-
-
-def identify_terms(triangle: Array, terms: Sequence[Term], n_poses: int) -> Identifiability:
-    """Decide as :func:`identify`, by the names, units and least independent parts of ``terms``."""
-    names, units = [term.name for term in terms], [term.unit for term in terms]
-    return identify(triangle, names, n_poses, units, [term.least_part for term in terms])
-
-
-def _partners(
-    root: Array, factor: Array, dependent: Sequence[tuple[int, int]], names: Sequence[str]
-) -> dict[int, tuple[str, ...]]:
-    """Return the partners of each dependent column, largest share first; pairs are (column, columns before it)."""
-    if not dependent:
-        return {}
-    right = factor[: root.shape[0], [column for column, _ in dependent]]
-    for index, (_, count) in enumerate(dependent):
-        right[count:, index] = 0.0
-    shares = np.linalg.solve(root, right)
-    partners = {}
-    for index, (column, _) in enumerate(dependent):
-        order = np.argsort(-np.abs(shares[:, index]), kind="stable")
-        partners[column] = tuple(names[i] for i in order if abs(shares[i, index]) > _NAMED)
-    return partners
+    return Identifiability(np.array(columns, dtype=np.int64), tuple(dropped), root, n_poses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,13 +211,19 @@ class Fit:
 
     def without(self, effects: Collection[int]) -> Array:
         """Return ``(P,)`` the fit's coefficients without some free effects, to first order."""
+        if not effects:
+            return self.theta
         columns = self.identifiability.columns
         remaining = np.array([self.owners[i] not in effects for i in columns], dtype=bool)
         theta = np.zeros_like(self.theta)
-        matrix = (self.gram + np.diag(self.precision))[np.ix_(remaining, remaining)]
-        scale = 1.0 / np.sqrt(np.diag(matrix))
-        theta[columns[remaining]] = scale * solved(matrix * scale[:, None] * scale, scale * self.rhs[remaining])
+        matrix, scale = unit_diagonal((self.gram + np.diag(self.precision))[np.ix_(remaining, remaining)])
+        theta[columns[remaining]] = scale * solved(matrix, scale * self.rhs[remaining])
         return theta
+
+    def jacobian(self, rows: NDArray[np.int64], components: int = 6) -> Array:
+        """Return ``(components, K, n)`` the Jacobian of the identifiable coefficients at some rows of the poses."""
+        bound = self.model.bind(self.data.subset(rows))
+        return bound.linearise(self.theta, self.identifiability.columns, components)[1]
 
     def predict(self, data: Measurements, theta: Array | None = None) -> Poses:
         """Return the poses that the written model predicts: beyond their validity range, effects are held.
@@ -288,9 +260,3 @@ def with_covariance(fit: Fit, covariance: Array) -> Fit:
     whole = fit.covariance.copy()
     whole[np.ix_(columns, columns)] = covariance
     return dataclasses.replace(fit, covariance=whole)
-
-
-def with_added_covariance(fit: Fit, added: Array) -> Fit:
-    """Return the fit with ``added`` ``(K, K)`` in its covariance, of a further, independent source."""
-    columns = fit.identifiability.columns
-    return with_covariance(fit, fit.covariance[np.ix_(columns, columns)] + added)

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.normal_equations import blocks_of, whole_groups
 from robacc.fitting.visits import places
-from robacc.fitting.whitening import blocks_of, whole_groups
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.observation import observed_jacobian, residuals
@@ -34,9 +34,6 @@ _LARGE = 0.1
 """Leverage of a place up to which the normal matrix of the fit's last step, exact to 1e-6, is enough."""
 _MOST_NUMBERS = 2**21
 """Numbers of a Jacobian that are held at a time; of more, blocks of an eighth stay in the cache."""
-
-Undetermined = Callable[[NDArray[np.int64]], None]
-"""Called with the rows of a group without which the others do not determine a coefficient."""
 
 
 @dataclass(frozen=True)
@@ -76,25 +73,13 @@ class HoldOut:
             fit: Fit to ``data``.
             lacking: Numbers of the absent effects of each model, among the free ones; the rest is fitted again.
         """
+        poses: list[Poses | None] = [None for _ in lacking]
         if self.validation is not None:
-            poses = [_poses(fit, self.validation, _without(fit, absent)) for absent in lacking]
-            return [None if one is None else residuals(self.validation, one) for one in poses]
-        if not self.folds:
-            return [None for _ in lacking]
-        return [
-            None if one is None else residuals(self.data, one)
-            for one in held_out_poses(fit, self.data, self.groups, lacking, components=fit.residual.shape[0])
-        ]
-
-
-def _without(fit: Fit, absent: Collection[int]) -> Array:
-    """Return ``(P,)`` the coefficients of a fit without some effects, the rest fitted again."""
-    return fit.without(set(absent)) if absent else fit.theta
-
-
-def _positions(fit: Fit) -> Poses:
-    """Return the positions that a fit predicts of its own poses, without orientations."""
-    return Poses(np.empty((3, 3, 0)), fit.data.position - fit.residual[:3])
+            poses = [_poses(fit, self.validation, fit.without(absent)) for absent in lacking]
+        elif self.folds:
+            poses = held_out_poses(fit, self.data, self.groups, lacking, components=fit.residual.shape[0])
+        data = self.data if self.validation is None else self.validation
+        return [None if predicted is None else residuals(data, predicted) for predicted in poses]
 
 
 def _poses(fit: Fit, data: Measurements, theta: Array) -> Poses | None:
@@ -110,13 +95,14 @@ def held_out_poses(
     data: Measurements,
     groups: NDArray[np.int64],
     lacking: Sequence[Collection[int]] = ((),),
-    undetermined: Undetermined = lambda rows: None,
+    undetermined: Callable[[NDArray[np.int64]], None] = lambda rows: None,
     components: int = 6,
     exact: bool = False,
 ) -> list[Poses | None]:
     """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
 
-    A combination of coefficients that the other groups do not determine keeps its nominal value.
+    A combination of coefficients that the other groups do not determine keeps its nominal value. A model without
+    effects is the fit in scaled coefficients, of normal matrix I, that are orthogonal to a few directions.
 
     Args:
         fit: Fit to ``data``.
@@ -132,20 +118,20 @@ def held_out_poses(
         The poses by each model; None where the arm without its absent effects has no equilibrium.
     """
     columns = fit.identifiability.columns
-    size = columns.size
-    most = _MOST_NUMBERS // (fit.residual.shape[0] * max(size, 1))
-    blocks = list(whole_groups(groups, max(data.n if data.n <= most else most // 8, 1)))
-    kept = [np.array([fit.owners[i] not in absent for i in columns], dtype=bool) for absent in lacking]
-    thetas = [_without(fit, absent) for absent in lacking]
-    poses = [
-        (fit.poses if components == 6 else _positions(fit)) if t is fit.theta else _poses(fit, data, t) for t in thetas
-    ]
+    size, rows_of = columns.size, fit.residual.shape[0]
+    if components == 6:
+        poses = [fit.poses if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
+    else:
+        own = Poses(np.empty((3, 3, 0)), data.position - fit.residual[:3])
+        poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
     if not size:
         return poses
+    most = _MOST_NUMBERS // (rows_of * size)
+    blocks = whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M, n)``."""
-        _, jacobian = fit.model.bind(data.subset(rows)).linearise(fit.theta, columns, components)
+        jacobian = fit.jacobian(rows, components)
         observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
         return jacobian, fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
 
@@ -157,89 +143,50 @@ def held_out_poses(
         normal = normal + flat @ flat.T
     scale = 1.0 / np.sqrt(np.diag(normal))
     root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * normal * scale)) * scale
-    models = [
-        None if start is None or not mask.any() else _Reduced.of(fit, data, start, theta, mask, root)
-        for start, theta, mask in zip(poses, thetas, kept, strict=True)
-    ]
+    models = []
+    for absent, start in zip(lacking, poses, strict=True):
+        kept = np.array([fit.owners[i] not in absent for i in columns], dtype=bool)
+        if start is None or not kept.any():
+            continue
+        whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, fit.without(absent)[columns], 0.0)))
+        error = residuals(data, start) if absent else fit.residual
+        models.append((start, np.linalg.qr(root[:, ~kept])[0], whole, error))
     for rows in blocks:
-        jacobian, whitened = latest if len(blocks) == 1 and latest is not None else linearised(rows)
-        ahead, scaled = root @ jacobian, (root @ whitened.reshape(size, -1)).reshape(whitened.shape)
+        jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
+        ahead, scaled = root @ jacobian, (root @ white.reshape(size, -1)).reshape(white.shape)
         share = np.bincount(groups[rows] - groups[rows].min(), np.einsum("kmn,kmn->n", scaled, scaled))
         if not exact and share.max() > _LARGE:
             return held_out_poses(fit, data, groups, lacking, undetermined, components, exact=True)
         scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
-        for model in filter(None, models):
-            for inside in model.move(fit, rows, ahead, scaled, groups[rows]):
-                undetermined(rows[inside])
-    return [
-        start if model is None else Poses(model.rotation, model.position)
-        for start, model in zip(poses, models, strict=True)
-    ]
+        for predicted, directions, whole, error in models:
+            part = scaled - (scaled @ directions) @ directions.T if directions.size else scaled
+            left = (fit.whitening.subset(rows).apply(error[:, rows]) * fit.inliers[rows]).T
+            change = np.empty((rows.size, size))
+            for inside in blocks_of(groups[rows]):
+                change[inside], alone = _changes(part[inside], left[inside], whole)
+                for group in alone:
+                    undetermined(rows[inside[group]])
+            moved = np.einsum("ikn,nk->in", ahead, change)
+            predicted.translation[:, rows] += moved[:3]
+            if components == 6:
+                predicted.rotation[..., rows] = compose(exp_so3(moved[3:]), predicted.rotation[..., rows])
+    return poses
 
 
-@dataclass(frozen=True)
-class _Reduced:
-    """A fit that may lack some effects, in scaled coefficients, for which the normal matrix of the whole fit is I.
-
-    Without effects, the scaled coefficients are orthogonal to a few directions.
-    """
-
-    absent: Array
-    """``(K, A)`` orthonormal directions of the absent effects."""
-    whole: Array
-    """``(K,)`` its scaled coefficients."""
-    residual: Array
-    """``(M, N)``"""
-    position: Array
-    rotation: Array
-    """Predicted poses; rows are held out in place."""
-
-    @classmethod
-    def of(
-        cls, fit: Fit, data: Measurements, poses: Poses, theta: Array, kept: NDArray[np.bool_], root: Array
-    ) -> _Reduced:
-        """Reduce a fit to the coefficients ``kept`` ``(K,)`` of ``theta`` ``(P,)``; ``root`` ``(K, K)`` scales them."""
-        absent = np.linalg.qr(root[:, ~kept])[0]
-        whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, theta[fit.identifiability.columns], 0.0)))
-        error = fit.residual if kept.all() else residuals(data, poses)
-        return cls(absent, whole, error, poses.translation, poses.rotation)
-
-    def move(
-        self, fit: Fit, rows: NDArray[np.int64], ahead: Array, scaled: Array, groups: NDArray[np.int64]
-    ) -> list[NDArray[np.int64]]:
-        """Hold out ``rows``; return the places among them of groups that alone determine a coefficient.
-
-        ``ahead`` ``(3 or 6, K, n)`` is the Jacobian of their poses, ``scaled`` ``(n, M, K)`` the whitened one.
-        """
-        if self.absent.size:
-            scaled = scaled - (scaled @ self.absent) @ self.absent.T
-        white = (fit.whitening.subset(rows).apply(self.residual[:, rows]) * fit.inliers[rows]).T
-        change, alone = np.empty((rows.size, len(self.whole))), []
-        for inside in blocks_of(groups):
-            change[inside], high = _changes(scaled, white, inside, self.whole)
-            alone += [inside[group] for group in high]
-        moved = np.einsum("ikn,nk->in", ahead, change)
-        self.position[:, rows] += moved[:3]
-        if len(moved) == 6:
-            self.rotation[..., rows] = compose(exp_so3(moved[3:]), self.rotation[..., rows])
-        return alone
-
-
-def _changes(scaled: Array, white: Array, inside: NDArray[np.int64], whole: Array) -> tuple[Array, list[int]]:
+def _changes(columns: Array, white: Array, whole: Array) -> tuple[Array, list[int]]:
     """Return the change of the scaled coefficients without each group, and the groups that alone determine one.
 
     Args:
-        scaled: ``(n, M, K)`` whitened Jacobian, in coefficients whose normal matrix is I.
-        white: ``(n, M)`` whitened residuals.
-        inside: ``(G, m)`` rows of each group.
+        columns: ``(G, m, M, K)`` whitened Jacobian of the m rows of each group, in coefficients whose normal matrix is
+            I.
+        white: ``(G, m, M)`` whitened residuals.
         whole: ``(K,)`` scaled coefficients of the fit to all rows.
 
     Returns:
         ``(G, 1, K)`` changes, and numbers of groups.
     """
-    count, size = inside.shape[0], scaled.shape[2]
-    jacobian, residual = scaled[inside].reshape(count, -1, size), white[inside].reshape(count, -1)
-    is_short = jacobian.shape[1] < size
+    jacobian, residual = columns.reshape(len(columns), -1, whole.size), white.reshape(len(white), -1, 1)
+    is_short = jacobian.shape[1] < whole.size
     left, right = jacobian, jacobian.swapaxes(1, 2)
     leverage = left @ right if is_short else right @ left
     high = np.flatnonzero(np.trace(leverage, axis1=1, axis2=2) > _ALONE)
@@ -247,12 +194,13 @@ def _changes(scaled: Array, white: Array, inside: NDArray[np.int64], whole: Arra
     leverage[high] = 0.0
     remaining = np.eye(leverage.shape[1]) - leverage
     if is_short:
-        change = -(right @ np.linalg.solve(remaining, residual[..., None]))[..., 0]
+        change = -(right @ np.linalg.solve(remaining, residual))
     else:
-        change = -np.linalg.solve(remaining, right @ residual[..., None])[..., 0]
+        change = -np.linalg.solve(remaining, right @ residual)
     for group in high.tolist():
         share, vectors = np.linalg.eigh(right[group] @ left[group])
-        along = vectors.T @ (right[group] @ residual[group])
+        along = vectors.T @ (right[group] @ residual[group, :, 0])
         alone = share > _ALONE
-        change[group] = -vectors @ np.where(alone, vectors.T @ whole, along / np.where(alone, 1.0, 1.0 - share))
-    return change[:, None], high.tolist()
+        kept = np.where(alone, vectors.T @ whole, along / np.where(alone, 1.0, 1.0 - share))
+        change[group, :, 0] = -vectors @ kept
+    return change.swapaxes(1, 2), high.tolist()

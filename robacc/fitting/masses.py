@@ -10,14 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.effects.base import Effect, Term
 from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
-from robacc.fitting.fit_result import Fit, Options, with_added_covariance
-from robacc.fitting.normal_equations import solved
+from robacc.fitting.fit_result import Fit, Options, with_covariance
+from robacc.fitting.normal_equations import solved, unit_diagonal
+from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import without_idle_rotations
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity import own_weight, unit_loads
@@ -72,35 +71,20 @@ def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
         Term("", "", 1.0, form[joint].parts((arm.axis_motion(joint),), load)) for joint in joints for load in loads
     ]
     bound = fit.model.bind(data)
-    count = len(bound.terms)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
     poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))), rows=len(fit.residual))
     residual = residuals(data, poses)
-    columns = np.moveaxis(whitening.apply(np.moveaxis(observed_jacobian(jacobian, residual), 1, 0)), 0, 1)
+    white = whitening.rows(observed_jacobian(jacobian, residual), residual)
     is_spring = np.array([fit.model.free[owner] in springs for owner in fit.owners])
-    put_back = np.einsum("mpn,p->mn", columns[:, :count][:, is_spring], fit.theta[is_spring])
+    white[:, -1] += np.einsum("mpn,p->mn", white[:, : is_spring.size][:, is_spring], fit.theta[is_spring])
+    gram = sum((component @ component.T for component in white), start=np.zeros((white.shape[1],) * 2))
     identified = fit.identifiability.columns
-    others = identified[~is_spring[identified]]
-    target = np.concatenate((columns[:, count:], (whitening.apply(residual) + put_back)[:, None]), axis=1)
-    new = _without(_long(columns[:, others]), fit.precision[~is_spring[identified]], _long(target))
-    products = new.T @ new
+    kept = ~is_spring[identified]
+    others, own = identified[kept], np.arange(is_spring.size, len(gram))
+    matrix, scale = unit_diagonal(gram[np.ix_(others, others)] + np.diag(fit.precision[kept]))
+    cross = scale[:, None] * gram[np.ix_(others, own)]
+    products = gram[np.ix_(own, own)] - cross.T @ solved(matrix, cross)
     return WeightColumns(joints, tuple(units), products[:-1, :-1], products[:-1, -1], float(products[-1, -1]))
-
-
-def _long(columns: Array) -> Array:
-    """Return columns ``(M, C, N)`` as ``(M N, C)``."""
-    return columns.transpose(0, 2, 1).reshape(-1, columns.shape[1])
-
-
-def _without(others: Array, precision: Array, columns: Array) -> Array:
-    """Return columns ``(R, C)`` without what the other coefficients ``(R, P)`` and their priors reproduce."""
-    lengths = np.linalg.norm(others, axis=0)
-    lengths = np.where(lengths > 0, lengths, 1.0)
-    complete = np.vstack((others / lengths, np.diag(np.sqrt(precision) / lengths)))
-    padded = np.vstack((columns, np.zeros((len(precision), columns.shape[1]))))
-    # Identified columns are independent, and so are columns with a prior.
-    directions = np.linalg.qr(complete)[0]
-    return np.asarray(padded - directions @ (directions.T @ padded))
 
 
 # Uncertainty of the links' masses in the standard errors of a fit.
@@ -126,14 +110,14 @@ def relative_std(fit: Fit) -> float:
     return DEFAULT if stated is None else stated
 
 
-def depends_on_masses(effects: Sequence[Effect]) -> bool:
+def _depends_on_masses(fit: Fit) -> bool:
     """Return whether coefficients are fitted to torques of the masses as the file states them."""
-    return any(effect.uses_masses for effect in effects)
+    return any(effect.uses_masses for effect in fit.model.free)
 
 
 def mass_warning(fit: Fit) -> tuple[str, ...]:
     """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
-    if fit.model.arm.robot.mass_uncertainty is not None or not depends_on_masses(fit.model.free):
+    if fit.model.arm.robot.mass_uncertainty is not None or not _depends_on_masses(fit):
         return ()
     return (
         f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
@@ -143,44 +127,34 @@ def mass_warning(fit: Fit) -> tuple[str, ...]:
 
 def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
     """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
-    std = relative_std(fit)
-    if std == 0.0 or not fit.identifiability.columns.size or not depends_on_masses(fit.model.free):
+    std, columns = relative_std(fit), fit.identifiability.columns
+    if std == 0.0 or not columns.size or not _depends_on_masses(fit):
         return fit
     try:
         sensitivity = _sensitivity(fit, data)
     except EquilibriumError:
         return fit
-    return with_added_covariance(fit, std**2 * sensitivity @ sensitivity.T)
+    covariance = fit.covariance[np.ix_(columns, columns)]
+    return with_covariance(fit, covariance + std**2 * sensitivity @ sensitivity.T)
 
 
 def _sensitivity(fit: Fit, data: Measurements) -> Array:
     """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
-    inliers = np.flatnonzero(fit.inliers)
+    inliers, arm = np.flatnonzero(fit.inliers), fit.model.arm
     rows = inliers[random_rows(data.subset(inliers), _MOST_ROWS)]
-    names = _names_with_mass(fit.model.arm)
-    rhs = np.zeros((fit.identifiability.columns.size, len(names)))
-    for start in range(0, rows.size, BLOCK):
-        block = rows[start : start + BLOCK]
-        subset = data.subset(block)
-        count = fit.residual.shape[0]
-        _, jacobian = fit.model.bind(subset).linearise(fit.theta, fit.identifiability.columns, count)
-        weighted = jacobian * np.square(fit.weight[:, block])[:, None, :]
-        for column, name in enumerate(names):
-            higher, lower = (_residuals_with_mass(fit, subset, name, 1.0 + sign * _STEP) for sign in (1, -1))
-            # A residual is measured minus predicted.
-            rhs[:, column] += np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
-    rhs *= inliers.size / max(rows.size, 1)
-    matrix = fit.gram + np.diag(fit.precision)
-    scale = 1.0 / np.sqrt(np.where(np.diag(matrix) > 0, np.diag(matrix), 1.0))
-    result: Array = scale[:, None] * solved(matrix * scale[:, None] * scale, scale[:, None] * rhs)
-    return result
-
-
-def _names_with_mass(arm: Arm) -> list[str]:
-    """Return the joints of the chain, and of branches, whose link has a mass."""
+    part = data.subset(rows)
+    weighted = fit.jacobian(rows, len(fit.residual)) * np.square(fit.weight[:, rows])[:, None, :]
     joints = [arm.robot.joints[owner] for owner in dict.fromkeys(body.owner for body in arm.chain.bodies)]
     joints += [branch.joint for branch in arm.robot.branches if branch.joint.mass]
-    return [joint.name for joint in joints]
+    rhs = np.zeros((len(fit.gram), len(joints)))
+    for column, joint in enumerate(joints):
+        higher, lower = (_residuals_with_mass(fit, part, joint.name, 1.0 + sign * _STEP) for sign in (1, -1))
+        # A residual is measured minus predicted.
+        rhs[:, column] = np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
+    rhs *= inliers.size / max(rows.size, 1)
+    matrix, scale = unit_diagonal(fit.gram + np.diag(fit.precision))
+    result: Array = scale[:, None] * solved(matrix, scale[:, None] * rhs)
+    return result
 
 
 def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float) -> Array:
@@ -193,8 +167,7 @@ def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float)
     joints = tuple(map(changed, robot.joints))
     branches = tuple(dataclasses.replace(branch, joint=changed(branch.joint)) for branch in robot.branches)
     arm = Arm.of(dataclasses.replace(robot, joints=joints, branches=branches))
-    model = Model(arm, fit.model.known, fit.model.free)
-    return residuals(data, model.bind(data).poses(fit.theta))
+    return residuals(data, dataclasses.replace(fit.model, arm=arm).bind(data).poses(fit.theta))
 
 
 # Choice of the deflection model: gravity torques in equilibrium, or at the undeflected pose.
@@ -225,42 +198,39 @@ class DeflectionChoice:
 
 
 def choose_form(
-    fitted: Fit, original: Model, data: Measurements, options: Options
-) -> tuple[Fit, DeflectionChoice | None]:
-    """Return ``fitted``, the fit of ``original``, or the fit with the chosen deflection and geometry; and the choice.
-
-    First the deflection model is chosen, then idle rotations of the geometry are left out.
-    """
-    fitted, model, choice = choose_deflection(fitted, original, data, options)
-    return without_idle_rotations(fitted, model, data, options), choice
-
-
-def choose_deflection(
     equilibrium_fit: Fit, original: Model, data: Measurements, options: Options
-) -> tuple[Fit, Model, DeflectionChoice | None]:
-    """Return the fit in the chosen form, ``original`` in that form, and the choice.
+) -> tuple[Fit, DeflectionChoice | None]:
+    """Return the fit of ``original`` with the deflection and the geometry that the data support, and the choice.
 
     ``equilibrium_fit`` is the fit of ``original``, whose free elastic effects are in equilibrium. The rigid form is
-    fitted only if the two predictions are distinguishable. The choice is None if no such effect is free.
+    fitted only if the two predictions are distinguishable. The choice is None if no such effect is free. Then idle
+    rotations of the geometry are left out, unless ``options`` has priors of coefficients.
     """
-    if not any(isinstance(effect, Elastic) and effect.deflection == "equilibrium" for effect in original.free):
-        return equilibrium_fit, original, None
-    inliers = equilibrium_fit.inliers
-    rigid_model = dataclasses.replace(equilibrium_fit.model, free=with_deflection(equilibrium_fit.model.free, "rigid"))
-    poses = rigid_model.bind(data).poses(equilibrium_fit.theta)
-    moved = (residuals(data, poses) - equilibrium_fit.residual) * inliers
+    chosen, choice = equilibrium_fit, None
+    if any(isinstance(effect, Elastic) and effect.deflection == "equilibrium" for effect in original.free):
+        chosen, choice = _with_chosen_deflection(equilibrium_fit, data, options)
+        original = dataclasses.replace(original, free=with_deflection(original.free, choice.form))
+    if options.priors is not None:
+        return chosen, choice
+    return without_idle_rotations(chosen, original, data, options), choice
+
+
+def _with_chosen_deflection(fitted: Fit, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice]:
+    """Return the fit in the chosen form of its elastic effects, which are in equilibrium, and the choice."""
+    inliers = fitted.inliers
+    rigid_model = dataclasses.replace(fitted.model, free=with_deflection(fitted.model.free, "rigid"))
+    moved = (residuals(data, rigid_model.bind(data).poses(fitted.theta)) - fitted.residual) * inliers
     difference = rms_length(moved[:3, inliers])
-    separation = float(np.linalg.norm(equilibrium_fit.whitening.apply(moved)))
+    separation = float(np.linalg.norm(fitted.whitening.apply(moved)))
     if separation < _DISTINGUISHABLE:
-        return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, None)
-    start = dataclasses.replace(options, start=equilibrium_fit.theta, group_stds=equilibrium_fit.group_stds)
+        return fitted, DeflectionChoice("equilibrium", difference, separation, None)
+    start = dataclasses.replace(options, start=fitted.theta, group_stds=fitted.group_stds)
     rigid_fit = fit(rigid_model, data, start)
-    rows = equilibrium_fit.inliers & rigid_fit.inliers
-    gain = 2.0 * (_log_likelihood(rigid_fit, rows) - _log_likelihood(equilibrium_fit, rows))
+    rows = inliers & rigid_fit.inliers
+    gain = 2.0 * (_log_likelihood(rigid_fit, rows) - _log_likelihood(fitted, rows))
     if gain <= BETTER:
-        return equilibrium_fit, original, DeflectionChoice("equilibrium", difference, separation, gain)
-    model = dataclasses.replace(original, free=with_deflection(original.free, "rigid"))
-    return rigid_fit, model, DeflectionChoice("rigid", difference, separation, gain)
+        return fitted, DeflectionChoice("equilibrium", difference, separation, gain)
+    return rigid_fit, DeflectionChoice("rigid", difference, separation, gain)
 
 
 def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect, ...]:
@@ -270,7 +240,7 @@ def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect
 
 def _log_likelihood(fitted: Fit, rows: NDArray[np.bool_]) -> float:
     """Return the log-likelihood of the rows and of the priors, up to a constant that both forms share."""
-    cost = float(np.square(fitted.whitening.apply(fitted.residual * rows)).sum())
+    cost = fitted.whitening.cost(fitted.residual * rows)
     return float(np.log(fitted.weight[:, rows]).sum()) - 0.5 * cost + fitted.log_prior
 
 
@@ -358,26 +328,36 @@ def _kg(mass: float) -> str:
 
 def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     """Return which load the springs of a fit point to; None unless one of them has uncertain masses."""
-    springs = springs_of(fit)
-    if not any(effect.masses == "uncertain" for effect in springs):
+    if not any(effect.masses == "uncertain" for effect in springs_of(fit)):
         return None
-    arm = fit.model.arm
-    columns = weight_columns(fit, data)
-    usual = _usual_stds(arm, columns)
+    arm, columns = fit.model.arm, weight_columns(fit, data)
+    usual = regressor_stds(arm, 1.0)
+    for body in arm.chain.bodies:
+        for label in (f"{axis}{body.owner + 1}" for axis in ("hx", "hy", "hz")):
+            usual[label] = max(usual[label], _LEAST_REACH * body.mass)
     error = max(relative_std(fit), _LEAST_ERROR)
+    stds = error * _ERRORS[:, None] * np.array([usual[label] for label in columns.labels])
     log_prior = -0.5 * np.square(np.log(_ERRORS) / _ERRORS_STD)
     log_prior -= math.log(np.sum(np.exp(log_prior)))
-    none = _log_evidence(columns, np.zeros((_ERRORS.size, usual.size)), error * _ERRORS[:, None] * usual) + log_prior
+    none = _log_evidence(columns, np.zeros_like(stds), stds) + log_prior
     evidence_of_none = float(np.logaddexp.reduce(none))
     if not math.isfinite(evidence_of_none):
         return None
     places = []
     for link, masses in _hypotheses(arm, columns):
-        mean, std = _prior(arm, columns, link, masses, error * _ERRORS[:, None] * usual)
+        mean, std = _prior(arm, columns, link, masses, stds)
         evidence = _log_evidence(columns, mean, std).reshape(masses.size, -1, _ERRORS.size) + log_prior
         by_mass = np.logaddexp.reduce(evidence.reshape(masses.size, -1), axis=1) - math.log(_OFFSETS.size)
-        places.append(_place(arm.robot.joints[link].name, masses, by_mass - evidence_of_none))
-    places = sorted((p for p in places if math.isfinite(p.log_bayes_factor)), key=lambda p: -p.log_bayes_factor)
+        weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
+        if not weights.any():
+            continue
+        # The prior of the mass is even in its logarithm.
+        cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
+        sizes = np.sign(masses[0]) * np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
+        likely = float(np.logaddexp.reduce(by_mass)) - math.log(masses.size) - evidence_of_none
+        name = arm.robot.joints[link].name
+        places.append(LoadPlace(name, float(sizes[1]), float(sizes.min()), float(sizes.max()), likely))
+    places.sort(key=lambda place: -place.log_bayes_factor)
     if not places:
         return None
     best = places[0].log_bayes_factor
@@ -387,23 +367,14 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     return UndeclaredLoad(columns.joints, tuple(near), is_named, error * float(_ERRORS[int(np.argmax(none))]))
 
 
-def _usual_stds(arm: Arm, columns: WeightColumns) -> Array:
-    """Return ``(K,)`` standard deviations of the masses and first moments at a relative error of 1."""
-    stds = regressor_stds(arm, 1.0)
-    for body in arm.chain.bodies:
-        least = _LEAST_REACH * body.mass
-        stds |= {f"{axis}{body.owner + 1}": max(stds[f"{axis}{body.owner + 1}"], least) for axis in ("hx", "hy", "hz")}
-    return np.array([stds[label] for label in columns.labels])
-
-
 def _hypotheses(arm: Arm, columns: WeightColumns) -> Iterator[tuple[int, Array]]:
     """Yield links (numbers of their joints in the robot) with masses to try: more than the file's, and less."""
     carried = {link: sum(body.mass for body in arm.chain.bodies if body.owner == link) for link in arm.owners}
     links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
-    total = sum(carried[link] for link in links)
+    masses = sum(carried[link] for link in links) * _LOADS
     for link in links:
-        yield link, total * _LOADS
-        if (lacking := total * _LOADS[total * _LOADS < 0.9 * carried[link]]).size:
+        yield link, masses
+        if (lacking := masses[masses < 0.9 * carried[link]]).size:
             yield link, -lacking
 
 
@@ -414,28 +385,12 @@ def _prior(arm: Arm, columns: WeightColumns, link: int, masses: Array, stds: Arr
     standard deviations.
     """
     offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
-    mean = np.zeros((masses.size, offsets.size, len(stds), stds.shape[1]))
+    mean = np.zeros((masses.size, offsets.size, *stds.shape))
     std = np.broadcast_to(stds, mean.shape).copy()
-    for k, label in enumerate(columns.labels):
-        if label == f"m{link + 1}":
-            mean[..., k] = masses[:, None, None]
-        elif label[0] == "h" and label[2:] == str(link + 1):
-            std[..., k] = np.hypot(std[..., k], np.abs(np.multiply.outer(masses, offsets))[:, :, None])
+    mean[..., columns.labels.index(f"m{link + 1}")] = masses[:, None, None]
+    moments = [k for k, label in enumerate(columns.labels) if label[0] == "h" and label[2:] == str(link + 1)]
+    std[..., moments] = np.hypot(std[..., moments], np.abs(np.multiply.outer(masses, offsets))[:, :, None, None])
     return mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1])
-
-
-def _place(link: str, masses: Array, by_mass: Array) -> LoadPlace:
-    """Return a hypothesis from the log evidence ``(S,)`` of each mass; the prior of the mass is even in its log."""
-    weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
-    if not weights.any():
-        return LoadPlace(link, 0.0, 0.0, 0.0, -math.inf)
-    cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
-    low, middle, high = np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
-    sign = float(np.sign(masses[0]))
-    ends = sorted((sign * float(low), sign * float(high)))
-    return LoadPlace(
-        link, sign * float(middle), ends[0], ends[1], float(np.logaddexp.reduce(by_mass)) - math.log(masses.size)
-    )
 
 
 def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
@@ -465,13 +420,18 @@ def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
     return np.where(possible, -0.5 * squares - 0.5 * np.linalg.slogdet(hessian)[1], -np.inf)
 
 
+def _with_file(changes: Array) -> Array:
+    """Return ``(Q, 1 + K)`` shares of the weights: those of the file once, then ``changes`` ``(Q, K)``."""
+    return np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
+
+
 def _start(columns: WeightColumns, changes: Array) -> Array:
     """Return ``(Q, J)`` compliances by least squares at given masses, all of them positive."""
-    n, size = len(columns.joints), len(columns.labels) + 1
-    weights = np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
-    gram = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(n, size, n, size), weights, weights)
-    rhs = weights @ columns.rhs.reshape(n, size).T
-    compliance = np.linalg.solve(gram, rhs[..., None])[..., 0]
+    shares, joints = _with_file(changes), len(columns.joints)
+    rhs = columns.rhs.reshape(joints, -1)
+    gram = columns.gram.reshape(*rhs.shape, *rhs.shape)
+    normal = np.einsum("jakb,qa,qb->qjk", gram, shares, shares)
+    compliance = np.linalg.solve(normal, (shares @ rhs.T)[..., None])[..., 0]
     return np.asarray(np.maximum(compliance, _LEAST_START * np.abs(compliance).max()))
 
 
@@ -480,10 +440,14 @@ def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) ->
 
     ``state`` ``(Q, J + K)`` holds the logarithms of the compliances, and the masses over ``std`` from ``mean``.
     """
-    n = len(columns.joints)
+    n, count = len(columns.joints), mean.shape[1]
     compliance, values = np.exp(state[:, :n]), state[:, n:]
-    coefficients = _coefficients(compliance, mean + std * values)
-    slope = _slope(compliance, mean + std * values, std)
+    shares = _with_file(mean + std * values)
+    # Coefficients (Q, J (1 + K)) of the columns, and their slope by the state.
+    coefficients = np.einsum("qj,qa->qja", compliance, shares).reshape(len(state), -1)
+    by_compliance = np.einsum("qj,qa,ji->qjai", compliance, shares, np.eye(n))
+    by_mass = np.einsum("qj,qk,ak->qjak", compliance, std, np.eye(count + 1, count, -1))
+    slope = np.concatenate((by_compliance, by_mass), axis=3).reshape(*coefficients.shape, n + count)
     product = coefficients @ columns.gram
     squares = columns.cost - 2.0 * coefficients @ columns.rhs + np.einsum("qw,qw->q", product, coefficients)
     gradient = np.einsum("qwi,qw->qi", slope, columns.rhs - product)
@@ -492,22 +456,3 @@ def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) ->
     masses = range(n, state.shape[1])
     hessian[:, masses, masses] += 1.0
     return squares + np.sum(np.square(values), axis=1), gradient, hessian
-
-
-def _coefficients(compliance: Array, changes: Array) -> Array:
-    """Return ``(Q, J (1 + K))`` coefficients of the columns."""
-    weights = np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
-    return (compliance[:, :, None] * weights[:, None]).reshape(len(changes), -1)
-
-
-def _slope(compliance: Array, changes: Array, std: Array) -> Array:
-    """Return the coefficients' derivative ``(Q, J (1 + K), J + K)`` to log compliances and to masses over stds."""
-    count, n = compliance.shape
-    size = changes.shape[1]
-    slope = np.zeros((count, n, size + 1, n + size))
-    weights = np.concatenate((np.ones((count, 1)), changes), axis=1)
-    for joint in range(n):
-        slope[:, joint, :, joint] = compliance[:, joint, None] * weights
-    each = np.arange(size)
-    slope[:, :, 1 + each, n + each] = compliance[:, :, None] * std[:, None]
-    return slope.reshape(count, n * (size + 1), n + size)

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.fitting.whitening import sum_of_squares
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.observation import Noise, NoiseSource, weights
+from robacc.modelling.observation import Noise, NoiseSource
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
@@ -47,54 +44,11 @@ def estimate(
     return position, _misfit(residual[3:, rows], turned, used[1])
 
 
-def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
-    """Return ``(M, N)`` reciprocal standard deviations, the misfit at least :data:`_ROUNDING`.
-
-    The lower limit gives data without noise finite weights, and keeps the weights of noisy position and exact
-    orientation within what the normal equations can hold.
-    """
-    return weights(data, max(misfit[0], _ROUNDING), max(misfit[1], _ROUNDING))
-
-
-def inlier_mask(
-    residual: Array, weight: Array, inliers: NDArray[np.bool_], coefficients: int, tolerance: float = 1.0
-) -> NDArray[np.bool_]:
-    """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
-
-    ``tolerance`` multiplies the limit of the length.
-    """
-    rows, n = residual.shape
-    distance = np.square(residual * weight).mean(axis=0)
-    scale = float(np.median(distance)) / _MEDIAN[rows]
-    if scale <= 0:
-        return inliers
-    limit = tolerance**2 * outlier_limit(rows, n) * scale
-    mask: NDArray[np.bool_] = (distance <= limit) | (
-        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= _ROUNDING
-    )
-    return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
-
-
-def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:
-    """Return known noise and misfit together, and the source of the figure."""
-    position = np.zeros((3, 1)) if data.position_variance is None else data.position_variance
-    orientation = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
-    turned = None if data.rotation is None else float(np.sqrt(orientation + misfit[1] ** 2))
-    source: NoiseSource
-    if is_given:
-        source = "given"
-    elif data.sigma_position is None:
-        source = "residual"
-    else:
-        source = "file" if misfit[0] == 0.0 else "file and misfit"
-    return Noise.of_variances(np.mean(position, axis=1) + misfit[0] ** 2, turned, source)
-
-
 def _misfit(residual: Array, known: Array | float, used: float) -> float:
     """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
     dof = max(residual.size - used, _LEAST_DOF * residual.size)
     if isinstance(known, float):
-        return float(np.sqrt(sum_of_squares(residual) / dof))
+        return float(np.sqrt(np.vdot(residual, residual) / dof))
     square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0
@@ -108,15 +62,53 @@ def _misfit(residual: Array, known: Array | float, used: float) -> float:
     return float(np.sqrt(high))
 
 
-def outlier_limit(rows: int, n: int) -> float:
-    """Return the mean whitened square of a row beyond which it is an outlier.
+def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
+    """Return ``(M, N)`` reciprocal standard deviations of measuring uncertainty and a misfit common to all poses.
 
-    Wilson and Hilferty's quantile of the chi-square distribution at a tail of 1e-7 / N, that is some six standard
-    deviations: a structured residual that the model lacks is bounded and stays within it, a beam break does not.
+    The misfit is at least :data:`_ROUNDING`. This gives data without noise finite weights, and keeps the weights of
+    noisy position and exact orientation within what the normal equations can hold. Correlated noise is not part of the
+    weights. The array is read-only: without uncertainties of rows, these share one column.
     """
-    tail = 5.2 + 0.2 * np.log10(max(n, 10))
-    cube_root_var = 2.0 / (9.0 * rows)
-    return float((1 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3)
+    rows = 3 if data.rotation is None else 6
+    variance = np.empty((rows, 1 if data.sigma_position is None and data.sigma_rotation is None else data.n))
+    known = data.position_variance if data.correlated_noise is None else None
+    variance[:3] = max(misfit[0], _ROUNDING) ** 2 + (0.0 if known is None else known)
+    variance[3:] = max(misfit[1], _ROUNDING) ** 2
+    if data.sigma_rotation is not None:
+        variance[3:] += np.square(data.sigma_rotation)
+    return np.broadcast_to(1.0 / np.sqrt(variance), (rows, data.n))
+
+
+def inlier_mask(
+    residual: Array, weight: Array, inliers: NDArray[np.bool_], coefficients: int, tolerance: float = 1.0
+) -> NDArray[np.bool_]:
+    """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
+
+    The limit of the mean whitened square is Wilson and Hilferty's quantile of the chi-square distribution at a tail of
+    1e-7 / N, that is some six standard deviations: a structured residual that the model lacks is bounded and stays
+    within it, a beam break does not. ``tolerance`` multiplies the limit of the length.
+    """
+    rows, n = residual.shape
+    distance = np.square(residual * weight).mean(axis=0)
+    scale = float(np.median(distance)) / _MEDIAN[rows]
+    if scale <= 0:
+        return inliers
+    tail, cube_root_var = 5.2 + 0.2 * math.log10(max(n, 10)), 2.0 / (9.0 * rows)
+    limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * math.sqrt(cube_root_var)) ** 3
+    mask: NDArray[np.bool_] = (distance <= limit) | (
+        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= _ROUNDING
+    )
+    return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
+
+
+def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:
+    """Return known noise and misfit together, and the source of the figure."""
+    position = np.zeros((3, 1)) if data.position_variance is None else data.position_variance
+    orientation = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
+    turned = None if data.rotation is None else float(np.sqrt(orientation + misfit[1] ** 2))
+    of_file: NoiseSource = "file" if misfit[0] == 0.0 else "file and misfit"
+    source: NoiseSource = "given" if is_given else "residual" if data.sigma_position is None else of_file
+    return Noise.of_variances(np.mean(position, axis=1) + misfit[0] ** 2, turned, source)
 
 
 # Circumstance that outliers share: rows that a lacking effect displaces, and no accidents of the instrument.
@@ -127,39 +119,16 @@ def outlier_limit(rows: int, n: int) -> float:
 
 _FEWEST = 3
 """Outliers from which a common circumstance is looked for."""
+_FEWEST_RANKED = 8
+"""Outliers from which their rank sum is close to normal."""
 _SIGNIFICANT = 1e-3
 """Probability of a pattern by chance, over all circumstances, below which it is reported."""
 _MOST_OF_ALL = 0.5
 """Share of all rows up to which rows beyond a limit are a particular circumstance."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutlierPattern:
-    """Range of one quantity in which the outliers lie."""
-
-    quantity: str
-    side: str
-    """``above`` or ``below``."""
-    limit: float
-    unit: str
-    inside: int
-    """Outliers within the range."""
-    outliers: int
-    share: float
-    """Share of all rows within the range."""
-    p_value: float
-
-    @property
-    def text(self) -> str:
-        """Return the pattern as a sentence."""
-        return (
-            f"{self.inside} of {self.outliers} outliers have {self.quantity} {self.side} {self.limit:.4g} {self.unit}, "
-            f"but only {100 * self.share:.0f} % of all rows have: the outliers have a common cause"
-        )
-
-
-def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tuple[str, ...]) -> OutlierPattern | None:
-    """Return the circumstance that the outliers share; None if they look accidental.
+def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tuple[str, ...]) -> str | None:
+    """Return the circumstance that the outliers share, as a sentence; None if they look accidental.
 
     Args:
         data: Measured poses.
@@ -169,70 +138,58 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
     count = int(np.count_nonzero(outliers))
     if count < _FEWEST or count == outliers.size:
         return None
-    tested = list(_quantities(data, names))
-    best: OutlierPattern | None = None
+    tested = _quantities(data, names)
+    best, least = None, _SIGNIFICANT
     for quantity, unit, values in tested:
         for side, ordered in (("above", values), ("below", -values)):
             p_value = min(1.0, _by_chance(ordered, outliers) * 2.0 * len(tested))
-            if p_value <= _SIGNIFICANT and (best is None or p_value < best.p_value):
-                best = _pattern(quantity, unit, side, ordered, outliers, p_value)
+            if p_value <= _SIGNIFICANT and (best is None or p_value < least):
+                best, least = _pattern(quantity, unit, side, ordered, outliers), p_value
     return best
 
 
-def _quantities(data: Measurements, names: tuple[str, ...]) -> Iterator[tuple[str, str, Array]]:
-    """Yield name, unit and value per row of every circumstance that varies."""
+def _quantities(data: Measurements, names: tuple[str, ...]) -> list[tuple[str, str, Array]]:
+    """Return name, unit and value per row of every circumstance that varies."""
     columns: list[tuple[str, str, Array | None]] = []
-    if data.q is not None:
-        for name, values in zip(names, data.q, strict=True):
-            columns.append((name, "(rad or m)", values))
-            columns.append(
-                (f"the distance of {name} from its median", "(rad or m)", np.abs(values - np.median(values)))
-            )
-    for name, values in zip("xyz", data.position, strict=True):
-        columns.append((name, "m", values))
+    for name, values in zip(names, () if data.q is None else data.q, strict=data.q is not None):
+        columns.append((name, "(rad or m)", values))
+        columns.append((f"the distance of {name} from its median", "(rad or m)", np.abs(values - np.median(values))))
+    columns += [(name, "m", values) for name, values in zip("xyz", data.position, strict=True)]
     from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
     columns.append(("the distance from the centre of the poses", "m", from_centre))
     columns.append(("time", "s", data.time))
     columns.append(("temperature", "°C", data.temperature))
     columns.append(("payload", "kg", data.payload))
     columns.append(("row number", "", np.arange(1.0, data.n + 1.0)))
-    for name, unit, column in columns:
-        if column is not None and np.ptp(column) > 0:
-            yield name, unit, column
+    return [(name, unit, values) for name, unit, values in columns if values is not None and np.ptp(values) > 0]
 
 
 def _by_chance(values: Array, outliers: NDArray[np.bool_]) -> float:
     """Return the probability that as many random rows lie as high as the outliers do."""
     n, k = values.size, int(np.count_nonzero(outliers))
     beyond = int(np.count_nonzero(values >= values[outliers].min()))
-    all_extreme = math.exp(_log_choose(beyond, k) - _log_choose(n, k))
-    order = np.argsort(values, kind="stable")
-    rank = np.empty(n)
-    rank[order] = np.arange(1, n + 1)
-    _, first, size = np.unique(values, return_inverse=True, return_counts=True)
-    rank = (np.bincount(first, weights=rank) / size)[first]  # equal values share their mean rank
-    mean = k * (n + 1) / 2.0
+    # All of them among the extreme rows: the ratio of the binomial coefficients.
+    ways = math.lgamma(beyond + 1) - math.lgamma(beyond - k + 1) - math.lgamma(n + 1) + math.lgamma(n - k + 1)
+    all_extreme = math.exp(ways)
+    if k < _FEWEST_RANKED:
+        return 2.0 * all_extreme
+    _, place, size = np.unique(values, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(size) - 0.5 * (size - 1))[place]  # equal values share their mean rank
     std = math.sqrt(k * (n - k) * (n + 1) / 12.0)
-    z = (float(rank[outliers].sum()) - mean) / std
-    rank_sum = 0.5 * math.erfc(z / math.sqrt(2.0)) if k >= 8 else 1.0
-    return 2.0 * min(all_extreme, rank_sum)
+    z = (float(rank[outliers].sum()) - k * (n + 1) / 2.0) / std
+    return 2.0 * min(all_extreme, 0.5 * math.erfc(z / math.sqrt(2.0)))
 
 
-def _log_choose(n: int, k: int) -> float:
-    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
-
-
-def _pattern(
-    quantity: str, unit: str, side: str, ordered: Array, outliers: NDArray[np.bool_], p_value: float
-) -> OutlierPattern | None:
+def _pattern(quantity: str, unit: str, side: str, ordered: Array, outliers: NDArray[np.bool_]) -> str | None:
     """Return the range that holds most outliers and few other rows; None if it holds most rows."""
     levels = np.sort(ordered[outliers])
-    inside = np.array([np.count_nonzero(outliers & (ordered >= level)) for level in levels])
-    share = np.array([np.count_nonzero(ordered >= level) for level in levels]) / ordered.size
-    best = int(np.argmax(inside / inside.max() - share))
+    inside = np.array([np.count_nonzero(levels >= level) for level in levels])
+    share = np.array([np.mean(ordered >= level) for level in levels])
+    best = int(np.argmax(inside / levels.size - share))
     if share[best] > _MOST_OF_ALL:
         return None
-    limit = float(levels[best] if side == "above" else -levels[best])
-    return OutlierPattern(
-        quantity, side, limit, unit, int(inside[best]), int(inside.max()), float(share[best]), p_value
+    limit = levels[best] if side == "above" else -levels[best]
+    return (
+        f"{inside[best]} of {levels.size} outliers have {quantity} {side} {limit:.4g} {unit}, "
+        f"but only {100 * share[best]:.0f} % of all rows have: the outliers have a common cause"
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from robacc.effects.specification import Known, absorbed, entry_of, known_effect
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.description import Frame, Robot
 
@@ -40,26 +39,25 @@ def apply_values(
 
     ``validity`` holds the ranges that each effect was fitted on, if known.
     """
-    limits = validity if validity is not None else ({},) * len(model.free)
-    constant = [Known(effect, v) for effect, v in zip(model.free, values, strict=True) if effect.traits.is_constant]
-    classes = {type(known.effect) for known in constant}
+    fitted = [
+        Known(effect, own, limit)
+        for effect, own, limit in zip(model.free, values, validity or [{}] * len(model.free), strict=True)
+    ]
+    classes = {type(known.effect) for known in fitted if known.effect.traits.is_constant}
     # Listed constants that add to fitted ones are absorbed with them: turns of one frame do not commute.
-    constant += [known for known in model.known if type(known.effect) in classes]
-    robot = _with_constants(model.arm.robot, constant)
+    constants = [known for known in (*fitted, *model.known) if type(known.effect) in classes]
     listed = [known for known in model.known if type(known.effect) not in classes]
-    for effect, coefficients, limit in zip(model.free, values, limits, strict=True):
-        if effect.traits.is_constant:
-            continue
-        nonzero = {name: value for name, value in coefficients.items() if value != 0}
-        place = next((i for i, known in enumerate(listed) if known.effect.key() == effect.key()), None)
-        if place is not None:
-            before = listed[place].values
-            sums = {name: before.get(name, 0.0) + nonzero.get(name, 0.0) for name in {**before, **nonzero}}
-            listed[place] = Known(effect, sums, united(listed[place].validity, limit))
-        elif nonzero:
-            listed.append(Known(effect, nonzero, limit))
-    entries: list[Mapping[str, Any]] = [entry_of(known.effect, known.values, known.validity) for known in listed]
-    return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
+    keys = [known.effect.key() for known in listed]
+    for known in fitted:
+        key, nonzero = known.effect.key(), {name: value for name, value in known.values.items() if value != 0}
+        if key in keys and not known.effect.traits.is_constant:
+            before = listed[keys.index(key)]
+            names = {**before.values, **nonzero}
+            sums = {name: before.values.get(name, 0.0) + nonzero.get(name, 0.0) for name in names}
+            listed[keys.index(key)] = Known(known.effect, sums, united(before.validity, known.validity))
+        elif nonzero and not known.effect.traits.is_constant:
+            listed.append(dataclasses.replace(known, values=nonzero))
+    return _written(model.arm.robot, constants, listed)
 
 
 def absorb_constants(robot: Robot) -> Robot:
@@ -69,18 +67,19 @@ def absorb_constants(robot: Robot) -> Robot:
         InputError: the file's ``effects:`` cannot be read.
     """
     known = known_effects(robot)
-    entries = [entry_of(k.effect, k.values, k.validity) for k in known if not k.effect.traits.is_constant]
-    robot = _with_constants(robot, [k for k in known if k.effect.traits.is_constant])
-    return dataclasses.replace(robot, effects=tuple(entries), effect_units=(1.0, 1.0))
+    constants = [k for k in known if k.effect.traits.is_constant]
+    return _written(robot, constants, [k for k in known if not k.effect.traits.is_constant])
 
 
-def _with_constants(robot: Robot, constants: Sequence[Known]) -> Robot:
-    """Return the robot with constants written into its numbers."""
+def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) -> Robot:
+    """Return the robot with constants written into its numbers, and the list of its other effects."""
     sums: dict[str, float] = {}
     for known in constants:
         for name, value in known.values.items():
             sums[name] = sums.get(name, 0.0) + value
-    return absorbed(robot, [known.effect for known in constants], sums)
+    entries = tuple(entry_of(known.effect, known.values, known.validity) for known in listed)
+    robot = absorbed(robot, [known.effect for known in constants], sums)
+    return dataclasses.replace(robot, effects=entries, effect_units=(1.0, 1.0))
 
 
 # Leverage: the share of a row in its own prediction.
@@ -89,18 +88,13 @@ _HIGH_LEVERAGE = 0.5
 """Share of a row in its own prediction above which the row is reported."""
 
 
-def high_leverage(fit: Fit, data: Measurements) -> tuple[tuple[int, float], ...]:
+def high_leverage(fit: Fit) -> tuple[tuple[int, float], ...]:
     """Return the rows with high leverage: index and mean diagonal of the hat matrix over the components."""
-    identifiable = fit.identifiability.columns
-    if identifiable.size == 0:
-        return ()
-    inverse = posterior(fit.gram, fit.precision)
-    share = np.empty(data.n)
-    for start in range(0, data.n, BLOCK):
-        block = slice(start, start + BLOCK)
-        _, jacobian = fit.model.bind(data.subset(block)).linearise(fit.theta, identifiable, fit.residual.shape[0])
-        columns = jacobian * fit.weight[:, None, block]
-        share[block] = np.einsum("mpn,mpn->n", inverse @ columns, columns) / fit.residual.shape[0]
+    inverse, share = posterior(fit.gram, fit.precision), np.empty(fit.data.n)
+    for start in range(0, fit.data.n, BLOCK):
+        block = np.arange(start, min(start + BLOCK, fit.data.n))
+        columns = fit.jacobian(block, len(fit.residual)) * fit.weight[:, None, block]
+        share[block] = np.einsum("mpn,mpn->n", inverse @ columns, columns) / len(fit.residual)
     high = np.flatnonzero((share > _HIGH_LEVERAGE) & fit.inliers)
     return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
@@ -144,27 +138,23 @@ class Correlation:
 
 def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every coefficient: frames in the measuring frame, other coefficients as differences from nominal."""
-    fitted = _frames(fit)
-    frames = {
-        f"{prefix}.{label}": value
-        for prefix, frame in fitted.items()
-        for label, value in zip(_COORDINATES, (*frame.xyz, *frame.rpy), strict=True)
-    }
-    dropped = {missing.name: missing.why for missing in fit.dropped}
-    stds = _stds(_coordinate_covariance(fit, fitted))
-    at_pole = {
-        f"{prefix}.{label}": "the pitch is 90 degrees, where roll and yaw turn about the same axis"
-        for prefix, frame in fitted.items()
-        if _is_at_pole(frame)
-        for label in ("roll", "yaw")
-    }
-    result = []
-    for i, (name, term) in enumerate(zip(fit.names, fit.terms, strict=True)):
-        value = frames.get(name, float(fit.theta[i]))
-        known = bool(np.isfinite(stds[i]))
-        why = None if known else dropped.get(name, at_pole.get(name, "not identifiable"))
-        result.append(FittedParameter(name, value, float(stds[i]) if known else None, term.unit, why))
-    return tuple(result)
+    frames = _frames(fit)
+    values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
+    why = dict.fromkeys(fit.names, "not identifiable")
+    for prefix, frame in frames.items():
+        names = [f"{prefix}.{label}" for label in _COORDINATES]
+        values |= dict(zip(names, (*frame.xyz, *frame.rpy), strict=True))
+        if _is_at_pole(frame):
+            reason = "the pitch is 90 degrees, where roll and yaw turn about the same axis"
+            why |= {names[3]: reason, names[5]: reason}
+    why |= {missing.name: missing.why for missing in fit.dropped}
+    stds = _stds(_coordinate_covariance(fit, frames)).tolist()
+    return tuple(
+        FittedParameter(term.name, values[term.name], std, term.unit)
+        if math.isfinite(std)
+        else FittedParameter(term.name, values[term.name], None, term.unit, why[term.name])
+        for term, std in zip(fit.terms, stds, strict=True)
+    )
 
 
 def parameter_covariance(fit: Fit) -> ParameterCovariance:
@@ -230,13 +220,9 @@ def _frames(fit: Fit) -> dict[str, Frame]:
     free = {effect.name for effect in fit.model.free}
     if not free & {"base_frame", "tool_frame"}:
         return {}
-    robot: Robot = apply_fit(fit)
-    frames: dict[str, Frame] = {}
-    if "base_frame" in free:
-        frames["base_frame"] = robot.base
+    robot = apply_fit(fit)
+    frames = {"base_frame": robot.base} if "base_frame" in free else {}
     if "tool_frame" in free:
-        if robot.targets:
-            frames |= {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
-        else:
-            frames["tool_frame"] = robot.tool
+        targets = {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
+        frames |= targets or {"tool_frame": robot.tool}
     return frames

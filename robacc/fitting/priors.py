@@ -1,32 +1,48 @@
-"""Priors about zero: the broad one of the arm's constants, given ones, tolerances, and those of groups."""
+"""What is known of an arm's constants beside the poses: weakly identifiable constants, and those that are nominal.
+
+**Weakly identifiable** are constants that the broad prior of :mod:`robacc.fitting.solver` bounds.
+
+**Sparse prior**: if most constants of an arm are nominal, those that differ are found, and noise moves no others.
+Constants of one kind (lengths, angles) have their nominal value with probability 1 - pi, and otherwise differ from it
+by a normal deviate of standard deviation w ("spike and slab"). Both pi and w are estimated from the data. With
+theta_i = gamma_i mu_i, alpha_i = P(gamma_i = 1), G and m the normal equations of the constants with all other
+coefficients eliminated, the mean-field posterior is found one constant at a time:
+
+    v_i = 1 / (G_ii + 1/w^2),  mu_i = v_i (m_i - sum_{j != i} G_ij alpha_j mu_j),
+    logit alpha_i = logit pi + log(v_i / w^2) / 2 + mu_i^2 / (2 v_i),
+
+and then w and pi from all of a kind (P. Carbonetto and M. Stephens 2012, Scalable variational inference for Bayesian
+variable selection). Its mean is the solution of the normal equations with prior precision
+
+    G_ii (1/alpha_i - 1) + 1/(alpha_i w^2)
+
+on each constant, with which the nonlinear fit is repeated. If most constants of a kind differ, as on most real arms,
+that kind keeps the broad prior, and so does one of which a constant is weakly identifiable.
+
+Standard errors stay those without the sparse prior. The interval of a shrunk constant then covers the truth for a
+constant of any size; a posterior interval would do so only on average over constants distributed as the prior.
+"""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.effects.base import Effect, Term
-from robacc.fitting.fit_result import Fit
-from robacc.fitting.normal_equations import NormalEquations, posterior
+from robacc.effects.frames import LinkGeometry
+from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.normal_equations import posterior, solved, unit_diagonal
+from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
 from robacc.robots.description import Robot
+from robacc.statistics.distributions import chi2_sf
 
-# Broad prior of the arm's constants, and the constants that it bounds.
-#
-# Poses may be few, or all have one orientation. Without a prior, noise then moves a constant by centimetres along a
-# direction that has no effect on these poses but does on others. Each constant of the arm therefore has a Cauchy prior
-# about nominal, which near nominal is a Gaussian one with the standard deviation b of a badly made arm. Its tails are
-# heavy: an arm may differ from its file by any amount that the data show. At a constant c it pulls as a Gaussian prior
-# of precision 1 / (b^2 + c^2 / 2) does (iterative reweighting; Holland and Welsch 1977). Given priors are Gaussian.
-
-BADLY_MADE = 3.0
-"""Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
 WEAK = 0.3
-"""Share of that standard deviation above which a standard error makes a constant weakly identifiable."""
+"""Share of the broad prior's standard deviation above which a standard error makes a constant weakly identifiable."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,20 +55,6 @@ class WeakKind:
     """Standard deviation of the broad prior near nominal, in ``unit``."""
     names: tuple[str, ...]
     """Names of the weakly identifiable constants."""
-
-
-def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
-    """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others."""
-    is_constant = [effect.traits.is_constant and not effect.traits.is_frame for effect in free]
-    return np.array(
-        [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
-    )
-
-
-def broad_precision(std: Array, theta: Array) -> Array:
-    """Return the precision ``(P,)`` with which the broad prior pulls coefficients ``theta``; 0 where ``std`` is inf."""
-    precision: Array = 1.0 / (np.square(std) + 0.5 * np.square(theta))
-    return precision
 
 
 def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
@@ -70,162 +72,6 @@ def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
     return tuple(WeakKind(*kind, tuple(names)) for kind, names in kinds.items())
 
 
-# Priors of a fit: the broad one, given ones, and those of groups, whose standard deviation is estimated from the data.
-#
-# Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-# (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring.
-
-LARGEST_OF_PROFILE = 10.0
-"""Standard deviation of a profile's group that it cannot exceed, over its terms' usual size.
-
-Where poses leave gaps, large coefficients that cancel at the poses fit as well as small ones; what the effect can be
-decides then.
-"""
-_NEAR = 1.0
-"""Change of the logarithm of a variance below which a step of scoring is trusted."""
-_LEAST_INFORMATION = 1e-9
-"""Added to the information on the logarithm of a variance, which is zero for a group without any effect."""
-_ROUNDS = 60
-_SETTLED = 1e-3
-"""Change of the groups' standard deviations, as a share, at which the iteration ends."""
-_FOLLOWED = 0.1
-"""Change of a broad prior's precision, as a share, below which it is settled: it moves a constant by less."""
-_INNER = 0.1
-"""The same, over the change that counts as settled: later linearisations continue the iteration."""
-
-
-class Priors:
-    """Precision of every coefficient's prior; broad priors and the groups' deviations are improved in place."""
-
-    def __init__(self, terms: Sequence[Term], given: Array, broad: Array, start: Mapping[str, float]) -> None:
-        """Start from standard deviations ``(P,)`` of ``given`` and ``broad`` priors, inf for none; a given one counts.
-
-        A group starts at its standard deviation in ``start``, or at its terms' usual size.
-        """
-        self._broad = np.where(np.isfinite(given), np.inf, broad)
-        self.is_broad = np.isfinite(self._broad)
-        """``(P,)`` mask of the coefficients with a broad prior."""
-        self._terms = terms
-        self._weights = np.array([term.weight for term in terms], dtype=np.float64)
-        self.groups: dict[str, list[int]] = {}
-        for i, term in enumerate(terms):
-            if term.group is not None:
-                self.groups.setdefault(term.group, []).append(i)
-        self.group_stds = {name: start[name] for name in self.groups if name in start}
-        """Standard deviation of each group, in units of its terms' weights."""
-        sizes = [
-            start.get(term.group, term.typical) * term.weight if term.group else std
-            for term, std in zip(terms, given.tolist(), strict=True)
-        ]
-        self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
-
-    def follow(self, theta: Array) -> bool:
-        """Let broad priors pull as they do at ``theta`` ``(P,)``; return False, without a change, if they nearly do."""
-        precision = np.where(self.is_broad, broad_precision(self._broad, theta), self.precision)
-        if np.all(np.abs(self.precision - precision) <= _FOLLOWED * precision):
-            return False
-        self.precision = precision
-        return True
-
-    def log_density(self, theta: Array) -> float:
-        """Return the log density of coefficients ``(P,)``, up to a constant."""
-        is_gaussian = ~self.is_broad & (self.precision > 0)
-        precision, own = self.precision[is_gaussian], theta[is_gaussian]
-        broad = np.log1p(0.5 * np.square(theta / self._broad))
-        return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
-
-    def effective(self, normal: NormalEquations, columns: NDArray[np.int64]) -> float:
-        """Return the number of coefficients that the data determine: all without priors, fewer with."""
-        prior = self.precision[columns]
-        if not prior.any():
-            return float(columns.size)
-        return float(columns.size - prior @ np.diag(normal.posterior(prior)))
-
-    def update(
-        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
-    ) -> bool:
-        """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
-
-        ``components`` is the number of residuals of the inliers.
-        """
-        index = {int(column): i for i, column in enumerate(columns)}
-        places = {
-            name: np.array([index[i] for i in group if i in index], dtype=np.int64)
-            for name, group in self.groups.items()
-        }
-        if not places:
-            return False
-        before = dict(self.group_stds)
-        noise_var = 1.0
-        for _ in range(_ROUNDS):
-            previous = dict(self.group_stds)
-            self._set(noise_var)
-            prior = self.precision[columns]
-            inverse = normal.posterior(prior)
-            theta = inverse @ normal.rhs
-            self._improve(inverse, theta, prior, places, columns)
-            if not noise_known:
-                n_determined = columns.size - float(prior @ np.diag(inverse))
-                noise_var = float(max(normal.expected_cost(theta) / max(components - n_determined, 1.0), 1e-12))
-            if not self._changed(previous, max(_SETTLED, _INNER * settled)):
-                break
-        self._set(noise_var)
-        return self._changed(before, settled)
-
-    def _improve(
-        self,
-        inverse: Array,
-        theta: Array,
-        prior: Array,
-        places: Mapping[str, NDArray[np.int64]],
-        columns: NDArray[np.int64],
-    ) -> None:
-        """Take one step of the groups' standard deviations towards the largest marginal likelihood.
-
-        Far from it the step is the fixed point's, near it that of Fisher's scoring in the logarithms of the variances:
-        with B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups.
-        """
-        root = np.sqrt(prior)
-        squared = np.square(np.eye(prior.size) - root[:, None] * inverse * root)
-        determined, ratios, current = [], [], []
-        for name, indices in places.items():
-            n_determined = indices.size - float(prior[indices] @ np.diag(inverse)[indices])
-            sum_of_squares = float(np.sum(np.square(theta[indices] / self._weights[columns[indices]])))
-            determined.append(max(n_determined, 1e-3))
-            ratios.append(max(sum_of_squares, 1e-18) / self.group_stds[name] ** 2)
-            current.append(self.group_stds[name])
-        score = 0.5 * (np.array(ratios) - np.array(determined))
-        membership = np.zeros((len(places), prior.size))
-        for row, indices in zip(membership, places.values(), strict=True):
-            row[indices] = 1.0
-        information = 0.5 * membership @ squared @ membership.T
-        information += _LEAST_INFORMATION * np.eye(len(places))
-        scoring = np.linalg.solve(information, score)
-        fixed_point = np.log(np.array(ratios) / np.array(determined))
-        steps = np.where(np.abs(scoring) < _NEAR, scoring, fixed_point)
-        for name, indices, std, step in zip(places, places.values(), current, steps.tolist(), strict=True):
-            group_std = max(std * math.exp(0.5 * step), 1e-9)
-            self.group_stds[name] = min(group_std, self._largest(columns[indices].tolist()))
-
-    def _largest(self, members: Sequence[int]) -> float:
-        """Return the largest standard deviation of a profile's group."""
-        return LARGEST_OF_PROFILE * max(self._terms[i].typical for i in members)
-
-    def _set(self, noise_var: float) -> None:
-        for name, members in self.groups.items():
-            group_std = self.group_stds.setdefault(name, self._terms[members[0]].typical)
-            for i in members:
-                self.precision[i] = noise_var / (group_std * self._weights[i]) ** 2
-
-    def _changed(self, before: dict[str, float], share: float) -> bool:
-        return any(
-            abs(group_std - before.get(name, 0.0)) > share * group_std for name, group_std in self.group_stds.items()
-        )
-
-
-# Tolerances of a robot file as priors of its constants.
-
-
 def tolerance_priors(robot: Robot) -> dict[str, float]:
     """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
     priors = {}
@@ -235,3 +81,142 @@ def tolerance_priors(robot: Robot) -> dict[str, float]:
             name = f"joint_offset.{joint.name}" if is_offset else f"link_geometry.{joint.name}.{label}"
             priors[name] = deviation
     return priors
+
+
+# Sparse prior.
+
+_FEWEST = 4
+"""Constants of a kind that estimates of pi and w need at least; shrinking fewer than three never pays (Stein)."""
+_MOST = 2.0 / 3.0
+"""Share of a kind's constants that differ, up to which the kind is shrunk."""
+_ROUNDS = 200
+_SETTLED = 1e-3
+"""Change of a constant, over its standard error, at which the iteration ends."""
+_SMALLEST = 1e-9
+"""m or rad: least standard deviation of the slab."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShrunkKind:
+    """Constants of one unit, and which of them differ from the robot file's."""
+
+    unit: str
+    names: tuple[str, ...]
+    probability: tuple[float, ...]
+    """Probability of each constant to differ."""
+    std: float
+    """Root mean square deviation of the constants that differ, in ``unit``."""
+
+
+def shrink_to_nominal(
+    fitted: Fit, data: Measurements, options: Options, effects: Sequence[str]
+) -> tuple[Fit, tuple[ShrunkKind, ...]]:
+    """Return the fit with constants of ``effects`` shrunk to nominal, and the kinds that were shrunk.
+
+    If no kind is, return ``fitted`` itself. The covariance stays that of ``fitted``.
+    """
+    columns = fitted.identifiability.columns
+    weak = {(kind.effect, kind.unit) for kind in weak_kinds(fitted)}
+    kinds: dict[str, list[int]] = {}
+    for index, column in enumerate(columns):
+        effect, unit = fitted.model.free[fitted.owners[column]].name, fitted.terms[column].unit
+        if effect in effects and (effect, unit) not in weak:
+            kinds.setdefault(unit, []).append(index)
+    kinds = {unit: indices for unit, indices in kinds.items() if len(indices) >= _FEWEST}
+    while kinds:
+        found = _select(fitted, kinds)
+        sparse = {unit for unit, (probability, *_) in found.items() if np.mean(probability) <= _MOST}
+        if len(sparse) == len(kinds):
+            break
+        kinds = {unit: indices for unit, indices in kinds.items() if unit in sparse}
+    if not kinds:
+        return fitted, ()
+    priors, shrunk = np.full(fitted.theta.size, np.inf) if options.priors is None else options.priors.copy(), []
+    for unit, indices in kinds.items():
+        probability, precision, std = found[unit]
+        priors[columns[indices]] = 1.0 / np.sqrt(precision)
+        names = tuple(fitted.names[i] for i in columns[indices])
+        shrunk.append(ShrunkKind(unit, names, tuple(probability.tolist()), std))
+    again = dataclasses.replace(
+        options,
+        priors=priors,
+        start=fitted.theta,
+        identified=fitted.identifiability,
+        group_stds=fitted.group_stds,
+    )
+    refit = fit(fitted.model, data, again)
+    return dataclasses.replace(refit, covariance=fitted.covariance), tuple(shrunk)
+
+
+def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, Array, float]]:
+    """Return of each kind P(differs), the prior precision and the slab's std, all other coefficients eliminated.
+
+    ``kinds`` are indices among the identifiable coefficients.
+    """
+    members = [np.array(kind, dtype=np.int64) for kind in kinds.values()]
+    indices = np.concatenate(members)
+    places = np.split(np.arange(indices.size), np.cumsum([kind.size for kind in members])[:-1])
+    others = np.setdiff1d(np.arange(fitted.precision.size), indices)
+    cross = fitted.gram[np.ix_(others, indices)]
+    matrix, scale = unit_diagonal(fitted.gram[np.ix_(others, others)] + np.diag(fitted.precision[others]))
+    coupled = scale[:, None] * np.column_stack((cross, fitted.rhs[others]))
+    eliminated = cross.T @ (scale[:, None] * solved(matrix, coupled))
+    gram = fitted.gram[np.ix_(indices, indices)] - eliminated[:, :-1]
+    rhs = fitted.rhs[indices] - eliminated[:, -1]
+    diagonal = np.diag(gram)
+    matrix, scale = unit_diagonal(gram)
+    mean, odds, slab_std = scale * solved(matrix, scale * rhs), np.zeros(indices.size), np.empty(indices.size)
+    probability, slab_mean = np.empty(indices.size), np.empty(indices.size)
+    for kind in places:
+        slab_std[kind] = max(float(np.sqrt(np.mean(np.square(mean[kind])))), _SMALLEST)
+    for _ in range(_ROUNDS):
+        before, total = mean.copy(), diagonal + 1.0 / np.square(slab_std)
+        evidence = odds - 0.5 * np.log(np.square(slab_std) * total)
+        for i in range(indices.size):
+            slab_mean[i] = (rhs[i] - gram[i] @ mean + gram[i, i] * mean[i]) / total[i]
+            logit = np.clip(evidence[i] + 0.5 * np.square(slab_mean[i]) * total[i], -40.0, 40.0)
+            probability[i] = 1.0 / (1.0 + np.exp(-logit))
+            mean[i] = probability[i] * slab_mean[i]
+        for kind in places:
+            differ = float(probability[kind].sum())
+            second_moment = float(probability[kind] @ (np.square(slab_mean[kind]) + 1.0 / total[kind]))
+            slab_std[kind] = max(np.sqrt(second_moment / max(differ, 1e-3)), _SMALLEST)
+            odds[kind] = np.log((differ + 0.5) / (kind.size - differ + 0.5))
+        if np.max(np.abs(mean - before) * np.sqrt(diagonal)) < _SETTLED:
+            break
+    precision = diagonal * (1.0 / probability - 1.0) + 1.0 / (probability * np.square(slab_std))
+    return {
+        unit: (probability[kind], precision[kind], float(slab_std[kind[0]]))
+        for unit, kind in zip(kinds, places, strict=True)
+    }
+
+
+# Hayati's rotation only if the data require it.
+#
+# Near-parallel axes need a rotation about y in the model, or their tilt cannot be described (Hayati 1983). If the
+# axes are truly parallel, it is one more coefficient that fits noise, which costs accuracy at poses far from those
+# measured. So if the whole geometry is fitted, the rotations are put to a joint Wald test once everything else is in
+# the model, and left out if they are not significant.
+
+_SIGNIFICANCE = 0.001
+"""The rotations stay if their p-value is at most this."""
+
+
+def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, options: Options) -> Fit:
+    """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole."""
+    whole = {
+        number
+        for number, effect in enumerate(original.free)
+        if isinstance(effect, LinkGeometry) and not effect.labels and set(effect.joints) == set(original.arm.names)
+    }
+    columns = fitted.identifiability.columns
+    rotations = [i for i in columns if fitted.owners[i] in whole and fitted.terms[i].label == "beta"]
+    covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
+    if not rotations or not np.isfinite(covariance).all():
+        return fitted
+    matrix, scale = unit_diagonal(covariance)
+    if chi2_sf(float(scale * value @ solved(matrix, scale * value)), float(len(rotations))) <= _SIGNIFICANCE:
+        return fitted
+    labels = ("theta", "d", "a", "alpha")
+    effects = (LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free))
+    return fit(dataclasses.replace(original, free=tuple(effects)), data, options)

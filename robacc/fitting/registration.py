@@ -57,49 +57,33 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
     Raises:
         InputError: There are too few poses for the free effects.
     """
-    robot = model.arm.robot
     names = {effect.name for effect in model.free}
     if data.n > _MOST_ROWS:
         data = data.subset(random_rows(data, _MOST_ROWS))
-    turned = register_frames(robot, data, "base_frame" in names, "tool_frame" in names)
-    others = list(_other_directions(robot, turned))
-    first = _with_springs(robot.gravity, model, data, None) if others else None
+    turned = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
+    others = list(_other_directions(model.arm.robot, turned))
+    first = _with_springs(model, data, None) if others else None
     if first is None:
         return model
     # Rows that one direction leaves out as outliers and another does not would decide otherwise.
     kept = data.subset(np.flatnonzero(first.inliers))
-    stated = _with_springs(robot.gravity, model, kept, first)
-    fits = [(_with_springs(other, model, kept, first), other) for other in others]
-    worth = [(_worth(stated, one), other) for one, other in fits if one is not None and stated is not None]
-    best = max(worth, default=(0.0, robot.gravity), key=lambda entry: entry[0])
-    if best[0] < _decisive(kept):
-        return model
-    arm = Arm.of(dataclasses.replace(robot, gravity=best[1]))
-    return dataclasses.replace(model, arm=arm)
+    models = [model, *(_with_gravity(model, other) for other in others)]
+    fits = [_with_springs(each, kept, first) for each in models]
+    return models[_likeliest(fits, kept)]
 
 
-def _decisive(data: Measurements) -> float:
-    """Return the log likelihood ratio that decides on these poses."""
-    return max(_DECISIVE, _PER_COMPONENT * data.n * (3 if data.rotation is None else 6))
-
-
-def fit_frames(model: Model, data: Measurements) -> Fit:
-    """Return the fit of base, tool or both of a model with known effects, with gravity as the poses show it.
-
-    Raises:
-        InputError: There are too few poses.
-    """
-    robot = model.arm.robot
-    stated = fit(model, data, Options())
-    if not model.known:
-        return stated
-    best, most = stated, _decisive(data)
-    for other in _other_directions(robot, stated.model.arm.robot):
-        turned = dataclasses.replace(model, arm=Arm.of(dataclasses.replace(robot, gravity=other)))
-        one = fit(turned, data, Options())
-        if (worth := _worth(stated, one)) >= most:
-            best, most = one, worth
+def _likeliest(fits: Sequence[Fit | None], data: Measurements) -> int:
+    """Return which fit has the right gravity: the first, unless another is better by odds that decide."""
+    best, stated = 0, fits[0]
+    most = max(_DECISIVE, _PER_COMPONENT * data.n * (3 if data.rotation is None else 6))
+    for number, other in enumerate(fits[1:], 1):
+        if stated is not None and other is not None and (worth := _worth(stated, other)) >= most:
+            best, most = number, worth
     return best
+
+
+def _with_gravity(model: Model, gravity: Vector) -> Model:
+    return dataclasses.replace(model, arm=Arm.of(dataclasses.replace(model.arm.robot, gravity=gravity)))
 
 
 def _other_directions(robot: Robot, turned: Robot) -> Iterator[Vector]:
@@ -119,17 +103,16 @@ def _angle(one: Array, other: Array) -> float:
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
 
 
-def _with_springs(gravity: Vector, model: Model, data: Measurements, like: Fit | None) -> Fit | None:
-    """Return the fit with springs at all joints under a gravity; None if the poses do not allow one.
+def _with_springs(model: Model, data: Measurements, like: Fit | None) -> Fit | None:
+    """Return the fit with springs at all joints; None if the poses do not allow one.
 
     With the misfit of the fit ``like`` and of all rows if it is given, else with its own and without outliers.
     """
-    arm = Arm.of(dataclasses.replace(model.arm.robot, gravity=gravity))
-    springs = dataclasses.replace(JointCompliance.default(arm, data), deflection="rigid")  # type: ignore[call-arg]
+    springs = dataclasses.replace(JointCompliance.default(model.arm, data), deflection="rigid")  # type: ignore[call-arg]
     free = (*(effect for effect in model.free if effect.name != springs.name), springs)
     options = Options(tolerance=1e-4) if like is None else Options(tolerance=1e-4, misfit=like.misfit, robust=False)
     try:
-        return fit(dataclasses.replace(model, arm=arm, free=free), data, options)
+        return fit(dataclasses.replace(model, free=free), data, options)
     except RobaccError:
         return None
 
@@ -148,14 +131,11 @@ def _worth(stated: Fit, other: Fit) -> float:
 
 def _cost_of_signs(one: Fit) -> float:
     """Return what it costs in log likelihood to set each negative compliance of known masses to zero."""
-    values = (
-        {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names} if one.model.arm.chain.bodies else set()
-    )
-    cost = 0.0
-    for name, value, var in zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True):
-        if name in values and value < 0.0 and var > 0.0:
-            cost += 0.5 * value**2 / var
-    return cost
+    if not one.model.arm.chain.bodies:
+        return 0.0
+    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names}
+    values = zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True)
+    return math.fsum(0.5 * value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
 
 
 def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:
@@ -201,26 +181,12 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str], *, held_out: 
 
     Raises:
         UsageError: ``frames`` is empty or names anything else than ``base_frame`` and ``tool_frame``.
-        InputError: too few poses.
+        InputError: too few poses, or without one of them the others do not determine a frame.
     """
     check_frames(frames)
     measured = _measured_components(data, frames) if held_out else 0
     fitted = registration_fit(robot, data, frames)
-    poses = _held_out(fitted, data) if held_out else fitted.poses
-    effects = tuple(effect.name for effect in fitted.model.free)
-    dropped = (coefficient.why for coefficient in fitted.dropped)
-    notes = (*dropped, *gravity_warning(robot.gravity, fitted.model.arm.robot.gravity))
     count = int(fitted.identifiability.columns.size)
-    share = 1.0 - count / measured if held_out else 1.0
-    return Alignment(apply_fit(fitted), effects, count, parameters(fitted), notes, poses, share)
-
-
-def _held_out(fitted: Fit, data: Measurements) -> Poses:
-    """Return each row as the frames that were fitted to the other commanded poses predict it.
-
-    Raises:
-        InputError: The other poses do not determine a frame.
-    """
 
     def undetermined(rows: NDArray[np.int64]) -> None:
         place = data.place(int(rows.min()))
@@ -228,11 +194,23 @@ def _held_out(fitted: Fit, data: Measurements) -> Poses:
         fix = "measure more poses, turned about more axes, or fit fewer frames"
         raise InputError(Problem(message, data.source, fix=fix))
 
-    repetitions = data.repetitions()
-    groups = np.arange(data.n) if repetitions is None else repetitions.numbers
-    (poses,) = held_out_poses(fitted, data, groups, undetermined=undetermined)
-    assert poses is not None
-    return poses
+    poses: Poses | None = None
+    if held_out:
+        repetitions = data.repetitions()
+        groups = np.arange(data.n) if repetitions is None else repetitions.numbers
+        (poses,) = held_out_poses(fitted, data, groups, undetermined=undetermined)
+    return Alignment(
+        robot=apply_fit(fitted),
+        effects=tuple(effect.name for effect in fitted.model.free),
+        n_parameters=count,
+        parameters=parameters(fitted),
+        notes=(
+            *(coefficient.why for coefficient in fitted.dropped),
+            *gravity_warning(robot.gravity, fitted.model.arm.robot.gravity),
+        ),
+        commanded=poses or fitted.poses,
+        share=1.0 - count / measured if held_out else 1.0,
+    )
 
 
 def _measured_components(data: Measurements, frames: Sequence[str]) -> int:
@@ -259,11 +237,18 @@ def _measured_components(data: Measurements, frames: Sequence[str]) -> int:
 
 
 def registration_fit(robot: Robot, data: Measurements, frames: Sequence[str]) -> Fit:
-    """Return the fit of base, tool or both to the measured poses; see :func:`align`."""
+    """Return the fit of base, tool or both to the measured poses, with gravity as the poses show it; see :func:`align`.
+
+    Without known effects gravity has no influence.
+    """
     check_frames(frames)
-    arm = Arm.of(robot)
-    effects = [effect_class(name).default(arm, data) for name in ALIGNABLE if name in frames]
-    return fit_frames(Model.of(robot, effects), data)
+    model = Model.of(robot)
+    model = model.with_free(*(effect_class(name).default(model.arm, data) for name in ALIGNABLE if name in frames))
+    fits = [fit(model, data)]
+    if model.known:
+        others = _other_directions(robot, fits[0].model.arm.robot)
+        fits += [fit(_with_gravity(model, other), data) for other in others]
+    return fits[_likeliest(fits, data)]
 
 
 def align_commands(data: Measurements, frames: Sequence[str], *, held_out: bool = False) -> Alignment:
@@ -273,7 +258,6 @@ def align_commands(data: Measurements, frames: Sequence[str], *, held_out: bool 
         UsageError: As :func:`align`; or ``tool_frame`` is named and no orientation was commanded.
         InputError: There are too few poses.
     """
-    check_frames(frames)
     position, rotation = data.commanded_position, data.commanded_rotation
     assert position is not None
     if rotation is None and "tool_frame" in frames:
@@ -289,14 +273,10 @@ def align_commands(data: Measurements, frames: Sequence[str], *, held_out: bool 
 def _gantry(data: Measurements, oriented: bool) -> Robot:
     """Return an arm whose pose at q is the commanded pose with those coordinates."""
     axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-    joints = [
-        Joint(f"cmd_{name}", "prismatic", dict.fromkeys(ORIGIN_PARAMETERS, 0.0), axis=axes[name]) for name in axes
-    ]
-    if oriented:
-        joints += [
-            Joint(f"cmd_{name}", "revolute", dict.fromkeys(ORIGIN_PARAMETERS, 0.0), axis=axes[axis])
-            for name, axis in (("yaw", "z"), ("pitch", "y"), ("roll", "x"))
-        ]
+    origin = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
+    joints = [Joint(f"cmd_{name}", "prismatic", origin, axis=axes[name]) for name in axes]
+    for name, axis in (("yaw", "z"), ("pitch", "y"), ("roll", "x")) if oriented else ():
+        joints.append(Joint(f"cmd_{name}", "revolute", origin, axis=axes[axis]))
     targets = {} if data.target is None else {str(name): Frame() for name in np.unique(data.target)}
     return Robot("commanded poses", "urdf", tuple(joints), targets=targets)
 

@@ -8,218 +8,178 @@ number of poses beyond the data and what is predicted for them.
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.effects.base import Effect, Term
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Identifiability, Options, identify_terms
-from robacc.fitting.normal_equations import NormalEquations, PoseEquations, PredictedPoses, solved
-from robacc.fitting.outliers import outlier_pattern, row_weights
-from robacc.fitting.priors import Priors, broad_stds
+from robacc.fitting.normal_equations import (
+    NormalEquations,
+    PoseEquations,
+    Whitening,
+    joint_columns,
+    posterior,
+    whitening,
+)
 from robacc.fitting.visits import random_rows, visit_numbers
-from robacc.fitting.whitening import Whitening, whitening, whitening_of_noise
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 
-# Gauss-Newton with exact Jacobians, re-linearised to convergence: the sum of whitened squares and of Gaussian priors.
+# Priors of a fit: the broad one of the arm's constants, given ones, and those of groups.
+#
+# Poses may be few, or all have one orientation. Without a prior, noise then moves a constant by centimetres along a
+# direction that has no effect on these poses but does on others. Each constant of the arm therefore has a Cauchy prior
+# about nominal, which near nominal is a Gaussian one with the standard deviation b of a badly made arm. Its tails are
+# heavy: an arm may differ from its file by any amount that the data show. At a constant c it pulls as a Gaussian prior
+# of precision 1 / (b^2 + c^2 / 2) does (iterative reweighting; Holland and Welsch 1977). Given priors are Gaussian.
+#
+# Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
+# (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring.
+
+BADLY_MADE = 3.0
+"""Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
+LARGEST_OF_PROFILE = 10.0
+"""Standard deviation of a profile's group that it cannot exceed, over its terms' usual size.
+
+Where poses leave gaps, large coefficients that cancel at the poses fit as well as small ones; what the effect can be
+decides then.
+"""
+_NEAR = 1.0
+"""Change of the logarithm of a variance below which a step of scoring is trusted."""
+_LEAST_INFORMATION = 1e-9
+"""Added to the information on the logarithm of a variance, which is zero for a group without any effect."""
+_ROUNDS = 60
+_SETTLED = 1e-3
+"""Change of the groups' standard deviations, as a share, at which the iteration ends."""
+_FOLLOWED = 0.1
+"""Change of a broad prior's precision, as a share, below which it is settled: it moves a constant by less."""
+_INNER = 0.1
+"""The same, over the change that counts as settled: later linearisations continue the iteration."""
+
+
+def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
+    """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others."""
+    is_constant = [effect.traits.is_constant and not effect.traits.is_frame for effect in free]
+    return np.array(
+        [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
+    )
+
+
+def broad_precision(std: Array, theta: Array) -> Array:
+    """Return the precision ``(P,)`` with which the broad prior pulls coefficients ``theta``; 0 where ``std`` is inf."""
+    precision: Array = 1.0 / (np.square(std) + 0.5 * np.square(theta))
+    return precision
+
+
+class Priors:
+    """Precision of every coefficient's prior; broad priors and the groups' deviations are improved in place."""
+
+    def __init__(self, terms: Sequence[Term], given: Array, broad: Array, start: Mapping[str, float]) -> None:
+        """Start from standard deviations ``(P,)`` of ``given`` and ``broad`` priors, inf for none; a given one counts.
+
+        A group starts at its standard deviation in ``start``, or at its terms' usual size.
+        """
+        self._broad = np.where(np.isfinite(given), np.inf, broad)
+        self.is_broad = np.isfinite(self._broad)
+        """``(P,)`` mask of the coefficients with a broad prior."""
+        self.groups = list(dict.fromkeys(term.group for term in terms if term.group is not None))
+        self._member = np.array([[term.group == name for term in terms] for name in self.groups], dtype=np.float64)
+        self._weights = np.array([term.weight for term in terms], dtype=np.float64)
+        typical = np.array([term.typical for term in terms], dtype=np.float64)
+        self._largest = LARGEST_OF_PROFILE * np.array([np.max(typical * member) for member in self._member])
+        usual = typical[self._member.argmax(axis=1)] if self.groups else typical[:0]
+        self._stds = np.array([start.get(name, std) for name, std in zip(self.groups, usual.tolist(), strict=True)])
+        sizes = [
+            start.get(term.group, term.typical) * term.weight if term.group else std
+            for term, std in zip(terms, given.tolist(), strict=True)
+        ]
+        self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
+
+    @property
+    def group_stds(self) -> dict[str, float]:
+        """Return the standard deviation of each group, in units of its terms' weights."""
+        return dict(zip(self.groups, self._stds.tolist(), strict=True))
+
+    def follow(self, theta: Array) -> bool:
+        """Let broad priors pull as they do at ``theta`` ``(P,)``; return False, without a change, if they nearly do."""
+        precision = np.where(self.is_broad, broad_precision(self._broad, theta), self.precision)
+        if np.all(np.abs(self.precision - precision) <= _FOLLOWED * precision):
+            return False
+        self.precision = precision
+        return True
+
+    def log_density(self, theta: Array) -> float:
+        """Return the log density of coefficients ``(P,)``, up to a constant."""
+        is_gaussian = ~self.is_broad & (self.precision > 0)
+        precision, own = self.precision[is_gaussian], theta[is_gaussian]
+        broad = np.log1p(0.5 * np.square(theta / self._broad))
+        return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
+
+    def update(
+        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
+    ) -> bool:
+        """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
+
+        Far from the largest marginal likelihood a step is the fixed point's, near it that of Fisher's scoring in the
+        logarithms of the variances: with B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's
+        block of two groups. ``components`` is the number of residuals of the inliers.
+        """
+        member, weights = self._member[:, columns], self._weights[columns]
+        before, noise_var = self._stds, 1.0
+        for _ in range(_ROUNDS):
+            self._set(noise_var)
+            prior, previous = self.precision[columns], self._stds
+            inverse = posterior(normal.gram, prior)
+            theta, determined = inverse @ normal.rhs, 1.0 - prior * np.diag(inverse)
+            of_group = np.maximum(member @ determined, 1e-3)
+            ratio = np.maximum(member @ np.square(theta / weights), 1e-18) / np.square(previous)
+            block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
+            information = 0.5 * member @ block @ member.T + _LEAST_INFORMATION * np.eye(len(member))
+            scoring = np.linalg.solve(information, 0.5 * (ratio - of_group))
+            step = np.where(np.abs(scoring) < _NEAR, scoring, np.log(ratio / of_group))
+            self._stds = np.minimum(np.maximum(previous * np.exp(0.5 * step), 1e-9), self._largest)
+            if not noise_known:
+                dof = max(components - float(determined.sum()), 1.0)
+                noise_var = max(normal.expected_cost(theta) / dof, 1e-12)
+            if np.all(np.abs(self._stds - previous) <= max(_SETTLED, _INNER * settled) * self._stds):
+                break
+        self._set(noise_var)
+        return bool(np.any(np.abs(self._stds - before) > settled * self._stds))
+
+    def _set(self, noise_var: float) -> None:
+        for std, member in zip(self._stds.tolist(), self._member > 0.0, strict=True):
+            self.precision[member] = noise_var / np.square(std * self._weights[member])
+
+
+# Gauss-Newton with exact Jacobians: the sum of whitened squares and of Gaussian priors.
 #
 # Residual and Jacobian of a step are one evaluation; the last step needs the residual alone. A step that would raise
-# the cost is halved until it does not.
+# the cost is halved until it does not. Along a weakly identifiable direction a step is as long as its uncertainty and
+# leaves the linear range. Halving it would hold up all other directions; damping holds up only this one.
 
 _STEPS = 40
 _DAMPINGS = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
-"""Damping of the scaled normal matrix, whose diagonal is one."""
-_FIRST_HALVINGS = 2
-_HALVINGS = 12
+_TRIALS = (
+    *((0.5**halving, 0.0) for halving in range(2)),
+    *((1.0, damping) for damping in _DAMPINGS),
+    *((0.5**halving, 0.0) for halving in range(2, 12)),
+)
+"""Share of the step, and damping of the scaled normal matrix, whose diagonal is one; the first that serves is taken."""
 _FAST = 0.1
 """Steps that shrink by at least this factor are trusted to shrink on."""
-_PARALLEL = 0.95
-"""Cosine from which two steps are parallel."""
-_QUICK, _ENDLESS = 0.05, 0.97
-"""Limits of the ratio of successive steps between which the series is summed: smaller ratios converge by themselves,
-larger ones need not converge."""
 _EXACT = 1e-15
 """m or rad: rounding of a predicted position (at some metres) or orientation."""
 _EPSILON = float(np.finfo(float).eps)
 """Rounding of a term of the cost, as a share; of a sum, it grows as the root of the number of terms."""
 _SHORT = 0.03
 """Length of a step, over the residual's, below which a fit that cannot be improved counts as converged."""
-
-
-@dataclass(frozen=True, slots=True)
-class Minimum:
-    """Minimum at which Gauss-Newton ended."""
-
-    predicted: PredictedPoses
-    normal: NormalEquations
-    """The last linearisation; the minimum follows from it by one step, which is taken."""
-    steps: int
-    converged: bool
-    """False if the steps ended before they were short."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Move:
-    predicted: PredictedPoses
-    normal: NormalEquations | None
-    cost: float
-    step_share: float
-    """Share of the proposed step."""
-
-
-def minimise(
-    equations: PoseEquations,
-    begin: PredictedPoses,
-    normal: NormalEquations | None,
-    white: Whitening,
-    precision: Array,
-    tolerance: float,
-) -> Minimum:
-    """Go from ``begin``, whose linearisation is ``normal`` if it is known already, to the minimum.
-
-    ``white`` whitens residuals, ``precision`` ``(P,)`` is of priors about zero. The last step is one that changes the
-    whitened prediction by less than ``tolerance`` of the residual, or whose successors are expected to.
-    """
-    columns = equations.columns
-    prior = precision[columns]
-    predicted = begin
-    if normal is None:
-        predicted, normal = equations.linearise(begin.theta, white)
-    cost = float(normal.cost + prior @ np.square(normal.theta))
-    rounding = _EXACT * float(white.weight.max(initial=0.0))
-    previous_step: Array | None = None
-    previous_length: float | None = None
-    count = 0
-    converged = columns.size == 0
-    while columns.size and count < _STEPS:
-        count += 1
-        step = _step(normal, prior)
-        length = _length(step, normal.gram)
-        settled_length = max(tolerance * (1.0 + float(np.sqrt(cost))), rounding * float(np.sqrt(columns.size)))
-        is_last = length <= settled_length or _expected_length(length, previous_length) <= settled_length
-        step, previous_step = _extrapolated(step, previous_step, normal.gram)
-        # Near the minimum, rounding decides which of two costs is lower; a full step is then still taken.
-        limit = cost + 4.0 * rounding * float(np.sqrt(cost)) + rounding**2 * white.weight.size
-        limit += cost * _EPSILON * float(np.sqrt(white.weight.size))
-        move = _line_search(
-            equations, predicted, step, limit, white, prior, derivative=not is_last, halvings=_FIRST_HALVINGS
-        )
-        if move is None:
-            # Along a weakly identifiable direction a step is as long as its uncertainty and leaves the linear range.
-            # Halving it would hold up all other directions; damping holds up only this one.
-            move = _damped(equations, predicted, normal, limit, white, prior)
-            previous_step = None
-        if move is None:
-            move = _line_search(equations, predicted, step, limit, white, prior, derivative=not is_last)
-        if move is None:
-            converged = length <= _SHORT * (1.0 + float(np.sqrt(cost)))
-            break
-        predicted, cost = move.predicted, min(move.cost, cost)
-        previous_length = length if move.step_share == 1.0 and previous_step is not None else None
-        if move.normal is None:
-            converged = True
-            break
-        normal = move.normal
-    return Minimum(predicted, normal, count, converged)
-
-
-def _step(normal: NormalEquations, prior: Array, damping: float = 0.0) -> Array:
-    with np.errstate(divide="ignore"):
-        scale = 1.0 / np.sqrt(np.diag(normal.gram) + prior)
-    scale[~np.isfinite(scale)] = 0.0  # without any information: it stays
-    matrix = (normal.gram + np.diag(prior)) * scale[:, None] * scale + damping * np.eye(scale.size)
-    step: Array = scale * solved(matrix, scale * (normal.gradient - prior * normal.theta))
-    return step
-
-
-def _length(step: Array, gram: Array) -> float:
-    return float(np.sqrt(max(float(step @ gram @ step), 0.0)))
-
-
-def _expected_length(length: float, previous_length: float | None) -> float:
-    """Return the expected length of all further steps after one of ``length`` and one of ``previous_length``.
-
-    Gauss-Newton converges at a constant rate in the end and faster before, so the series of steps is at most geometric.
-    """
-    if previous_length is None or previous_length <= 0 or length > _FAST * previous_length:
-        return np.inf
-    rate = length / previous_length
-    return length * rate / (1.0 - rate)
-
-
-def _line_search(
-    equations: PoseEquations,
-    present: PredictedPoses,
-    step: Array,
-    limit: float,
-    white: Whitening,
-    prior: Array,
-    *,
-    derivative: bool,
-    halvings: int = _HALVINGS,
-) -> _Move | None:
-    """Return the step, halved until the cost is within ``limit``; None if it never is."""
-    columns = equations.columns
-    for halving in range(halvings):
-        step_share = 0.5**halving
-        theta = present.theta.copy()
-        theta[columns] += step * step_share
-        normal: NormalEquations | None = None
-        try:
-            if derivative:
-                predicted, normal = equations.linearise(theta, white)
-                residual_cost = normal.cost
-            else:
-                predicted = equations.predict(theta)
-                residual_cost = white.cost(predicted.residual)
-        except EquilibriumError:
-            continue
-        cost = float(residual_cost + prior @ np.square(theta[columns]))
-        if cost <= limit:
-            return _Move(predicted, normal, cost, step_share)
-    return None
-
-
-def _damped(
-    equations: PoseEquations,
-    present: PredictedPoses,
-    normal: NormalEquations,
-    limit: float,
-    white: Whitening,
-    prior: Array,
-) -> _Move | None:
-    """Return the least damped Levenberg-Marquardt step that lowers the cost; None if none does."""
-    for damping in _DAMPINGS:
-        step = _step(normal, prior, damping)
-        if (
-            move := _line_search(equations, present, step, limit, white, prior, derivative=True, halvings=1)
-        ) is not None:
-            return move
-    return None
-
-
-def _extrapolated(step: Array, previous_step: Array | None, gram: Array) -> tuple[Array, Array | None]:
-    """Sum the series of parallel steps along a weak direction with curvature, which shrink by a constant ratio.
-
-    Aitken's delta-squared in the metric of the data; the line search still judges the result.
-    """
-    if previous_step is None:
-        return step, step
-    previous_square, product = float(previous_step @ gram @ previous_step), float(step @ gram @ previous_step)
-    length = float(step @ gram @ step)
-    if previous_square <= 0 or length <= 0:
-        return step, step
-    ratio = product / previous_square
-    if abs(product) < _PARALLEL * np.sqrt(previous_square * length) or not _QUICK < abs(ratio) < _ENDLESS:
-        return step, step
-    return step / (1 - ratio), None
-
 
 _DEFAULTS = Options()
 _REWEIGHTINGS = 6
@@ -271,35 +231,33 @@ class _Solver:
     def __init__(self, model: Model, data: Measurements, options: Options) -> None:
         self.model, self.data, self.options = model, data, options
         self.equations = PoseEquations(model, data)
-        terms = self.equations.terms
         self.inliers = np.ones(data.n, dtype=bool) if options.inliers is None else options.inliers.copy()
         self.priors = self._priors()
-        self.steps = 0
-        self.converged = True
+        self.steps, self.converged = 0, True
+        self.theta = np.zeros(len(self.equations.terms)) if options.start is None else options.start.copy()
         # The first misfit, if not given, is that of the start.
-        start = np.zeros(len(terms)) if options.start is None else options.start.copy()
-        self.predicted = self.equations.predict(start, ahead=not start.any())
-        self.misfit = options.misfit or outliers.estimate(data, self.predicted.residual, self.inliers, (0.0, 0.0))
-        self.joint_columns = self.equations.joint_columns(model) if self._has_scatter else None
-        self.row = row_weights(data, self.misfit)
+        self.residual = self.equations.residual(self.theta, ahead=not self.theta.any())
+        self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
+        self.row = outliers.row_weights(data, self.misfit)
+        self.scatter = options.scatter if options.scatter is not None and options.scatter.any() else None
+        self.joints = None if self.scatter is None else joint_columns(model, data)[: self.equations.components]
         self.latest: Whitening | None = None
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
 
-    @property
-    def _has_scatter(self) -> bool:
-        return self.options.scatter is not None and bool(self.options.scatter.any())
-
     def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
         """Return the whitening of the inliers, or of all rows if ``inliers`` is None; the latest is kept."""
         weight = self.row if inliers is None or inliers.all() else self.row * inliers
         if self.latest is None or not (self.latest.weight is weight or np.array_equal(self.latest.weight, weight)):
-            noise, scatter = self.data.correlated_noise, self.options.scatter
-            if self.joint_columns is not None and scatter is not None:
-                self.latest = whitening(weight, self.joint_columns, scatter, visit_numbers(self.data), noise)
+            noise = self.data.correlated_noise
+            if self.joints is not None and self.scatter is not None:
+                self.latest = whitening(weight, self.joints, self.scatter, visit_numbers(self.data), noise)
+            elif noise is not None:
+                alone = np.zeros((len(weight), 0, self.data.n)), np.zeros(0), np.arange(self.data.n)
+                self.latest = whitening(weight, *alone, noise)
             else:
-                self.latest = Whitening(weight) if noise is None else whitening_of_noise(weight, noise)
+                self.latest = Whitening(weight)
         return self.latest
 
     def _identify(self) -> Identifiability:
@@ -308,30 +266,29 @@ class _Solver:
         The decision is made at the nominal robot, not at a start: if axes are parallel, columns that depend on each
         other exactly look independent at fitted values, and fitting both again gives links of any length.
         """
+        equations = self.equations
         if self.options.identified is not None:
-            self.equations.columns = self.options.identified.columns
+            equations.columns = self.options.identified.columns
             return self.options.identified
-        terms = self.equations.terms
-        nominal = np.zeros(len(terms))
-        free = [i for i, term in enumerate(terms) if term.group is None]
-        at_nominal = np.array_equal(self.predicted.theta, nominal)
+        is_free = np.array([term.group is None for term in equations.terms], dtype=bool)
+        at_nominal = not self.theta.any()
         if not at_nominal:
-            self.equations.columns = np.array(free, dtype=np.int64)
-        independent = np.searchsorted(self.equations.columns, free)
-        triangle, normal = self.equations.factorise(nominal, self.whitening(), independent)
-        identified = identify_terms(triangle, [terms[i] for i in free], self.data.n)
-        measured = self.equations.rows * self.data.n
-        if identified.columns.size >= measured and terms:
+            equations.columns = np.flatnonzero(is_free)
+        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening())
+        free = [term for term in equations.terms if term.group is None]
+        root = normal.subset(np.flatnonzero(is_free[equations.columns])).root()
+        identified = identify_terms(root, free, self.data.n)
+        measured = equations.components * self.data.n
+        if identified.columns.size >= measured and equations.terms:
             raise InputError(
                 f"{measured} numbers measured ({self.data.n} pose{'s' * (self.data.n != 1)}), too few for "
                 f"{identified.columns.size} coefficients; measure more poses or fit fewer effects"
             )
-        shrunk = [i for i, term in enumerate(terms) if term.group is not None]
-        columns = np.array(sorted([free[i] for i in identified.columns] + shrunk), dtype=np.int64)
-        self.equations.columns = columns
+        known = np.flatnonzero(is_free)[identified.columns]
+        equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
         if at_nominal and self.inliers.all():
-            self.normal = normal.subset(columns)
-        return dataclasses.replace(identified, columns=columns)
+            self.normal = normal.subset(equations.columns)
+        return dataclasses.replace(identified, columns=equations.columns)
 
     def _priors(self) -> Priors:
         """Return the priors, broad ones as without constants, those of groups as at the start."""
@@ -346,64 +303,97 @@ class _Solver:
         if self.options.start is None:
             # The residual of an arm far from nominal is not noise: with weights of its size, priors outweigh the data.
             self._update_misfit(self._minimise())
-        self.priors.follow(self.predicted.theta)
+        self.priors.follow(self.theta)
         for _ in range(_REWEIGHTINGS):
             linear = self._minimise()
-            changed = self.priors.follow(self.predicted.theta)
-            columns = self.equations.columns
+            changed = self.priors.follow(self.theta)
             if self.priors.groups:
-                components = float(np.count_nonzero(self.inliers) * self.equations.rows)
-                known = self.options.misfit is not None
-                settled = 10 * self.options.settled
-                changed = self.priors.update(linear, columns, components, known, settled) or changed
-            changed = self._update_misfit(linear) or changed
+                components = float(np.count_nonzero(self.inliers) * self.equations.components)
+                known, settled = self.options.misfit is not None, 10 * self.options.settled
+                changed |= self.priors.update(linear, self.equations.columns, components, known, settled)
+            changed |= self._update_misfit(linear)
             if not changed:
                 return linear
         return self._minimise()
 
     def _minimise(self) -> NormalEquations:
-        precision, tolerance = self.priors.precision, self.options.tolerance
-        white = self.whitening(self.inliers)
-        minimum = minimise(self.equations, self.predicted, self.normal, white, precision, tolerance)
-        self.predicted = minimum.predicted
-        self.steps += minimum.steps
-        self.converged = minimum.converged
-        linear, columns = minimum.normal, self.equations.columns
-        theta = self.predicted.theta[columns]
-        self.normal = linear.moved_to(theta, white.cost(self.predicted.residual))
-        return linear
+        """Go to the minimum with the present weights and priors; return the last linearisation.
+
+        The last step is one that changes the whitened prediction by less than the tolerance, or whose successors are
+        expected to.
+        """
+        white, columns = self.whitening(self.inliers), self.equations.columns
+        prior = self.priors.precision[columns]
+        if self.normal is None:
+            self.residual, self.normal = self.equations.linearise(self.theta, white)
+        normal, previous = self.normal, 0.0
+        cost = normal.cost + float(prior @ np.square(normal.theta))
+        rounding = _EXACT * float(white.weight.max(initial=0.0))
+        self.converged = columns.size == 0
+        for _ in range(_STEPS if columns.size else 0):
+            self.steps += 1
+            step = normal.step(prior)
+            length = float(np.sqrt(max(float(step @ normal.gram @ step), 0.0)))
+            # Gauss-Newton converges at a constant rate in the end and faster before: a geometric series at most.
+            rate = length / previous if previous > 0.0 else np.inf
+            remaining = length * rate / (1.0 - rate) if rate <= _FAST else np.inf
+            limit = max(self.options.tolerance * (1.0 + cost**0.5), rounding * columns.size**0.5)
+            is_last = min(length, remaining) <= limit
+            # Near the minimum, rounding decides which of two costs is lower; a full step is then still taken.
+            most = cost + 4.0 * rounding * cost**0.5 + rounding**2 * white.weight.size
+            most += cost * _EPSILON * white.weight.size**0.5
+            for share, damping in _TRIALS:
+                theta, ahead = self.theta.copy(), None
+                theta[columns] += normal.step(prior, damping) if damping else share * step
+                try:
+                    if is_last and not damping:
+                        residual = self.equations.residual(theta)
+                        squares = white.cost(residual)
+                    else:
+                        residual, ahead = self.equations.linearise(theta, white)
+                        squares = ahead.cost
+                except EquilibriumError:
+                    continue
+                if (tried := squares + float(prior @ np.square(theta[columns]))) <= most:
+                    break
+            else:
+                self.converged = length <= _SHORT * (1.0 + cost**0.5)
+                break
+            self.theta, self.residual, cost = theta, residual, min(tried, cost)
+            if ahead is None:
+                self.converged = True
+                break
+            normal, previous = ahead, length if share == 1.0 and not damping else 0.0
+        self.normal = normal.moved_to(self.theta[columns], white.cost(self.residual))
+        return normal
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
         """Estimate the misfit again; return whether it changed significantly."""
         if self.options.misfit is not None:
             return False
         previous = self.misfit
-        used = self._effective(linear)
-        self.misfit = outliers.estimate(self.data, self.predicted.residual, self.inliers, used)
-        self.row = row_weights(self.data, self.misfit)
+        # Coefficients that position and orientation determine: with N_p and N_o their normal matrices and P the
+        # precision of the priors, the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
+        inverse, used = self._inverse(linear)
+        position = float(np.sum(inverse * linear.of_position)) if self.equations.components == 6 else used
+        self.misfit = outliers.estimate(self.data, self.residual, self.inliers, (position, used - position))
+        self.row = outliers.row_weights(self.data, self.misfit)
         self.normal = None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
-    def _effective(self, linear: NormalEquations) -> tuple[float, float]:
-        """Return the effective coefficients that position and orientation determine: the sums of their leverages.
-
-        With N_p and N_o the normal matrices of position and orientation and P the precision of the priors, these are
-        the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
-        """
-        columns = self.equations.columns
-        effective = self.priors.effective(linear, columns)
-        if self.equations.rows == 3 or not columns.size:
-            return effective, 0.0
-        position = float(np.sum(linear.posterior(self.priors.precision[columns]) * linear.of_position))
-        return position, effective - position
+    def _inverse(self, linear: NormalEquations) -> tuple[Array, float]:
+        """Return the inverse ``(K, K)`` of the normal matrix, and how many coefficients the data determine."""
+        prior = self.priors.precision[self.equations.columns]
+        inverse = posterior(linear.gram, prior)
+        return inverse, float(prior.size - prior @ np.diag(inverse))
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
         weight, count = self.whitening().row_weight, self.equations.columns.size
-        inliers = outliers.inlier_mask(self.predicted.residual, weight, self.inliers, count)
-        if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
+        inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count)
+        if outliers.outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
-            inliers = outliers.inlier_mask(self.predicted.residual, weight, self.inliers, count, _GROSS)
+            inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, _GROSS)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:
@@ -414,29 +404,29 @@ class _Solver:
 
     def result(self, linear: NormalEquations) -> Fit:
         """Return the fit; ``linear`` is the last linearisation."""
-        equations, predicted = self.equations, self.predicted
-        columns, prior = equations.columns, self.priors.precision[equations.columns]
-        white = self.whitening()
-        chi_square = self.whitening(self.inliers).cost(predicted.residual)
-        components = float(np.count_nonzero(self.inliers) * equations.rows)
-        dof = components - self.priors.effective(linear, columns)
-        count = len(equations.terms)
+        equations, columns, count = self.equations, self.equations.columns, len(self.equations.terms)
+        inverse, used = self._inverse(linear)
+        white, chi_square = self.whitening(), self.whitening(self.inliers).cost(self.residual)
+        dof = float(np.count_nonzero(self.inliers) * equations.components) - used
+        is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
+        if self.options.misfit is None and dof > 0 and not is_known:
+            inverse = inverse * (chi_square / dof)  # The observed noise exceeds the stated one.
         covariance = np.full((count, count), np.nan)
-        if columns.size:
-            covariance[np.ix_(columns, columns)] = linear.posterior(prior) * self._inflation(chi_square, dof)
+        covariance[np.ix_(columns, columns)] = inverse
+        is_given = self.options.misfit is not None and self.scatter is None
         return Fit(
             model=self.model,
             names=tuple(term.name for term in equations.terms),
             terms=equations.terms,
             owners=equations.owners,
-            theta=predicted.theta,
+            theta=self.theta,
             covariance=covariance,
             identifiability=self.identifiability,
-            noise=outliers.noise_of(self.data, self.misfit, self.options.misfit is not None and not self._has_scatter),
+            noise=outliers.noise_of(self.data, self.misfit, is_given),
             misfit=self.misfit,
             inliers=self.inliers,
             data=self.data,
-            residual=predicted.residual,
+            residual=self.residual,
             weight=white.row_weight,
             whitening=white,
             scatter=self.options.scatter,
@@ -446,14 +436,8 @@ class _Solver:
             converged=self.converged,
             gram=linear.gram,
             rhs=linear.rhs,
-            precision=prior,
-            log_prior=self.priors.log_density(predicted.theta),
+            precision=self.priors.precision[columns],
+            log_prior=self.priors.log_density(self.theta),
             group_stds=self.priors.group_stds,
             validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )
-
-    def _inflation(self, chi_square: float, dof: float) -> float:
-        """Return the factor that scales the covariance to the observed noise, if it exceeds the stated one."""
-        if self.options.misfit is not None or dof <= 0:
-            return 1.0
-        return 1.0 if self.data.sigma_position is not None and self.misfit[0] == 0.0 else chi_square / dof

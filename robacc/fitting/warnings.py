@@ -1,19 +1,22 @@
-"""Warnings that every fit can give, and the measurement noise that they are judged by."""
+"""Warnings that every fit can give: its noise, its poses and coefficients, and mistakes that its figures suggest."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.observation import Noise, NoiseSource
+from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 # Measurement noise: known from the file, from repeats, or only from the residual itself.
@@ -37,33 +40,30 @@ class LackOfFit:
 
 def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     """Compare the residual of the inliers with the measurement noise."""
-    rows = fit.inliers
+    residual = fit.residual[:3, fit.inliers]
     dof = fit.degrees_of_freedom * (0.5 if fit.residual.shape[0] == 6 else 1.0)
-    sum_of_squares = float(np.sum(np.square(fit.residual[:3, rows])))
+    squares, stated = float(np.sum(np.square(residual))), data.sigma_position
+    rms = math.sqrt(squares / max(dof, 1.0))
     if fit.scatter is not None and fit.scatter.any():
         # Noise and scatter were estimated together from this residual, so it cannot be more than both.
-        white = fit.whitening.apply(fit.residual * rows)[:3]
+        white = fit.whitening.apply(fit.residual * fit.inliers)[:3]
         noise = replace(fit.noise, source=_source_beside_scatter(fit, data))
         return LackOfFit(noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))))
-    repeats = _pure_error(fit, data)
-    if repeats is not None:
-        variance, repeat_dof = repeats
+    variance, repeat_dof = _pure_error(fit, data)
+    if variance > 0.0:
         remaining_dof = max(dof - repeat_dof, 1.0)
-        between = max(sum_of_squares - variance * repeat_dof, 0.0) / remaining_dof
-        p_value = f_sf(between / max(variance, 1e-300), remaining_dof, repeat_dof)
-        noise = Noise(float(np.sqrt(variance)), fit.noise.orientation, "repeats")
-        return LackOfFit(noise, p_value, float(np.sqrt(sum_of_squares / max(dof, 1.0) / variance)))
-    if data.sigma_position is not None:
-        known = np.square(data.sigma_position[:, rows])
-        statistic = float(np.sum(np.square(fit.residual[:3, rows]) / known))
-        sigma = float(np.sqrt(np.mean(known)))
-        orientation = None
-        if data.sigma_rotation is not None and data.rotation is not None:
-            orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[rows]))))
-        ratio = float(np.sqrt(sum_of_squares / max(dof, 1.0))) / sigma
-        stated = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
-        return LackOfFit(stated, chi2_sf(statistic, max(dof, 1.0)), ratio)
-    return LackOfFit(fit.noise, None, 1.0)
+        between = max(squares - variance * repeat_dof, 0.0) / remaining_dof
+        noise = Noise(math.sqrt(variance), fit.noise.orientation, "repeats")
+        return LackOfFit(noise, f_sf(between / variance, remaining_dof, repeat_dof), rms / noise.position)
+    if stated is None:
+        return LackOfFit(fit.noise, None, 1.0)
+    known = np.square(stated[:, fit.inliers])
+    orientation = None
+    if data.sigma_rotation is not None and data.rotation is not None:
+        orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[fit.inliers]))))
+    p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
+    noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
+    return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))))
 
 
 def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
@@ -74,20 +74,10 @@ def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
     return "repeats" if different(visits) > different(poses) else "residual"
 
 
-def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float] | None:
-    """Return the variance along an axis (m^2) within repeats of a commanded pose, and its degrees of freedom."""
-    repeats = variances_of_repeats(fit.residual[:3], fit, data)
-    if repeats is None:
-        return None
-    variances, dof = repeats
-    variance = float(np.mean(variances))
-    return (variance, 3.0 * dof) if variance > 0 else None
+def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
+    """Return the variance along an axis (m²) within repeats of a commanded pose, and its degrees of freedom.
 
-
-def variances_of_repeats(residual: Array, fit: Fit, data: Measurements) -> tuple[Array, float] | None:
-    """Return the variances ``(3,)`` (m²) within repeats of a commanded pose, and the degrees of freedom of each.
-
-    ``residual`` ``(3, N)`` are residuals of the fit, along any axes. None if there are too few repeats.
+    The variance is 0 if there are too few repeats.
     """
     rows = data.first_measured(fit.inliers)
     groups = data.groups()[rows]
@@ -95,11 +85,12 @@ def variances_of_repeats(residual: Array, fit: Fit, data: Measurements) -> tuple
         pairs = np.stack((groups, np.unique(data.target[rows], return_inverse=True)[1]))
         groups = np.unique(pairs, axis=1, return_inverse=True)[1]
     counts = np.bincount(groups)
-    dof = float(np.sum(np.maximum(counts - 1, 0)))
-    if 3.0 * dof < _LEAST_REPEATS:
-        return None
-    means = np.array([np.bincount(groups, weights=axis) / np.maximum(counts, 1) for axis in residual[:, rows]])
-    return np.sum(np.square(residual[:, rows] - means[:, groups]), axis=1) / dof, dof
+    dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
+    if dof < _LEAST_REPEATS:
+        return 0.0, dof
+    residual = fit.residual[:3, rows]
+    means: Array = np.array([np.bincount(groups, weights=axis) / np.maximum(counts, 1) for axis in residual])
+    return float(np.sum(np.square(residual - means[:, groups]))) / dof, dof
 
 
 _MAX_NAMES = 10
@@ -125,7 +116,7 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
         return ()
     lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
     pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
-    shared = () if pattern is None else (pattern.text,)
+    shared = () if pattern is None else (pattern,)
     several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
     counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
     return (f"outliers left out of the fit: {counted}", *shared)
@@ -199,3 +190,111 @@ def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
         f"limits them (standard deviation {stds}, that of a badly made arm); measure poses with more different "
         "orientations",
     )
+
+
+# Validation poses whose base or target does not stand where it stood for the calibration poses.
+#
+# An instrument that was set up anew, a base that was moved or a reflector that was mounted again moves all predicted
+# positions by one rigid motion, or by one vector in the target's frame. Held-out errors are then those of the setup.
+
+_FEWEST = 10
+"""Smallest number of poses that are judged."""
+_LEAST_GAIN = 3.0
+"""Factor by which registration lowers the median error. Chance gives 1.2 on ten poses, with nine coefficients."""
+_ALIKE = 2.0
+"""Ratio of the errors of validation and calibration poses up to which what remains is the arm's. Above it a warning is
+given, and from twice as much the setup is suspected."""
+
+
+def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
+    """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
+    if holdout.n < _FEWEST:
+        return None
+    predicted = fit.predict(holdout)
+    residual = holdout.position - predicted.translation
+    of_fit, error = rms_length(fit.residual[:3, fit.inliers]), rms_length(residual)
+    if error < 2.0 * _ALIKE * of_fit:
+        return None
+    rotation, translation = np.moveaxis(predicted.rotation, 2, 0)[None], predicted.translation.T[None]
+    for what, cause, targets in (("base", "", 0), ("base and target", ", or the target was mounted again", 1)):
+        found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
+        registered = rms_length(found.vectors[0].T)
+        gain = float(np.median(np.linalg.norm(residual, axis=0))) / max(float(found.median[0]), 1e-300)
+        if gain >= _LEAST_GAIN and registered <= _ALIKE * of_fit:
+            # The residual in the measuring frame is R^T times that in the base.
+            shift = (residual - rotate_back(found.rotation[0], found.vectors[0].T)).mean(axis=1)
+            turn = float(np.degrees(np.linalg.norm(log_so3(found.rotation[0]))))
+            return (
+                f"the validation poses lie {1e3 * np.linalg.norm(shift):.3g} mm and {turn:.2g}° from where the model "
+                f"has them: the instrument or the robot base moved between the files{cause}; with {what} registered on "
+                f"them, their error is {1e3 * registered:.3g} mm rms in place of {1e3 * error:.3g} mm; transform "
+                "both files into one frame (common reference points), or leave out `holdout`, write the model, and use "
+                'estimate with `align="base_frame,tool_frame"` on the validation poses'
+            )
+    return None
+
+
+def larger_error_warning(fitted: float, held_out: float) -> str | None:
+    """Return a warning of validation poses whose rms error is much larger than that of the calibration poses, m."""
+    if held_out <= _ALIKE * fitted:
+        return None
+    return (
+        f"the error of the validation poses is {held_out / max(fitted, 1e-300):.2g} times that of the calibration "
+        "poses: the arm, its load, its zeros or the setup changed between the files, the poses are in another region, "
+        "or the fit has too many effects for its poses"
+    )
+
+
+# Corrections that no arm has, and a remaining error that no instrument has.
+
+_LARGEST = {
+    "link_geometry": math.radians(5.0),
+    "joint_offset": math.radians(10.0),
+    "gear_ratio": 0.05,
+    "joint_coupling": 0.5,
+}
+"""Corrections of angles (rad) that no assembled arm needs, and of ratios: a gear's is known, and a coupling of one half
+is an interaction."""
+_LONGEST = 0.05
+"""Correction of a length that no assembled arm needs, as a share of the reach."""
+_ORIENTATION = math.radians(3.0)
+"""Remaining orientation error that no instrument leaves, rad."""
+_LISTED = 4
+
+
+def suspected_mistakes(fit: Fit) -> tuple[str, ...]:
+    """Return what in a fit comes from a mistake in the data or the robot file rather than from the arm; else empty."""
+    length = reach(fit.model.arm.robot)
+    std = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    corrections = []
+    for term, value, error in zip(fit.terms, fit.theta, std, strict=True):
+        limit, text = _LARGEST.get(term.name.partition(".")[0], np.inf), f"is {value:.3g}"
+        if term.unit == "rad":
+            text = f"is corrected by {math.degrees(value):.3g} degrees"
+        elif term.unit == "m":
+            limit = _LONGEST * length if limit < np.inf else limit
+            text = f"is corrected by {1e3 * value:.4g} mm ({100 * abs(value) / length:.0f} % of the reach)"
+        # Three standard errors leave no doubt.
+        if abs(value) - 3.0 * error > limit:
+            corrections.append(f"{term.name} {text}")
+    texts = []
+    if corrections:
+        more = "" if len(corrections) <= _LISTED else f", and {len(corrections) - _LISTED} more"
+        texts.append(
+            f"suspected data mistake: {', '.join(corrections[:_LISTED])}{more}; no assembled arm deviates this far; "
+            "check the table's convention and lengths, the signs and zeros of the joints, and interactions of joints"
+        )
+    if fit.residual.shape[0] == 6:
+        error = float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0)))
+        if error > _ORIENTATION:
+            texts.append(
+                f"suspected data mistake: a median orientation error of {math.degrees(error):.3g} degrees remains; "
+                "check the convention of the orientation columns (order of a quaternion, angles, unit)"
+            )
+    return tuple(texts)
+
+
+def reach(robot: Robot) -> float:
+    """Return the sum of the lengths of the arm's links, base and tool excluded, m."""
+    links = [[joint.parameters.get(name, 0.0) for name in LENGTH_PARAMETERS] for joint in robot.joints]
+    return max(sum(math.hypot(*lengths) for lengths in links), 1e-3)

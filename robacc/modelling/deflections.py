@@ -34,12 +34,8 @@ class TermPart:
     part: Part
 
 
-class MotionGain(NamedTuple):
-    """Gain ``factor`` ``(N,)``, or a constant, by which a column's coefficient moves a motion."""
-
-    column: int
-    motion: int
-    factor: Any
+MotionGain = tuple[int, int, Any]
+"""A column, a motion, and the gain ``(N,)``, or a constant, by which the column's coefficient moves the motion."""
 
 
 class _Spring(NamedTuple):
@@ -62,15 +58,9 @@ class Deflections:
         """Motion counts after which a sweep must keep the frame of a load."""
         return tuple(sorted({load.after for entry in self.entries for load in entry.part.loads or ()}))
 
-    @cached_property
-    def first_order(self) -> tuple[TermPart, ...]:
-        """Parts whose force is evaluated at the undeflected pose."""
-        return tuple(e for e in self.entries if not e.part.deflected)
-
-    @cached_property
-    def in_equilibrium(self) -> tuple[TermPart, ...]:
-        """Parts whose force is evaluated at the deflected pose."""
-        return tuple(e for e in self.entries if e.part.deflected)
+    def _of_form(self, *, deflected: bool) -> list[TermPart]:
+        """Return the parts whose force is evaluated at the deflected pose, or at the undeflected one."""
+        return [entry for entry in self.entries if entry.part.deflected == deflected]
 
     # -- prediction
 
@@ -80,11 +70,10 @@ class Deflections:
         Raises:
             EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
         """
-        first = _springs(self.first_order, coefficients)
-        if first:
+        if first := _springs(self._of_form(deflected=False), coefficients):
             motions = _motions(first)
             scalars = _moved(scalars, motions, self._deflections_at(scalars, motions, first))
-        elastic = _springs(self.in_equilibrium, coefficients)
+        elastic = _springs(self._of_form(deflected=True), coefficients)
         return self._equilibrium(scalars, elastic) if elastic else scalars
 
     def _equilibrium(self, rigid: list[Scalar], elastic: Sequence[_Spring]) -> list[Scalar]:
@@ -153,11 +142,11 @@ class Deflections:
         gains: list[MotionGain] = []
         first: dict[int, Array] = {}
         deflected: Array = followed.jacobian
-        if self.first_order:
+        if at_rest := self._of_form(deflected=False):
             sweep = self.arm.chain.sweep(undeflected, self.n, motions, self.counts)
-            gains, first = self._gains(self.first_order, sweep, slot, column, coefficients)
-        if self.in_equilibrium:
-            direct, slopes = self._gains(self.in_equilibrium, followed, slot, column, coefficients)
+            gains, first = self._gains(at_rest, sweep, slot, column, coefficients)
+        if in_equilibrium := self._of_form(deflected=True):
+            direct, slopes = self._gains(in_equilibrium, followed, slot, column, coefficients)
             gains += direct
             deflected = _followed_by(deflected, self._equilibrium_response(slopes, slot), slot)
         return gains, _followed_by(deflected, first, slot), deflected
@@ -180,7 +169,7 @@ class Deflections:
         at = [slot[entry.part.motion] for entry in requested]
         torques = self._forces(sweep, [_weighted(entry.part) for entry in requested], linear[:, at], angular[:, at])
         gains = [
-            MotionGain(column[entry.number], entry.part.motion, entry.part.factor * torque)
+            (column[entry.number], entry.part.motion, entry.part.factor * torque)
             for entry, torque in zip(requested, torques, strict=True)
         ]
         frames, gravity = dict(zip(self.counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)

@@ -7,7 +7,7 @@ predicts and linearises. With all coefficients zero it predicts the nominal chai
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -15,32 +15,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import TOOL, Scalar, Sweep
+from robacc.chain import TOOL, Scalar
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
 from robacc.errors import UsageError
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.modelling.deflections import Deflections, MotionGain, TermPart
+from robacc.modelling.deflections import Deflections, TermPart
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 
 # Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients.
 
-_MANY_REGRESSORS = 8
-"""Terms that move a motion by a regressor each, from which their sum is one product."""
-
 
 class _Layout(NamedTuple):
-    """Motions that a sweep must follow for the Jacobian of requested coefficients."""
+    """Columns of requested coefficients in a Jacobian."""
 
-    motions: tuple[int, ...]
-    """The motion of each requested coefficient; each motion once if columns are composed of them."""
-    composed: bool
-    """Whether columns are composed of motions: some have several parts, regressors or loads, or deflections follow."""
-    column: Mapping[int, int]
-    """Term number to column."""
+    column: dict[int, int]
+    """Number of a term to column."""
+    parts: list[TermPart]
+    motions: list[int]
+    """Motions that a sweep follows: that of each column if all are plain, else each motion once."""
+    is_plain: bool
+    """Whether each coefficient moves one motion by just as much, so that its column is that of the motion."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +61,9 @@ class BoundModel:
 
     def poses(self, theta: NDArray[Any]) -> Poses:
         """Predict the poses of the target in the measuring frame."""
-        coefficients = self._coefficients(theta)
-        return self._scaled(self.arm.chain.poses(self._scalars(coefficients), self.n), coefficients)
+        coefficients = np.concatenate((self.fixed_values, theta))
+        poses, scale = self.arm.chain.poses(self._scalars(coefficients), self.n), self._scale(coefficients)
+        return Poses(poses.rotation, poses.translation * (1.0 + scale)) if np.any(scale) else poses
 
     def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6) -> tuple[Poses, Array]:
         """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
@@ -73,89 +72,86 @@ class BoundModel:
         ``(K,)`` are the indices of the requested coefficients, in order; by default all. With 3 ``rows``, the Jacobian
         is that of the position.
         """
-        layout = self._layout(np.arange(len(self.terms)) if columns is None else columns)
-        coefficients = self._coefficients(theta)
-        sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, layout.motions, self._elastic.counts)
-        jacobian = self._composed(sweep, layout, coefficients, rows) if layout.composed else sweep.jacobian[:rows]
-        scale = self._instrument_scale(coefficients)
+        column, requested, motions, is_plain = self._layout(np.arange(len(self.terms)) if columns is None else columns)
+        elastic, coefficients = self._elastic, np.concatenate((self.fixed_values, theta))
+        sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, elastic.counts)
+        jacobian = sweep.jacobian[:rows]
+        if not is_plain:
+            rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
+            gains = [(rigid, sweep.jacobian)]
+            if elastic.entries:
+                undeflected = self._undeflected(coefficients)
+                loaded, moved, deflected = elastic.derivatives(undeflected, sweep, motions, column, coefficients)
+                gains = [(loaded, deflected), (rigid, moved)]
+            jacobian = np.zeros((rows, len(column), self.n))
+            for of_kind, by_motion in gains:
+                for place, motion, factor in of_kind:
+                    jacobian[:, place] += by_motion[:rows, motions.index(motion)] * factor
+        poses, scale = sweep.poses, self._scale(coefficients)
         if np.any(scale):
             jacobian[:3] *= 1.0 + scale
-        for entry in self._entries:
-            if entry.part.motion == SCALE_OF_INSTRUMENT and entry.number in layout.column:
-                jacobian[:3, layout.column[entry.number]] += sweep.poses.translation * entry.part.factor
-        return self._scaled(sweep.poses, coefficients), jacobian
+            poses = Poses(poses.rotation, poses.translation * (1.0 + scale))
+        for entry in self._scales:
+            if entry.number in column:
+                jacobian[:3, column[entry.number]] += sweep.poses.translation * entry.part.factor
+        return poses, jacobian
 
-    # -- parts of the terms
+    def _layout(self, columns: NDArray[np.int64]) -> _Layout:
+        """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""
+        key = columns.tobytes()
+        if key not in self._layouts:
+            numbers, elastic = columns.tolist(), self._elastic.entries
+            column = {len(self.fixed) + number: i for i, number in enumerate(numbers)}
+            requested = [entry for entry in self._entries if entry.number in column]
+            is_plain = not elastic and len(requested) == len(column) and all(_is_plain(e.part) for e in requested)
+            motions = [part.motion for number in numbers for part in self.terms[number].parts]
+            if not is_plain:
+                motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
+            self._layouts[key] = _Layout(column, requested, motions, is_plain)
+        return self._layouts[key]
+
+    @cached_property
+    def _layouts(self) -> dict[bytes, _Layout]:
+        return {}
 
     @cached_property
     def _entries(self) -> tuple[TermPart, ...]:
+        """Parts of the fixed terms, then of the free ones."""
         return tuple(TermPart(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
-
-    @cached_property
-    def _moved(self) -> tuple[list[tuple[int, NDArray[np.int64], Array]], list[tuple[int, int, float | Array]]]:
-        """Motions without a load: those that many terms move by regressors, and every other part.
-
-        The first are each a motion, term numbers ``(Q,)`` and regressors ``(Q, N)``; the others a term number, a motion
-        and a factor.
-        """
-        by_motion: dict[int, list[tuple[int, Array]]] = {}
-        others: list[tuple[int, int, float | Array]] = []
-        for number, motion, factor in self._rigid:
-            if isinstance(factor, np.ndarray) and factor.shape == (self.n,):
-                by_motion.setdefault(motion, []).append((number, factor))
-            else:
-                others.append((number, motion, factor))
-        together = []
-        for motion, terms in by_motion.items():
-            if len(terms) >= _MANY_REGRESSORS:
-                numbers, factors = zip(*terms, strict=True)
-                together.append((motion, np.array(numbers), np.stack(factors)))
-            else:
-                others.extend((number, motion, factor) for number, factor in terms)
-        return together, others
-
-    @cached_property
-    def _rigid(self) -> tuple[tuple[int, int, float | Array], ...]:
-        """Term number, motion and regressor of each part that moves a motion without a load."""
-        return tuple((e.number, e.part.motion, e.part.factor) for e in self._entries if _is_rigid(e.part))
 
     @cached_property
     def _elastic(self) -> Deflections:
         return Deflections(self.arm, self.n, tuple(e for e in self._entries if e.part.loads is not None))
 
     @cached_property
-    def _layouts(self) -> dict[bytes, _Layout]:
-        return {}
+    def _regressors(self) -> list[tuple[int, NDArray[np.int64], Array]]:
+        """Motions that terms move by regressors: of each the numbers of the terms ``(Q,)``, and the regressors."""
+        by_motion: dict[int, list[TermPart]] = {}
+        for entry in self._entries:
+            if _is_rigid(entry.part) and isinstance(entry.part.factor, np.ndarray):
+                by_motion.setdefault(entry.part.motion, []).append(entry)
+        return [
+            (
+                motion,
+                np.array([entry.number for entry in entries]),
+                np.array([np.broadcast_to(entry.part.factor, self.n) for entry in entries]),
+            )
+            for motion, entries in by_motion.items()
+        ]
 
-    def _layout(self, columns: NDArray[np.int64]) -> _Layout:
-        key = columns.tobytes()
-        if key not in self._layouts:
-            first, numbers = len(self.fixed), columns.tolist()
-            column = {first + number: i for i, number in enumerate(numbers)}
-            parts = [self.terms[number].parts for number in numbers]
-            composed = bool(self._elastic.entries) or any(len(some) != 1 or not _is_plain(some[0]) for some in parts)
-            motions = [part.motion for of_term in parts for part in of_term]
-            if composed:
-                moved = {*motions, *(entry.part.motion for entry in self._elastic.entries)}
-                motions = sorted(moved - {SCALE_OF_INSTRUMENT})
-            self._layouts[key] = _Layout(tuple(motions), composed, column)
-        return self._layouts[key]
+    @cached_property
+    def _constants(self) -> list[TermPart]:
+        """Parts that move a motion by a constant."""
+        return [e for e in self._entries if _is_rigid(e.part) and not isinstance(e.part.factor, np.ndarray)]
 
-    def _coefficients(self, theta: NDArray[Any]) -> NDArray[Any]:
-        return np.concatenate((self.fixed_values, theta))
+    @cached_property
+    def _scales(self) -> list[TermPart]:
+        """Parts that are the instrument's scale."""
+        return [entry for entry in self._entries if entry.part.motion == SCALE_OF_INSTRUMENT]
 
-    # -- prediction
-
-    def _instrument_scale(self, coefficients: NDArray[Any]) -> Any:
-        return sum(
-            coefficients[e.number] * e.part.factor for e in self._entries if e.part.motion == SCALE_OF_INSTRUMENT
-        )
-
-    def _scaled(self, poses: Poses, coefficients: NDArray[Any]) -> Poses:
-        scale = self._instrument_scale(coefficients)
-        if isinstance(scale, int) or not np.any(scale):
-            return poses
-        return Poses(poses.rotation, poses.translation * (1.0 + scale))
+    def _scale(self, coefficients: NDArray[Any]) -> Any:
+        """Return by how much the instrument's scale differs from 1."""
+        return sum(coefficients[entry.number] * entry.part.factor for entry in self._scales)
 
     def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain, deflections included."""
@@ -163,39 +159,16 @@ class BoundModel:
 
     def _undeflected(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain without deflections."""
-        scalars = list(self.nominal)
-        values = coefficients.tolist()
-        together, others = self._moved
-        for motion, numbers, regressors in together:
+        scalars, values = list(self.nominal), coefficients.tolist()
+        for motion, numbers, factors in self._regressors:
             if np.any(coefficients[numbers]):
-                scalars[motion] = scalars[motion] + coefficients[numbers] @ regressors
-        for number, motion, factor in others:
-            if values[number] != 0:
-                added = values[number] * factor
-                scalars[motion] = scalars[motion] + (added if isinstance(added, float) else np.atleast_1d(added))
+                scalars[motion] = scalars[motion] + coefficients[numbers] @ factors
+        for entry in self._constants:
+            part, value = entry.part, values[entry.number]
+            if value != 0:
+                added = value * part.factor
+                scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars
-
-    # -- derivative
-
-    def _composed(self, sweep: Sweep, layout: _Layout, coefficients: Array, rows: int) -> Array:
-        """Return the Jacobian ``(rows, P, N)``, composed of the derivatives by the motions of ``sweep``."""
-        jacobian = np.zeros((rows, len(layout.column), self.n))
-        rigid = [MotionGain(layout.column[n], motion, gain) for n, motion, gain in self._rigid if n in layout.column]
-        slot = {motion: i for i, motion in enumerate(layout.motions)}
-        moved = sweep.jacobian
-        if self._elastic.entries:
-            loaded, moved, deflected = self._elastic.derivatives(
-                self._undeflected(coefficients), sweep, layout.motions, layout.column, coefficients
-            )
-            _add(jacobian, loaded, deflected, slot)
-        _add(jacobian, rigid, moved, slot)
-        return jacobian
-
-
-def _add(jacobian: Array, gains: Sequence[MotionGain], by_motion: Array, slot: Mapping[int, int]) -> None:
-    """Add to each coefficient's column the derivatives by the motions that it moves."""
-    for column, motion, factor in gains:
-        jacobian[:, column] += by_motion[: len(jacobian), slot[motion]] * factor
 
 
 def _is_plain(part: Part) -> bool:
@@ -242,41 +215,36 @@ class Model:
         q = commanded(data, "a prediction from the robot")
         if q.shape[0] != self.arm.chain.n_joints:
             raise UsageError(f"the robot has {self.arm.chain.n_joints} joints, but the poses have {q.shape[0]}")
-        fixed: list[Term] = []
-        values: list[float] = []
-        for known in self.known:
-            limit = self._range_of(known, validity)
-            terms = faded(known.effect, self.arm, held_at_ends(known.effect, self.arm, data, limit), limit)
-            fixed.extend(terms)
-            values.extend(known.values.get(term.name, 0.0) for term in terms)
         limits = validity if validity is not None else ({},) * len(self.free)
+        known_limits = [known.validity for known in self.known]
+        keys = [effect.key() for effect in self.free]
+        for i, known in enumerate(self.known):
+            if (key := known.effect.key()) in keys:
+                own = None if validity is None else validity[keys.index(key)]
+                known_limits[i] = {} if own is None else united(known.validity, own)
+        fixed = [
+            (term, known.values.get(term.name, 0.0))
+            for known, limit in zip(self.known, known_limits, strict=True)
+            for term in faded(known.effect, self.arm, held_at_ends(known.effect, self.arm, data, limit), limit)
+        ]
         free = [
             faded(effect, self.arm, held_at_ends(effect, self.arm, data, limit), limit if fades else {})
             for effect, limit in zip(self.free, limits, strict=True)
         ]
-        nominal = _with_targets(self.arm, self.arm.chain.scalars(q), data)
         return BoundModel(
             self.arm,
             data.n,
-            tuple(nominal),
-            tuple(fixed),
-            np.array(values),
+            tuple(_with_targets(self.arm, self.arm.chain.scalars(q), data)),
+            tuple(term for term, _ in fixed),
+            np.array([value for _, value in fixed]),
             tuple(term for terms in free for term in terms),
             tuple(i for i, terms in enumerate(free) for _ in terms),
         )
 
-    def _range_of(self, known: Known, validity: Sequence[Validity] | None) -> Validity:
-        """Return the ranges beyond which a known effect is held or fades; empty for one that is fitted."""
-        number = next((i for i, effect in enumerate(self.free) if effect.key() == known.effect.key()), None)
-        if number is None:
-            return known.validity
-        return {} if validity is None else united(known.validity, validity[number])
-
 
 def predict(robot: Robot, data: Measurements) -> Poses:
     """Predict the target poses ``(N)`` at the commanded joints, effects of the robot file included."""
-    bound = Model.of(robot).bind(data)
-    return bound.poses(np.zeros(0))
+    return Model.of(robot).bind(data).poses(np.zeros(0))
 
 
 def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
@@ -290,10 +258,9 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
         chosen = np.full(data.n, next(iter(targets)))
     else:
         chosen = data.target
-    frames = {name: (*frame.xyz, *frame.rpy) for name, frame in targets.items()}
     for coordinate, label in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
         column = np.zeros(data.n)
-        for name, frame in frames.items():
-            column[chosen == name] = frame[coordinate]
+        for name, frame in targets.items():
+            column[chosen == name] = (*frame.xyz, *frame.rpy)[coordinate]
         scalars[arm.chain.index(TOOL, label)] = column
     return scalars

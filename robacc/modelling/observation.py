@@ -61,18 +61,3 @@ def observed_jacobian(jacobian: Array, residual: Array) -> Array:
         return jacobian[:3]
     turned = np.einsum("ijn,jpn->ipn", left_jacobian_inverse(-residual[3:]), jacobian[3:])
     return np.concatenate((jacobian[:3], turned))
-
-
-def weights(data: Measurements, position_misfit: float, orientation_misfit: float) -> Array:
-    """Return reciprocal standard deviations ``(M, N)`` of measuring uncertainty and a misfit common to all poses.
-
-    Correlated noise is not part of them. The array is read-only: without uncertainties of rows, these share one column.
-    """
-    rows = 3 if data.rotation is None else 6
-    result = np.empty((rows, 1 if data.sigma_position is None and data.sigma_rotation is None else data.n))
-    variance = data.position_variance if data.correlated_noise is None else None
-    result[:3] = 1.0 / np.sqrt((0.0 if variance is None else variance) + position_misfit**2)
-    if rows == 6:
-        known = 0.0 if data.sigma_rotation is None else data.sigma_rotation
-        result[3:] = 1.0 / np.sqrt(np.square(known) + orientation_misfit**2)
-    return np.broadcast_to(result, (rows, data.n))

@@ -51,17 +51,6 @@ def _may_be_arm(name: str) -> bool:
     return bool(name) and name != "-" and PurePath(name).name == name and not has_suffix and not os.path.lexists(name)
 
 
-def _check_name(name: str) -> None:
-    """Raise InputError for a text that can only be the name of an arm, and is the name of none."""
-    if not _may_be_arm(name):
-        return
-    from robacc.robots.library import similar_arms
-
-    near = " or ".join(similar_arms(name))
-    fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
-    raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
-
-
 def read_robot(
     path: str | os.PathLike[str],
     *,
@@ -83,7 +72,12 @@ def read_robot(
         UsageError: The URDF has no such link, or a link is named for a robot file, which has only one chain.
     """
     name = robot_path(path)
-    _check_name(name)
+    if _may_be_arm(name):
+        from robacc.robots.library import similar_arms
+
+        near = " or ".join(similar_arms(name))
+        fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
+        raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
     suffix = PurePath(name).suffix.lower()
     if suffix in _MESHES:
         raise InputError(Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED))
@@ -144,14 +138,10 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     document = rounded_document(robot_document(in_units, units))
     updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))
     if _is_read_as(updated, robot):
-        return comment_lines((*comments, *_remark(text))) + updated
+        remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
+        return comment_lines((*comments, *remark)) + updated
     # The file states something in a form that no longer holds, such as a parameter that the fit removed.
     return robot_to_yaml(in_units, comments, rounded=True, units=units)
-
-
-def _remark(text: str) -> tuple[str, ...]:
-    """Return the comment on the comments of the file; empty if it has none, or has this comment already."""
-    return (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
 
 
 def _complete(document: dict[str, Any], robot: Robot) -> dict[str, Any]:

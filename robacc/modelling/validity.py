@@ -10,14 +10,15 @@ import numpy as np
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
 from robacc.errors import InputError, Problem
-from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 
 _ROUNDING = 1e-9
 """Excess (SI) that rounding explains."""
+_SIZED = 200
+"""Poses that the size of an effect is known from."""
 _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
@@ -120,20 +121,13 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
                 )
             )
         if share.any():
-            position_var += _growth(share) ** 2 * _mean_square_size(arm, effect, data)
+            # The effect is unknown there: its own size is reached at a tenth of the range, and grows in proportion from
+            # a whole range on.
+            growth = np.maximum(np.minimum(10.0 * share, 1.0), share)
+            position_var += growth**2 * _mean_square_size(arm, effect, data)
     ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
     std_max = float(np.sqrt(position_var.max(initial=0.0)))
     return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max)
-
-
-def _growth(share: Array) -> Array:
-    """Return the standard deviation of a held effect over its size, at ``share`` of its range beyond the end.
-
-    The effect is unknown there: its own size is reached at a tenth of the range, and grows in proportion from a whole
-    range on.
-    """
-    result: Array = np.maximum(np.minimum(10.0 * share, 1.0), share)
-    return result
 
 
 def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
@@ -143,11 +137,9 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
     """
     fading, _ = known.fading_limits(arm)
     validity = {driver: limits for driver, limits in known.validity.items() if driver not in fading}
-    known = dataclasses.replace(known, validity=validity)
-    rows = np.unique(np.linspace(0, data.n - 1, min(data.n, 200)).astype(int))
-    poses = data.subset(rows)
-    with_effect = Model(arm, (known,)).bind(poses).poses(np.zeros(0)).translation
-    without = Model(arm).bind(poses).poses(np.zeros(0)).translation
+    poses = data.subset(even_rows(data.n, _SIZED))
+    models = Model(arm, (dataclasses.replace(known, validity=validity),)), Model(arm)
+    with_effect, without = (model.bind(poses).poses(np.zeros(0)).translation for model in models)
     return float(np.mean(np.sum(np.square(with_effect - without), axis=0)))
 
 

@@ -19,10 +19,10 @@ from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.fit_result import Dropped, identify_terms
-from robacc.fitting.normal_equations import joint_columns
-from robacc.fitting.priors import BADLY_MADE, broad_stds, tolerance_priors
+from robacc.fitting.normal_equations import joint_columns, whitening
+from robacc.fitting.priors import tolerance_priors
+from robacc.fitting.solver import BADLY_MADE, broad_stds
 from robacc.fitting.visits import visit_numbers
-from robacc.fitting.whitening import whitening
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

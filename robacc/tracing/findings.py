@@ -15,7 +15,6 @@ from robacc.accuracy.stages import Stage
 from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.row_loads import unlogged_loads
-from robacc.diagnostics.suspected_mistakes import suspected_mistakes
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.step import place_of, place_text
@@ -27,7 +26,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import with_deflection
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
-from robacc.fitting.warnings import LackOfFit
+from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -408,7 +407,7 @@ def _outlier_hints(final: Fit, data: Measurements) -> Iterator[str]:
     """Yield hints on outliers that are not accidental."""
     pattern = outlier_pattern(data, ~final.inliers, final.model.arm.names)
     if pattern is not None:
-        yield pattern.text
+        yield pattern
     share = final.outliers.size / data.n
     if share > _MANY_OUTLIERS:
         yield f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance"

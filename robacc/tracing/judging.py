@@ -12,7 +12,6 @@ import numpy as np
 from robacc.accuracy.stages import Gain, Residuals, Stage, before_and_after, paired_gain
 from robacc.chain import BLOCK
 from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
-from robacc.diagnostics.suspected_mistakes import larger_error_warning, moved_frames, suspected_mistakes
 from robacc.effects.base import Effect
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability
 from robacc.fitting.fit_result import Fit
@@ -28,9 +27,12 @@ from robacc.fitting.warnings import (
     convergence_warning,
     frames_warning,
     lack_of_fit,
+    larger_error_warning,
+    moved_frames,
     no_held_out_warning,
     outliers_warning,
     sigma_warning,
+    suspected_mistakes,
     weak_parameters_warning,
 )
 from robacc.geometry import Array
@@ -326,6 +328,6 @@ def _held_out_warnings(
             )
         return
     moved = moved_frames(without_findings, validation)
-    warning = larger_error_warning(fitted, held_out) if moved is None else moved.warning
+    warning = larger_error_warning(fitted, held_out) if moved is None else moved
     if warning is not None:
         yield warning

@@ -17,9 +17,9 @@ from robacc.error_model.structure import DirectionalNoise, with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load
+from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import shrink_to_nominal
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc.diagnostics.data_mistakes import check_data, find_mistake
-from robacc.diagnostics.mistakes import Mistake
+from robacc.diagnostics.row_mistakes import Mistake
 from robacc.measurements import Measurements
 
 Matrix = np.ndarray

@@ -10,7 +10,7 @@ import pytest
 from test_mistake_sets import made
 
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.mistakes import registered_poses
+from robacc.diagnostics.row_mistakes import registered_poses
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict

@@ -13,8 +13,8 @@ from test_mistake_sets import made
 
 import robacc
 from robacc.calibration.calibrating import calibrate
-from robacc.diagnostics.suspected_mistakes import reach
 from robacc.effects.request import parse_requests
+from robacc.fitting.warnings import reach
 from robacc.geometry import exp_so3
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot

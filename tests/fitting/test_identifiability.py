@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from arms import arm
 
 from robacc.effects import REGISTRY
-from robacc.fitting.fit_result import DEPENDENT, Dropped, Options, identify
+from robacc.effects.base import Term
+from robacc.fitting.fit_result import DEPENDENT, Dropped, Identifiability, Options, identify_terms
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -17,6 +19,11 @@ from robacc.simulation.simulate import Plan, simulate
 
 PLACE = ("tool_frame.x", "tool_frame.y", "tool_frame.z")
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
+
+
+def identify(matrix: np.ndarray, names: Sequence[str], n: int, units: Sequence[str] = ()) -> Identifiability:
+    terms = [Term(name, unit, 1.0, ()) for name, unit in zip(names, units or names, strict=True)]
+    return identify_terms(matrix, terms, n)
 
 
 def poses(name: str, n: int = 40, seed: int = 2, *, orientation: bool = True) -> Measurements:

@@ -12,9 +12,8 @@ import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.periodic import profile
 from robacc.fitting.fit_result import Options
-from robacc.fitting.normal_equations import PoseEquations
+from robacc.fitting.normal_equations import PoseEquations, Whitening, joint_columns, whitening
 from robacc.fitting.solver import fit
-from robacc.fitting.whitening import Whitening, whitening
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -49,7 +48,7 @@ def model(data: Measurements, *names: str) -> Model:
 def weights(equations: PoseEquations, n: int, seed: int = 0) -> np.ndarray:
     """Of position as it comes, one weight for a pose's three orientations."""
     rng = np.random.default_rng(seed)
-    turned = np.broadcast_to(rng.uniform(1e3, 1e4, n), (equations.rows - 3, n))
+    turned = np.broadcast_to(rng.uniform(1e3, 1e4, n), (equations.components - 3, n))
     return np.concatenate((rng.uniform(1e4, 1e5, (3, n)), turned))
 
 
@@ -66,7 +65,7 @@ def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
     for i, term in enumerate(equations.terms):
         step = np.zeros(theta.size)
         step[i] = 1e-2 * term.typical
-        costs = [float(np.square(equations.predict(theta + s * step).residual * weight).sum()) for s in (1, -1)]
+        costs = [float(np.square(equations.residual(theta + s * step) * weight).sum()) for s in (1, -1)]
         # Central difference: rounding 1e-16 of the cost, curvature 1e-5 squared of it.
         slope = (costs[1] - costs[0]) / (4 * step[i])
         assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.cost / step[i])
@@ -98,20 +97,17 @@ def test_profiles_are_summed_as_their_built_columns(
         visits[: data.n // 2] //= 2
         if isinstance(visit_rows, int):
             visits = np.arange(data.n) // visit_rows
-        white = whitening(white.weight, equations.joint_columns(Model.of(robot)), scatter, visits)
-    predicted, normal = equations.linearise(theta, white)
+        white = whitening(white.weight, joint_columns(Model.of(robot), data), scatter, visits)
+    left, normal = equations.linearise(theta, white)
     _, jacobian = Model.of(robot, free).bind(data).linearise(theta)
     rows = white.apply(np.moveaxis(jacobian, 1, 0)).reshape(theta.size, -1)
     scale = np.sqrt(np.sum(np.square(rows), axis=1))
     expected = (rows / scale[:, None]) @ (rows / scale[:, None]).T
     np.testing.assert_allclose(normal.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
-    residual = white.apply(predicted.residual).ravel()
+    residual = white.apply(left).ravel()
     np.testing.assert_allclose(normal.gradient / scale, rows @ residual / scale, rtol=1e-9, atol=1e-9)
-    constants = np.flatnonzero([term.group is None for term in equations.terms])
-    triangle, factorised = equations.factorise(theta, white, constants)
-    part = triangle / scale[constants]
-    np.testing.assert_allclose(part.T @ part, expected[np.ix_(constants, constants)], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(factorised.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
+    root = normal.root() / scale
+    np.testing.assert_allclose(root.T @ root, expected, rtol=0, atol=1e-12)
 
 
 def test_more_columns_follow_fewer_at_the_same_coefficients() -> None:
@@ -120,7 +116,7 @@ def test_more_columns_follow_fewer_at_the_same_coefficients() -> None:
     few, whole = (PoseEquations(Model.of(arm("puma560").robot, free), data) for _ in range(2))
     theta, white = np.zeros(len(few.terms)), Whitening(weights(few, data.n))
     few.columns = np.arange(6)
-    part = few.factorise(theta, white, np.arange(6))[1].gram
+    part = few.linearise(theta, white)[1].gram
     few.columns = whole.columns
     complete = whole.linearise(theta, white)[1].gram
     np.testing.assert_allclose(part, complete[:6, :6], rtol=0, atol=1e-12 * complete[:6, :6].max())
@@ -143,7 +139,7 @@ def test_a_linearisation_serves_at_coefficients_nearby() -> None:
 
 
 @pytest.mark.parametrize("orientation", ORIENTATION)
-def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_summed_whole_or_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     data = measured(orientation=orientation)
     free = ("base_frame", "joint_offset", "link_geometry", "payload_compliance", "instrument_scale")
     theta = np.full(len(PoseEquations(model(data, *free), data).terms), 1e-4)
@@ -152,11 +148,9 @@ def test_factorised_or_summed_whole_or_in_blocks(orientation: bool, monkeypatch:
         monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
         equations = PoseEquations(model(data, *free), data)
         weight = weights(equations, data.n)
-        outcome, summed = equations.linearise(theta, Whitening(weight))
-        triangle, factorised = equations.factorise(theta, Whitening(weight), np.arange(theta.size))
-        np.testing.assert_array_equal(outcome.residual, equations.predict(theta).residual)
-        np.testing.assert_allclose(triangle.T @ triangle, summed.gram, rtol=0, atol=1e-12 * summed.gram.max())
-        results += [summed, factorised]
+        residual, summed = equations.linearise(theta, Whitening(weight))
+        np.testing.assert_array_equal(residual, equations.residual(theta))
+        results.append(summed)
     for one in results[1:]:
         scale = np.sqrt(np.diag(results[0].gram))
         np.testing.assert_allclose(

@@ -8,7 +8,7 @@ from scipy.optimize import minimize
 
 from robacc.effects.base import Term
 from robacc.fitting.normal_equations import NormalEquations, posterior
-from robacc.fitting.priors import LARGEST_OF_PROFILE, Priors
+from robacc.fitting.solver import LARGEST_OF_PROFILE, Priors
 from robacc.geometry import Array
 
 ORDERS = np.arange(1, 37) / 2

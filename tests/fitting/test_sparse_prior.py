@@ -12,8 +12,8 @@ from arms import arm
 
 from robacc.effects import REGISTRY
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.solver import fit
-from robacc.fitting.sparse_prior import shrink_to_nominal
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

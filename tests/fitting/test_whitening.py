@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robacc.fitting.whitening import Whitening, whitening
+from robacc.fitting.normal_equations import Whitening, whitening
 
 POSES, CYCLES, TARGETS = 5, 4, 3
 N = POSES * CYCLES * TARGETS

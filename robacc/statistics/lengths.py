@@ -54,17 +54,23 @@ def principal_variances(covariance: Array) -> Array:
     return result
 
 
-def _solved(probability: float, distribution: Distribution, square: Array) -> Array:
-    """Return the q ``(N,)`` of ``probability`` by Newton's steps in log q within a bracket, from ``square``."""
+def _solved(
+    probability: float, distribution: Distribution, square: Array, share: float, shape: Array | float = 0.0
+) -> Array:
+    """Return the q ``(N,)`` of ``probability`` by Newton's steps in log q within a bracket, from ``square``.
+
+    The last step starts within ``share`` of the probability beyond, and leaves about its square. Steps have the
+    curvature of gamma distributions of ``shape`` and mean 1.
+    """
     low, high = np.zeros_like(square), np.full_like(square, math.inf)
-    enough = max(1e-9 * (1.0 - probability), 1e-14)
+    enough = max(share * (1.0 - probability), 1e-14)
     for _ in range(200):
         cdf, density = distribution(square)
         low, high = np.where(cdf < probability, square, low), np.where(cdf < probability, high, square)
-        following = square * np.exp(np.clip((probability - cdf) / np.maximum(density, 1e-300), -1.0, 1.0))
+        step = np.clip((probability - cdf) / np.maximum(density, 1e-300), -1.0, 1.0)
+        following = square * np.exp(step / np.maximum(1.0 + 0.5 * step * shape * (1.0 - square), 0.5))
         middle = np.where(np.isinf(high), 2.0 * square, 0.5 * (low + high))
         last, square = square, np.where((low <= following) & (following <= high), following, middle)
-        # Newton's last step leaves the square of the error.
         if np.all((np.abs(probability - cdf) <= enough) | (square == last)):
             break
     return square
@@ -128,7 +134,8 @@ def length_quantiles(probability: float, variances: Array) -> Array:
         scatter = power > 0.0
         shares = block[:, scatter] / power[scatter]
         distribution = partial(_cdf_and_density, variances=shares)
-        square = _solved(probability, distribution, _initial_square(probability, shares))
+        shape = 0.5 / np.sum(np.square(shares), axis=0)
+        square = _solved(probability, distribution, _initial_square(probability, shares), 1e-5, shape)
         result[start : start + BLOCK][scatter] = np.sqrt(square * power[scatter])
     return result
 
@@ -148,7 +155,7 @@ def mixture_quantile(probability: float, variances: Array) -> float:
         return 1.0 - shares.shape[1] / power.size + cdf, density
 
     first = np.mean(_initial_square(probability, shares / shares.sum(axis=0)), keepdims=True)
-    return math.sqrt(_solved(probability, mixture, first)[0] * mean_power)
+    return math.sqrt(_solved(probability, mixture, first, 1e-5)[0] * mean_power)
 
 
 # The mean is E|Z| = (8 / pi)^(1/2) R_G(v_1, v_2, v_3), as R_G is the mean of the length of diag(v)^(1/2) u over all
@@ -244,7 +251,7 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
         cdf, density, _ = _contour_integrals(float(square[0]), mean / math.sqrt(power), variance / power)
         return np.array([cdf]), density * square
 
-    return math.sqrt(_solved(probability, distribution, np.ones(1))[0] * power)
+    return math.sqrt(_solved(probability, distribution, np.ones(1), 1e-9)[0] * power)
 
 
 def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tuple[Array, Array]:

@@ -78,6 +78,17 @@ def torques(q: Matrix, extra: Callable[[list[Matrix]], float] | None = None) -> 
     return np.array([(energy(q - e) - energy(q + e)) / (2 * step) for e in step * np.eye(6)])
 
 
+def targets(q: Matrix) -> Matrix:
+    """Positions (3, N) of the target at joints (6, N)."""
+    return np.array([target(angles) for angles in q.T]).T
+
+
+def load_torques(q: Matrix, mass: float, com: Matrix = TOOL, link: int = -1) -> Matrix:
+    """Torques about the joints at one pose by the links and by a mass in the frame of a link."""
+    weight, place = mass * GRAVITY, np.append(com, 1.0)
+    return torques(q, lambda frames: weight * float((frames[link] @ place)[2]))
+
+
 @dataclass(frozen=True)
 class Run:
     """Poses in the order of measurement."""
@@ -86,6 +97,12 @@ class Run:
     """(6, N)"""
     direction: Matrix
     time: Matrix
+
+    def turned(self, joint: int, turn: Matrix) -> Matrix:
+        """Targets (3, N) with the joint of this number, from 0, turned by ``turn`` (N,) beyond the commanded."""
+        q = self.q.copy()
+        q[joint] += turn
+        return targets(q)
 
 
 def run(n: int, seed: int) -> Run:

@@ -32,7 +32,6 @@ def made(n: int = 40, seed: int = 3) -> tuple[Matrix, Matrix, Matrix]:
 
 def judged(q: Matrix, position: Matrix, rotation: Matrix | None = None) -> Mistake:
     mistake = find_mistake(arm.robot(), Measurements(position=position, q=q, rotation=rotation))
-    assert mistake is not None
     return mistake
 
 

@@ -110,5 +110,4 @@ def test_calibrate_says_that_the_setup_moved() -> None:
 def test_a_larger_error_of_validation_poses_gives_a_warning() -> None:
     assert larger_error_warning(1e-4, 1.9e-4) is None
     text = larger_error_warning(1e-4, 7.5e-4)
-    assert text is not None
     assert "7.5 times that of the calibration poses" in text

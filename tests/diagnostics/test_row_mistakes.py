@@ -105,7 +105,6 @@ def test_other_joints_of_the_same_arm_are_no_permutation() -> None:
 
 def test_a_wrong_sign_is_no_permutation() -> None:
     q = data().q
-    assert q is not None
     for joint in range(6):
         flipped = dataclasses.replace(data(), q=np.where(np.arange(6)[:, None] == joint, -q, q))
         with pytest.raises(InputError) as caught:

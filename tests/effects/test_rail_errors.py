@@ -5,16 +5,13 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from independent_arm import DECLARED, TOOL, Run, link_frames, measured, robot, run
+from independent_arm import TOOL, Run, link_frames, measured, robot, run
+from searched import error_at, fitted, found, searched
 
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Options, fit
 from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
-from robacc.tracing.search import search
 
 NOISE = 1e-5
 LENGTH = 3.0
@@ -46,19 +43,11 @@ def poses(n: int, seed: int, noise: float, size: float) -> Measurements:
 
 def test_a_rails_curves_are_found_and_predict_other_poses() -> None:
     arm, data, fresh = arm_on_a_rail(), poses(140, 51, NOISE, 1.0), poses(60, 52, 0.0, 1.0)
-    declared = build(parse_requests(DECLARED), arm, data)
-    (effect,) = search(Model(arm, free=declared), data).effects
-    assert str(effect) == "rail_errors[rail]"
-    errors = []
-    for effects in ((), (effect,)):
-        result = fit(Model(arm, free=(*declared, *effects)), data, Options())
-        predicted = result.model.bind(fresh).poses(result.theta).translation
-        errors.append(float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted), axis=0)))))
-    assert errors[0] > 5e-5
-    assert errors[1] < 2e-5
+    effects, _, error = searched(data, fresh, arm)
+    assert [str(effect) for effect in effects] == ["rail_errors[rail]"]
+    assert error < 2e-5
+    assert error_at(fitted(data, (), arm), fresh) > 5e-5
 
 
 def test_a_straight_rail_is_left_alone() -> None:
-    arm, data = arm_on_a_rail(), poses(90, 53, NOISE, 0.0)
-    declared = build(parse_requests(DECLARED), arm, data)
-    assert search(Model(arm, free=declared), data).effects == ()
+    assert found(poses(90, 53, NOISE, 0.0), arm_on_a_rail()) == ()

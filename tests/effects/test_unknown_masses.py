@@ -7,15 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from independent_arm import DECLARED, DH, GRAVITY, link_frames, measured, robot, run, target
+from searched import error_at, fitted, found
 
 from robacc.effects.elastic import BaseCompliance, LateralCompliance
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Options, fit
 from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
+from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
-from robacc.tracing.search import search
 
 NOISE = 1e-5
 COMPLIANCE = 6e-7
@@ -43,10 +41,7 @@ def poses(n: int, seed: int, noise: float) -> Measurements:
 
 def error_at_other_poses(effects: str) -> float:
     """RMS error (m) of a fit at poses that it has not seen and that have no noise."""
-    arm, data, fresh = arm_without_masses(), poses(100, 41, NOISE), poses(60, 42, 0.0)
-    result = fit(Model(arm, free=build(parse_requests(DECLARED + effects), arm, data)), data, Options())
-    predicted = result.model.bind(fresh).poses(result.theta)
-    return float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted.translation), axis=0))))
+    return error_at(fitted(poses(100, 41, NOISE), (), arm_without_masses(), DECLARED + effects), poses(60, 42, 0.0))
 
 
 def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
@@ -56,11 +51,8 @@ def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
 
 @pytest.mark.slow
 def test_a_pedestal_is_found_without_masses() -> None:
-    arm, data = arm_without_masses(), poses(100, 41, NOISE)
-    declared = build(parse_requests(DECLARED), arm, data)
-    effects = search(Model(arm, free=declared), data).effects
-    assert [str(effect) for effect in effects] == ["base_compliance"]
-    assert effects[0].settings() == {"masses": "unknown"}
+    (effect,) = found(poses(100, 41, NOISE), arm_without_masses())
+    assert (str(effect), effect.settings()) == ("base_compliance", {"masses": "unknown"})
 
 
 def test_unknown_masses_reproduce_known_ones() -> None:

@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import csv
 import sys
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -216,9 +215,7 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     row: dict[str, Any] = {"name": name, "effects": study.effects, "noise": study.noise, "known": study.known,
                            "full": study.full, "poses": study.count, "kind": study.kind,
                            "axes": len(study.arm.joints)}  # fmt: skip
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (options.keep / name) if options.keep else Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
+    with tool.folder_of(name, options) as folder:
         robot, model = write_robot(study.arm, folder), folder / "model.yaml"
         write_csv(folder / "poses.csv", study.measurements())
         write_csv(folder / "targets.csv", study.targets())
@@ -238,12 +235,8 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
             return row | {"error": f"correct: status {done.status}: {done.error[-300:]}"}
         if study.known == "repeats" and "repeatability: {}" in model.read_text():
             study.known = row["known"] = "not separated"
-        return row | judged(study, read_csv(corrected), read_csv(details)) | {"fit_mm": fitted_rms(answer.result)}
-
-
-def fitted_rms(result: dict[str, Any]) -> float:
-    """Held-out RMS error of the calibration, mm."""
-    return 1e3 * float(result["after"]["held_out"]["position"]["rms_m"])
+        held_out = answer.result["after"]["held_out"]["position"]
+        return row | judged(study, read_csv(corrected), read_csv(details)) | {"fit_mm": 1e3 * held_out["rms_m"]}
 
 
 def judged(study: Study, corrected: dict[str, list[str]], details: dict[str, list[str]]) -> dict[str, Any]:
@@ -318,8 +311,7 @@ def main() -> int:
     parser = tool.arguments(__doc__, seeds=1)
     parser.add_argument("--noise", type=float, help="noise of every set, m: 1e-9 checks that the fit has the truth")
     options = parser.parse_args()
-    names = tool.chosen(all_names(options), options)
-    return tool.run_all(names, options, run_set, summary, shown)
+    return tool.run_all(all_names(options), options, run_set, summary, shown)
 
 
 def shown(row: dict[str, Any]) -> str:

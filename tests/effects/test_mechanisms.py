@@ -7,11 +7,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from independent_arm import DH, GRAVITY, link_frames, measured, run, target, targets, torques
+from independent_arm import measured, on_a_pedestal, run, targets, torques
 from searched import ARM, fitted, found, values_of
 
 from robacc.effects.base import Effect
-from robacc.geometry import rotation_about
 from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
 
@@ -116,14 +115,7 @@ def test_one_delay_is_common_to_all_joints() -> None:
 @pytest.mark.parametrize("height", [0.0, 1.2])
 def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     compliance = 5e-7
-    rows = []
-    for q in POSES.q.T:
-        frames = link_frames(q)
-        weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(frames, DH, strict=True)]
-        moment = sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
-        tilt = rotation_about(0, compliance * moment[0]) @ rotation_about(1, compliance * moment[1])
-        pivot = np.array([0.0, 0.0, -height])
-        rows.append(tilt @ (target(q) - pivot) + pivot)
+    rows = [on_a_pedestal(q, compliance, height) for q in POSES.q.T]
     data = measured(POSES, np.array(rows).T, NOISE, 6)
     effects = found(data)
     values = coefficients(data, effects)

@@ -6,11 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, DH, GRAVITY, link_frames, measured, robot, run, target
+from independent_arm import DECLARED, DH, measured, on_a_pedestal, robot, run, target
 from searched import error_at, fitted, found
 
 from robacc.effects.elastic import BaseCompliance, LateralCompliance
-from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
@@ -25,17 +24,9 @@ def arm_without_masses() -> Arm:
     return Arm.of(dataclasses.replace(described, joints=joints))
 
 
-def on_a_soft_pedestal(q: np.ndarray) -> np.ndarray:
-    """Target of an arm whose base tilts by the moment of all links about it."""
-    weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(link_frames(q), DH, strict=True)]
-    moment = sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
-    tilt = rotation_about(0, COMPLIANCE * moment[0]) @ rotation_about(1, COMPLIANCE * moment[1])
-    return np.asarray(tilt @ target(q))
-
-
 def poses(n: int, seed: int, noise: float) -> Measurements:
     joints = run(n, seed)
-    position = np.array([on_a_soft_pedestal(q) for q in joints.q.T]).T
+    position = np.array([on_a_pedestal(q, COMPLIANCE) for q in joints.q.T]).T
     return measured(joints, position, noise, seed)
 
 

@@ -39,6 +39,7 @@ from real_arm import (
     request,
     write_robot,
 )
+from scipy.spatial.transform import Rotation
 
 SETS, TARGETS = 100, 60
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
@@ -117,6 +118,11 @@ def numbers(columns: dict[str, list[str]], names: Sequence[str]) -> np.ndarray:
     return np.array([[float(x) for x in columns[name]] for name in names]).T
 
 
+def quaternions(turned: np.ndarray) -> np.ndarray:
+    """Unit quaternions (4, N), w first."""
+    return Rotation.from_matrix(turned).as_quat()[:, [3, 0, 1, 2]].T
+
+
 class Study:
     """One set: the arm, its measurements, its targets, and where it really goes."""
 
@@ -157,8 +163,8 @@ class Study:
         place = place + self.noise * self.rng.standard_normal(place.shape)
         columns = {f"q{i + 1}": row for i, row in enumerate(q.T)} | dict(zip("xyz", place.T, strict=True))
         if self.full:
-            turned = small_turns(self.angle * self.rng.standard_normal((len(q), 3))) @ turned
-            columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternions(turned).T, strict=True))
+            turned = Rotation.from_rotvec(self.angle * self.rng.standard_normal((len(q), 3))).as_matrix() @ turned
+            columns |= dict(zip(("qw", "qx", "qy", "qz"), quaternions(turned), strict=True))
         if self.cycles > 1:
             columns |= {"pose": np.tile(np.arange(len(once)), self.cycles)}
             columns |= {"cycle": np.repeat(np.arange(self.cycles), len(once))}
@@ -176,7 +182,7 @@ class Study:
             place, turned = nominal(self.arm, self.truth.base, self.arm.tool + self.truth.tool, q)
             columns |= dict(zip(("cmd_x", "cmd_y", "cmd_z"), place.T, strict=True))
             if len(self.arm.joints) >= 6:
-                columns |= dict(zip(("cmd_qw", "cmd_qx", "cmd_qy", "cmd_qz"), quaternions(turned).T, strict=True))
+                columns |= dict(zip(("cmd_qw", "cmd_qx", "cmd_qy", "cmd_qz"), quaternions(turned), strict=True))
         return columns | columns_of(self.target_pose, self.effects, False)
 
     def reached(self, q: np.ndarray) -> np.ndarray:
@@ -184,29 +190,6 @@ class Study:
         given, driven = self.target_pose, circumstances(q, self.rng, ordered=True)
         pose = Pose(driven.direction, driven.speed, given.time, given.temperature, given.payload)
         return positions(self.arm, self.truth, self.shaken(q), pose)[0]
-
-
-def small_turns(vectors: np.ndarray) -> np.ndarray:
-    """Rotations (N, 3, 3) of rotation vectors (N, 3)."""
-    angle = np.linalg.norm(vectors, axis=1)[:, None, None] + 1e-300
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    k = np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]).transpose(2, 0, 1)
-    return np.eye(3) + np.sin(angle) / angle * k + (1 - np.cos(angle)) / angle**2 * k @ k
-
-
-def quaternions(turned: np.ndarray) -> np.ndarray:
-    """Unit quaternions (N, 4), w first: the eigenvector of the largest eigenvalue (I. Y. Bar-Itzhack 2000)."""
-    m = turned.transpose(1, 2, 0)
-    k = np.array(
-        [
-            [m[0, 0] + m[1, 1] + m[2, 2], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
-            [m[2, 1] - m[1, 2], m[0, 0] - m[1, 1] - m[2, 2], m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]],
-            [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], m[1, 1] - m[0, 0] - m[2, 2], m[1, 2] + m[2, 1]],
-            [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], m[2, 2] - m[0, 0] - m[1, 1]],
-        ]
-    )
-    return np.linalg.eigh(k.transpose(2, 0, 1))[1][..., -1]
 
 
 def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:

@@ -17,7 +17,18 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from independent_arm import TOOL, Run, link_frames, load_torques, measured, robot, run, target, targets, torques
+from independent_arm import (
+    TOOL,
+    Run,
+    load_torques,
+    measured,
+    measured_on_a_rail,
+    robot_on_a_rail,
+    run,
+    target,
+    targets,
+    torques,
+)
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 from searched import ARM, error_at, fitted, found, model
@@ -28,24 +39,15 @@ from robacc.effects.instrument import ReadBack
 from robacc.effects.periodic import ComplianceVariation, Counterbalance
 from robacc.effects.step import Step
 from robacc.fitting.fit_result import Fit
-from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Joint
 from robacc.tracing.findings import Finding
 from robacc.tracing.trace import trace
 
 NOISE = 1e-5
 COMPLIANCE = 8e-7
 FAR = np.array([0.3, -0.2, 0.45])
-LENGTH = 3.0
-
-
-def rail_arm() -> Arm:
-    described = robot()
-    parameters = dict.fromkeys(("theta", "d", "a", "alpha"), 0.0)
-    slide = Joint("rail", "prismatic", parameters, limits=(0.0, LENGTH), axis=(0.0, 0.0, 1.0))
-    return Arm.of(dataclasses.replace(described, joints=(slide, *described.joints)))
+ON_A_RAIL = Arm.of(robot_on_a_rail())
 
 
 def own(joints: Run, joint: int) -> np.ndarray:
@@ -85,19 +87,6 @@ def read_back(n: int, seed: int, noise: float, size: float) -> Measurements:
     joints = run(n, seed)
     stood = joints.q + size * 2e-4 * np.random.default_rng(seed).normal(size=joints.q.shape)
     return dataclasses.replace(measured(joints, targets(stood), noise, seed), read_back=stood)
-
-
-def rail(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
-    travel = np.random.default_rng(seed).uniform(0, LENGTH, n)
-    position = []
-    for t, q in zip(travel, joints.q.T, strict=True):
-        u = t / LENGTH
-        shift = size * np.array([2e-4 * np.sin(np.pi * u), 1e-4 * np.cos(3 * u), 0.0])
-        turn = rotation_about(0, size * 1e-4 * np.sin(4 * u)) @ rotation_about(2, size * 1.5e-4 * u**2)
-        position.append(np.array([0, 0, t]) + shift + turn @ (link_frames(q)[-1] @ np.append(TOOL, 1.0))[:3])
-    on_rail = Run(np.vstack([travel, joints.q]), joints.direction, joints.time)
-    return measured(on_rail, np.array(position).T, noise, seed)
 
 
 def carried(joints: Run, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
@@ -165,7 +154,9 @@ CASES = {
         beside=(JointCompliance(("j2",)),),
     ),
     "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}, n_terms=1),
-    "rail_errors": Case(rail, lambda data: (RailErrors.default(rail_arm(), data),), {}, rail_arm(), 140, n_terms=6),
+    "rail_errors": Case(
+        measured_on_a_rail, lambda data: (RailErrors.default(ON_A_RAIL, data),), {}, ON_A_RAIL, 140, n_terms=6
+    ),
     "payload_compliance com uncertain": Case(
         payload,
         lambda data: (PayloadCompliance(("j2",), "uncertain"),),
@@ -229,7 +220,7 @@ def clean(sets: int) -> None:
         print(f"clean {seed}", list(map(str, found(data))), end=" ")
         print(
             "rail",
-            list(map(str, found(rail(120, 4000 + seed, NOISE, 0.0), rail_arm()))) if seed % 2 else "-",
+            list(map(str, found(measured_on_a_rail(120, 4000 + seed, NOISE, 0.0), ON_A_RAIL))) if seed % 2 else "-",
             flush=True,
         )
 

@@ -160,3 +160,12 @@ def measured_on_a_rail(n: int, seed: int, noise: float, size: float) -> Measurem
     carriage = shift(size * 2e-4 * np.sin(np.pi * u), size * 1e-4 * np.cos(3 * u), travel) @ twist
     position = np.einsum("nij,jn->in", carriage, np.vstack((targets(poses.q), np.ones(n))))[:3]
     return measured(Run(np.vstack([travel, poses.q]), poses.direction, poses.time), position, noise, seed)
+
+
+def measured_with_loads(
+    n: int, seed: int, noise: float, compliance: float, mass: Matrix, com: Matrix = TOOL
+) -> Measurements:
+    """Poses of an arm whose joint 2 gives way to loads (N,) in the last link's frame, and to no other weight."""
+    poses = run(n, seed)
+    turns = [(load_torques(q, m, com) - load_torques(q, 0.0))[1] for q, m in zip(poses.q.T, mass, strict=True)]
+    return measured(poses, poses.turned(1, compliance * np.array(turns)), noise, seed)

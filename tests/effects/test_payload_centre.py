@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent_arm import TOOL, Matrix, load_torques, measured, robot, run
+from independent_arm import TOOL, Matrix, measured_with_loads, robot
 from searched import ARM, error_at, fitted, found
 
 from robacc.effects.elastic import PayloadCompliance
@@ -22,11 +22,8 @@ FAR = np.array([0.3, -0.2, 0.45])
 
 def loaded(n: int, seed: int, noise: float, com: Matrix) -> Measurements:
     """Poses of an arm whose joint 2 gives way to payloads of 0, 20 and 60 kg."""
-    poses = run(n, seed)
     mass = np.random.default_rng(seed).choice([0.0, 20.0, 60.0], n)
-    pairs = zip(poses.q.T, mass, strict=True)
-    turn = COMPLIANCE * np.array([(load_torques(q, m, com) - load_torques(q, 0.0))[1] for q, m in pairs])
-    return dataclasses.replace(measured(poses, poses.turned(1, turn), noise, seed), payload=mass)
+    return dataclasses.replace(measured_with_loads(n, seed, noise, COMPLIANCE, mass, com), payload=mass)
 
 
 def error_at_other_poses(effect: PayloadCompliance, com: Matrix) -> float:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from independent_arm import load_torques, measured, robot, run
+from independent_arm import measured_with_loads, robot
 from searched import ARM, error_at, fitted, found, values_of
 
 from robacc.api.inputs import read_poses, write_poses
@@ -23,11 +23,9 @@ LOADS = {"none": 0.0, "gripper": 20.0, "part": 60.0}
 
 def loaded(n: int, seed: int, noise: float) -> Measurements:
     """Poses of an arm whose joint 2 gives way to loads that only have names."""
-    poses = run(n, seed)
     names = np.random.default_rng(seed).choice(list(LOADS), n)
-    pairs = zip(poses.q.T, names, strict=True)
-    turn = COMPLIANCE * np.array([(load_torques(q, LOADS[name]) - load_torques(q, 0.0))[1] for q, name in pairs])
-    return dataclasses.replace(measured(poses, poses.turned(1, turn), noise, seed), payload_group=names)
+    mass = np.array([LOADS[name] for name in names])
+    return dataclasses.replace(measured_with_loads(n, seed, noise, COMPLIANCE, mass), payload_group=names)
 
 
 def test_named_loads_are_found_with_their_ratios_and_predict_other_poses(tmp_path: Path) -> None:

@@ -213,7 +213,7 @@ def test_steps_end_where_rounding_begins(n: int) -> None:
 
 @pytest.mark.parametrize("orientation", ORIENTATION)
 def test_the_same_coefficients_are_identifiable_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = measured(200, orientation=orientation)
+    data = measured(80, orientation=orientation)
     whole = fit(model(data, *EVERY_KIND), data).identifiability
     monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", 64)
     parts = fit(model(data, *EVERY_KIND), data).identifiability

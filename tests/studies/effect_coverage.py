@@ -20,9 +20,9 @@ import numpy as np
 from independent_arm import (
     TOOL,
     Run,
-    load_torques,
     measured,
     measured_on_a_rail,
+    measured_with_loads,
     robot_on_a_rail,
     run,
     target,
@@ -89,25 +89,15 @@ def read_back(n: int, seed: int, noise: float, size: float) -> Measurements:
     return dataclasses.replace(measured(joints, targets(stood), noise, seed), read_back=stood)
 
 
-def carried(joints: Run, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """Torque of masses at the flange about joint 2."""
-    pairs = zip(joints.q.T, mass, strict=True)
-    return np.array([(load_torques(q, m, com) - load_torques(q, 0.0))[1] for q, m in pairs])
-
-
 def payload(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
     mass = np.random.default_rng(seed).choice([0.0, 20.0, 60.0], n)
-    turn = size * COMPLIANCE * carried(joints, mass, FAR)
-    return dataclasses.replace(measured(joints, joints.turned(1, turn), noise, seed), payload=mass)
+    return dataclasses.replace(measured_with_loads(n, seed, noise, size * COMPLIANCE, mass, FAR), payload=mass)
 
 
 def groups(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
     names = np.random.default_rng(seed).choice(["none", "gripper", "part"], n)
     mass = np.select([names == "gripper", names == "part"], [20.0, 60.0])
-    turn = size * COMPLIANCE * carried(joints, mass, TOOL)
-    return dataclasses.replace(measured(joints, joints.turned(1, turn), noise, seed), payload_group=names)
+    return dataclasses.replace(measured_with_loads(n, seed, noise, size * COMPLIANCE, mass), payload_group=names)
 
 
 def step(part: str) -> Callable[[int, int, float, float], Measurements]:
@@ -116,8 +106,9 @@ def step(part: str) -> Callable[[int, int, float, float], Measurements]:
         if noise == 0.0:
             after = np.ones(n, dtype=bool)  # fresh poses come after the step
         if part == "payload":
-            position = joints.turned(1, size * COMPLIANCE * carried(joints, 30.0 * after, TOOL))
-        elif part == "joint":
+            result = measured_with_loads(n, seed, noise, size * COMPLIANCE, 30.0 * after)
+            return result if noise else dataclasses.replace(result, rows=None)
+        if part == "joint":
             position = joints.turned(2, size * 1e-4 * after)
         else:
             shift = size * 1e-4 * np.array([0.6, -0.6, 0.53])

@@ -24,9 +24,9 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import TIAGO, Setup, write_poses
+from arm import TIAGO, Setup
 from least_squares import fit
-from weak_data import EFFECTS
+from weak_data import EFFECTS, calibrated
 
 TRAINING, FRESH = 34, 184
 KEYS = ("robacc", "plain", "map", "map_true")
@@ -81,18 +81,11 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "nominal_mm": 1e3 * tool.rms(setup.positions(0 * truth, fresh, one) - there),
         **errors,
     }
-    with tool.folder_of(name, options) as folder:
-        setup.write(folder / "robot.yaml")
-        write_poses(folder / "poses.csv", q, xyz)
-        write_poses(folder / "test.csv", fresh, there)
-        answer, test = tool.fit_and_test(("calibrate", "--fit", ",".join(EFFECTS)), folder, options)
-    row |= {"seconds": answer.seconds, "status": answer.status}
-    if answer.result is None or test.result is None:
-        return row | {"error": f"status {answer.status}: {answer.error[-200:]}; {test.error}"}
-    row |= {"robacc": 1e3 * test.result["position"]["rms_m"], "warnings": answer.result.get("warnings")}
-    found = tool.intervals(setup, answer.result, q, target, truth, mask, tolerance=0.05 * noise)
-    zeros = [one for one in found if one["name"].startswith("joint_offset")]
-    return row | {"covered": tool.covered(zeros), "covered_all": tool.covered(found), "zeros": zeros}
+    row |= calibrated(setup, (q, xyz), (fresh, there), truth, noise, name, options)
+    if row.get("error"):
+        return row
+    zeros = [one for one in row.pop("intervals") if one["name"].startswith("joint_offset")]
+    return row | {"robacc": row["test_mm"], "covered": tool.covered(zeros), "zeros": zeros}
 
 
 def pooled(rows: list[dict[str, Any]], key: str) -> float:

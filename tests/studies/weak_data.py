@@ -59,22 +59,40 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     inner = {f"joint_offset.{joint}" for joint in setup.arm.joints[1:-1]}
     known = np.isin(setup.names, list(inner)) & np.isfinite(plain.std)
     row["covered_plain"] = (np.abs(plain.values - truth)[known] <= 1.96 * noise * plain.std[known]).tolist()
+    row |= calibrated(setup, (q, xyz), (fresh, there), truth, noise, name, options)
+    if row.get("error"):
+        return row
+    zeros = [one for one in row.pop("intervals") if one["name"] in inner]
+    return row | {"covered": tool.covered(zeros), "wanted": len(inner), "zeros": zeros}
+
+
+def calibrated(
+    setup: Setup,
+    poses: tuple[np.ndarray, np.ndarray],
+    fresh: tuple[np.ndarray, np.ndarray],
+    truth: np.ndarray,
+    noise: float,
+    name: str,
+    options: argparse.Namespace,
+) -> dict[str, Any]:
+    """What `calibrate` says of joints and positions, and the error of its model at others."""
     with tool.folder_of(name, options) as folder:
         setup.write(folder / "robot.yaml")
-        write_poses(folder / "poses.csv", q, xyz)
-        write_poses(folder / "test.csv", fresh, there)
+        write_poses(folder / "poses.csv", *poses)
+        write_poses(folder / "test.csv", *fresh)
         answer, test = tool.fit_and_test(("calibrate", "--fit", ",".join(EFFECTS)), folder, options)
-    row |= {"seconds": answer.seconds, "status": answer.status}
-    if answer.result is None:
-        return row | {"error": answer.error or f"status {answer.status}"}
-    if test.result is None:
-        return row | {"error": f"no model: {answer.error[-200:]}; {test.error}"}
-    row["test_mm"] = 1e3 * test.result["position"]["rms_m"]
-    row["noise_mm"] = 1e3 * (answer.result["noise"]["position_m"] or np.nan)
-    found = tool.intervals(setup, answer.result, q, target, truth, mask, tolerance=0.05 * noise)
-    zeros = [one for one in found if one["name"] in inner]
-    row |= {"covered": tool.covered(zeros), "covered_all": tool.covered(found), "wanted": len(inner)}
-    return row | {"zeros": zeros, "warnings": answer.result.get("warnings")}
+    row = {"seconds": answer.seconds, "status": answer.status}
+    if answer.result is None or test.result is None:
+        return row | {"error": f"status {answer.status}: {answer.error[-200:]}; {test.error}"}
+    target, mask = np.zeros(len(poses[0]), int), setup.declared(EFFECTS)
+    found = tool.intervals(setup, answer.result, poses[0], target, truth, mask, tolerance=0.05 * noise)
+    return row | {
+        "test_mm": 1e3 * test.result["position"]["rms_m"],
+        "noise_mm": 1e3 * (answer.result["noise"]["position_m"] or np.nan),
+        "intervals": found,
+        "covered_all": tool.covered(found),
+        "warnings": answer.result.get("warnings"),
+    }
 
 
 def line(label: str, rows: list[dict[str, Any]]) -> list[str]:

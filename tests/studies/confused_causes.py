@@ -216,27 +216,26 @@ def judged(kind: str, joint: str | None, result: Mapping[str, Any]) -> dict[str,
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Print the answers by effect, and what is confused with what."""
-    done = [row for row in rows if not row.get("error")]
     header = ("effect", "sets", *ANSWERS, "wrong and explained", "named instead or besides")
     lines = []
-    for kind in dict.fromkeys(row["effect"] for row in done):
-        group = [row for row in done if row["effect"] == kind]
+    for kind in dict.fromkeys(row["effect"] for row in rows):
+        group = [row for row in rows if row["effect"] == kind]
         answers = Counter(row["answer"] for row in group)
         names = Counter(name.split("[")[0] for row in group for name in row["others"])
         explained = sum(row["answer"] == "wrong" and row["explained"] for row in group)
         instead = ", ".join(f"{count} {name}" for name, count in names.most_common())
         lines.append([kind, len(group), *(answers[answer] for answer in ANSWERS), explained, instead or "-"])
     print(tool.table(header, lines))
-    answers = Counter(row["answer"] for row in done)
+    answers = Counter(row["answer"] for row in rows)
     named = answers["right"] + answers["alternative"]
-    low, high = tool.wilson(named, len(done))
-    wrong = sum(row["answer"] == "wrong" and row["explained"] for row in done)
+    low, high = tool.wilson(named, len(rows))
+    wrong = sum(row["answer"] == "wrong" and row["explained"] for row in rows)
     claims = [
-        f"{named} of {len(done)} named, {answers['right']} of them first ({tool.percent(low)} to {tool.percent(high)})",
-        tool.claim(f"{wrong} wrong names are called explained", *tool.wilson(wrong, len(done)), (0.0, 0.05)),
+        f"{named} of {len(rows)} named, {answers['right']} of them first ({tool.percent(low)} to {tool.percent(high)})",
+        tool.claim(f"{wrong} wrong names are called explained", *tool.wilson(wrong, len(rows)), (0.0, 0.05)),
     ]
     print("\n".join(claims))
-    return {"sets": len(rows), "claims": claims}
+    return {"claims": claims}
 
 
 def main() -> int:

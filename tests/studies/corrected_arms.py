@@ -254,20 +254,17 @@ def judged(study: Study, corrected: dict[str, list[str]], details: dict[str, lis
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Print the table and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     header = ("", "sets", "targets", "coverage", "bounds", "ratio", "worst", "true mm", "expected mm", "s")
-    groups = {"all": good}
+    groups = {"all": rows}
     for key in (lambda row: f"{row['axes']} axes", lambda row: "noise " + row["known"],
                 lambda row: row["name"].split("-")[1], lambda row: row["name"].split("-")[2],
                 lambda row: "full" if row["full"] else "positions"):  # fmt: skip
-        groups |= tool.groups(good, key)
+        groups |= tool.groups(rows, key)
     for effect in EFFECTS:
-        groups[effect] = [row for row in good if effect in row["effects"]]
+        groups[effect] = [row for row in rows if effect in row["effects"]]
     print(tool.table(header, [line(label, members) for label, members in groups.items() if members]))
-    share, low, high, _ = tool.coverage([row["covered"] for row in good])
-    ratios = np.array([row["ratio"] for row in good])
+    share, low, high, _ = tool.coverage([row["covered"] for row in rows])
+    ratios = np.array([row["ratio"] for row in rows])
     above = tool.wilson(int(np.sum(ratios > 1.2)), len(ratios))
     claims = [
         tool.claim(f"{tool.percent(share)} of the errors lie within the 95 % bound", low, high, (0.93, 0.97)),
@@ -275,7 +272,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         f"largest {ratios.max():.2f}; at most {tool.percent(above[1])} of all arms above",
     ]
     print("\n".join(claims))
-    return {"sets": len(rows), "claims": claims}
+    return {"claims": claims}
 
 
 def line(label: str, rows: list[dict[str, Any]]) -> list[str]:

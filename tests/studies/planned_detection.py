@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import subprocess
 import sys
 import tempfile
@@ -134,18 +133,16 @@ def main() -> int:
 
 def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
     """Print how many are found, and the claim."""
-    done = [row for row in rows if "error" not in row]
-    found, named = sum(row["found"] for row in done), sum(row["named"] for row in done)
-    low, high = tool.wilson(found, len(done))
-    print(f"{found} of {len(done)} found, {named} named first")
+    found, named = sum(row["found"] for row in rows), sum(row["named"] for row in rows)
+    low, high = tool.wilson(found, len(rows))
+    print(f"{found} of {len(rows)} found, {named} named first")
     if options.times == 1.0:
-        one = [row for row in done if row["rank"] == 1]
+        one = [row for row in rows if row["rank"] == 1]
         print(f"of effects with one coefficient: {sum(row['found'] for row in one)} of {len(one)}")
         print(tool.claim("found at the limit in 35 to 65 %", low, high, (0.35, 0.65)))
     else:
         print(tool.claim(f"found at {options.times:g} limits in at least 95 %", low, high, (0.95, 1.0)))
-    share = found / len(done) if done else math.nan
-    return {"found": share, "low": low, "high": high}
+    return {"found": found / len(rows), "low": low, "high": high}
 
 
 if __name__ == "__main__":

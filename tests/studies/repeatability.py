@@ -387,9 +387,6 @@ HEADER = ("", "sets", "named", "worse", "zeros", "all", "std/ideal", "noise", "s
 
 def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
     """Print the tables and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     factors = {
         "arm": lambda row: design(row["name"]).arm,
         "targets": lambda row: f"{design(row['name']).targets} targets",
@@ -398,15 +395,15 @@ def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
         "noise": lambda row: f"{1e6 * design(row['name']).noise:.0f} um",
         "geometry": lambda row: design(row["name"]).geometry,
     }
-    lines = [line("all sets", good)]
+    lines = [line("all sets", rows)]
     for key in factors.values():
-        lines += [line(label, members) for label, members in sorted(tool.groups(good, key).items())]
+        lines += [line(label, members) for label, members in sorted(tool.groups(rows, key).items())]
     print(tool.table(HEADER, lines))
     print(LEGEND)
-    verdicts = {v: len(members) for v, members in tool.groups(good, lambda row: str(row["verdict"])).items()}
+    verdicts = {v: len(members) for v, members in tool.groups(rows, lambda row: str(row["verdict"])).items()}
     print("verdicts:", ", ".join(f"{v} {n}" for v, n in verdicts.items()))
-    out: dict[str, Any] = {"sets": len(rows), "verdicts": verdicts, "table": [HEADER, *lines]}
-    modelled = [row for row in good if row.get("named", True)]
+    out: dict[str, Any] = {"verdicts": verdicts, "table": [HEADER, *lines]}
+    modelled = [row for row in rows if row.get("named", True)]
     share, low, high, n = tool.coverage([row["covered"] for row in modelled])
     claims = [
         tool.claim(
@@ -417,12 +414,12 @@ def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
         )
     ]
     if power:
-        out["power"] = power_table(good)
+        out["power"] = power_table(rows)
     else:
-        hits = sum(bool(row["findings"]) for row in good)
-        bounds = tool.wilson(hits, len(good))
-        claims.insert(0, tool.claim(f"false findings at most 2 %: {hits} of {len(good)} sets", *bounds, (0.0, 0.02)))
-    errors, possible = sizes(good)
+        hits = sum(bool(row["findings"]) for row in rows)
+        bounds = tool.wilson(hits, len(rows))
+        claims.insert(0, tool.claim(f"false findings at most 2 %: {hits} of {len(rows)} sets", *bounds, (0.0, 0.02)))
+    errors, possible = sizes(rows)
     bounds = tool.wilson(sum(e > 0.2 for e in errors), len(errors))
     words = f"s_j within 20 % where the design shows it to 10 %: {sum(e <= 0.2 for e in errors)} of {possible}"
     claims.append(f"{words}: no s_j given" if not errors else tool.claim(words, *bounds, (0.0, 0.08)))

@@ -235,7 +235,10 @@ def run_all(
     summary: Callable[[list[dict[str, Any]]], Mapping[str, Any]],
     shown: Callable[[dict[str, Any]], str] = shown,
 ) -> int:
-    """With ``--list`` print the chosen names; else run each set that ``--rows`` lacks. Return the exit status."""
+    """Run each chosen set that ``--rows`` lacks and print the summary of those with a result; ``--list``: names alone.
+
+    The exit status is 1 where a set gave no result.
+    """
     names = chosen(names, options)
     if options.list:
         print("\n".join(names))
@@ -251,7 +254,15 @@ def run_all(
                     file.write(json.dumps(rows[-1], default=float) + "\n")
             if options.v:
                 print(shown(rows[-1]), flush=True)
-    return finish(options, summary(rows), rows)
+    good = [row for row in rows if not row.get("error")]
+    figures = summary(good) if good else {}
+    if options.json:
+        text = json.dumps({"summary": {"sets": len(rows), **figures}, "rows": rows}, indent=1, default=float)
+        options.json.write_text(text)
+    failed = [row for row in rows if row.get("error")]
+    for row in failed:
+        print(f"no result: {row['name']}: {row['error']}")
+    return int(bool(failed))
 
 
 @contextlib.contextmanager
@@ -288,13 +299,3 @@ def mean_ratio(ratios: Sequence[float]) -> tuple[float, float, float]:
     half = 1.96 * float(np.std(logs, ddof=1)) / np.sqrt(len(logs)) if len(logs) > 1 else np.inf
     middle, low, high = (float(np.exp(np.mean(logs) + h)) for h in (0.0, -half, half))
     return middle, low, high
-
-
-def finish(options: argparse.Namespace, summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> int:
-    """Write the JSON file; the exit status is 1 where a set gave no result."""
-    if options.json:
-        options.json.write_text(json.dumps({"summary": summary, "rows": rows}, indent=1, default=float))
-    failed = [row for row in rows if row.get("error")]
-    for row in failed:
-        print(f"no result: {row['name']}: {row['error']}")
-    return int(bool(failed))

@@ -95,9 +95,6 @@ def pooled(rows: list[dict[str, Any]], key: str) -> float:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Print the table and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     header = (
         "",
         "sets",
@@ -112,7 +109,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "s",
     )
     lines, claims = [], []
-    for label, members in tool.groups(good, lambda row: row["name"].rsplit("-", 1)[0]).items():
+    for label, members in tool.groups(rows, lambda row: row["name"].rsplit("-", 1)[0]).items():
         wins = sum(row["robacc"] <= row["map"] for row in members)
         figures = [f"{pooled(members, key):.2f}" for key in ("nominal_mm", *KEYS)]
         shares = [tool.percent(tool.coverage([row[key] for row in members])[0]) for key in ("covered", "covered_all")]
@@ -123,7 +120,7 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     print(tool.table(header, lines))
     print("rms at fresh postures in mm, pooled over sets; hold: share of 95 % intervals that hold the truth")
     print("\n".join(claims))
-    return {"sets": len(rows), "table": [header, *lines], "claims": claims}
+    return {"table": [header, *lines], "claims": claims}
 
 
 def main() -> int:

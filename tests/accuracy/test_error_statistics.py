@@ -239,17 +239,13 @@ def test_one_pose() -> None:
     assert result.assumption == "errors assumed Gaussian with zero mean; the poses are too few to test it"
 
 
-def test_two_poses() -> None:
+def test_one_commanded_pose_measured_often_is_one_pose_and_two_have_wide_intervals() -> None:
+    result = error_statistics(gaussian(30), "m", groups=np.zeros(30, dtype=int))
+    assert (result.n_poses, result.intervals.rms.upper) == (1, None)
+    assert result.structure.why == "all rows are of one commanded pose"
     result = error_statistics(gaussian(2), "m")
     assert result.radius95_fitted_mean.why == "2 poses: scatter in three directions needs at least 4"
     assert result.intervals.rms.upper > 2 * result.rms
-
-
-def test_one_commanded_pose_measured_often_is_one_pose() -> None:
-    result = error_statistics(gaussian(30), "m", groups=np.zeros(30, dtype=int))
-    assert result.n_poses == 1
-    assert result.intervals.rms.upper is None
-    assert result.structure.why == "all rows are of one commanded pose"
 
 
 BROKEN = np.where(

@@ -333,9 +333,6 @@ def test_columns_and_masses_are_what_effects_ask_for() -> None:
     assert set(NEEDY) >= {"backlash", "approach_lag", "payload_compliance", "thermal_expansion", "frame_drift"}
     assert REGISTRY["joint_hardening"].missing(weightless(), BARE) == "no masses in the robot file"
     assert REGISTRY["frame_drift"].missing(arm("puma560"), BARE) == "no time_s column that varies"
-
-
-def test_payloads_that_are_all_zero_show_nothing() -> None:
     data = dataclasses.replace(BARE, payload=np.zeros(2))
     assert REGISTRY["payload_compliance"].missing(arm("puma560"), data) == "payload_kg is zero throughout"
 

@@ -227,6 +227,8 @@ def test_every_file_is_in_the_list_with_its_source() -> None:
         assert (robot.name, len(robot.variables)) == (f"{arm.maker} {arm.model}", arm.axes)
         assert "# Source: " in text
         assert "# Base: " in text
+        # Base, targets and effects are left to the user.
+        assert (robot.base, robot.targets, robot.effects) == (Frame(), {}, ())
         # The longest stretch to the flange is at least the published reach of the wrist, but for limits and heights.
         stretch = robacc_reach(robot)
         assert 0.95 * arm.reach < stretch < 2.1 * arm.reach, arm.key
@@ -271,14 +273,6 @@ def test_calls_take_a_name() -> None:
     record = next(file for file in found.document()["inputs"] if file["kind"] == "robot")
     assert record["name"] == "ur10e"
     assert len(record["sha256"]) == 64
-
-
-def test_targets_and_tools_are_left_to_the_user() -> None:
-    for key in KEYS:
-        robot = read_robot(key)
-        assert robot.base == Frame()
-        assert not robot.targets
-        assert replace(robot, tool=Frame()).effects == ()
 
 
 def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:

@@ -5,13 +5,15 @@ Tests of effects use it so that an error of the package's kinematics or gravity 
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from homogeneous import shift, turn
 
 from robacc.measurements import Measurements
-from robacc.robots.description import Robot
+from robacc.robots.description import Joint, Robot
 from robacc.robots.yaml_robot import parse_robot
 
 DH = (
@@ -78,6 +80,17 @@ def torques(q: Matrix, extra: Callable[[list[Matrix]], float] | None = None) -> 
     return np.array([(energy(q - e) - energy(q + e)) / (2 * step) for e in step * np.eye(6)])
 
 
+def targets(q: Matrix) -> Matrix:
+    """Positions (3, N) of the target at joints (6, N)."""
+    return np.array([target(angles) for angles in q.T]).T
+
+
+def load_torques(q: Matrix, mass: float, com: Matrix = TOOL, link: int = -1) -> Matrix:
+    """Torques about the joints at one pose by the links and by a mass in the frame of a link."""
+    weight, place = mass * GRAVITY, np.append(com, 1.0)
+    return torques(q, lambda frames: weight * float((frames[link] @ place)[2]))
+
+
 @dataclass(frozen=True)
 class Run:
     """Poses in the order of measurement."""
@@ -86,6 +99,12 @@ class Run:
     """(6, N)"""
     direction: Matrix
     time: Matrix
+
+    def turned(self, joint: int, turn: Matrix) -> Matrix:
+        """Targets (3, N) with the joint of this number, from 0, turned by ``turn`` (N,) beyond the commanded."""
+        q = self.q.copy()
+        q[joint] += turn
+        return targets(q)
 
 
 def run(n: int, seed: int) -> Run:
@@ -109,3 +128,44 @@ def measured(
         rows=np.arange(2, poses.q.shape[1] + 2),
         source="poses.csv",
     )
+
+
+def on_a_pedestal(q: Matrix, compliance: float, height: float = 0.0) -> Matrix:
+    """Target at one pose of an arm that tilts about a point ``height`` below its base by the moment of all links."""
+    weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(link_frames(q), DH, strict=True)]
+    moment = compliance * sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
+    tilt = (turn(0, moment[0]) @ turn(1, moment[1]))[:3, :3]
+    pivot = np.array([0.0, 0.0, -height])
+    return tilt @ (target(q) - pivot) + pivot
+
+
+RAIL = 3.0
+"""Length of a rail, m."""
+
+
+def robot_on_a_rail() -> Robot:
+    """The arm on a slide along the measuring frame's z, as a table has it: a prismatic row first."""
+    described = robot()
+    parameters = dict.fromkeys(("theta", "d", "a", "alpha"), 0.0)
+    slide = Joint("rail", "prismatic", parameters, limits=(0.0, RAIL), axis=(0.0, 0.0, 1.0))
+    return dataclasses.replace(described, joints=(slide, *described.joints))
+
+
+def measured_on_a_rail(n: int, seed: int, noise: float, size: float) -> Measurements:
+    """Poses on a carriage that follows a rail, which is bent and twisted by ``size`` times a tenth of a millimetre."""
+    poses = run(n, seed)
+    travel = np.random.default_rng(seed).uniform(0, RAIL, n)
+    u = travel / RAIL
+    twist = turn(0, size * 1e-4 * np.sin(4 * u)) @ turn(2, size * 1.5e-4 * u**2)
+    carriage = shift(size * 2e-4 * np.sin(np.pi * u), size * 1e-4 * np.cos(3 * u), travel) @ twist
+    position = np.einsum("nij,jn->in", carriage, np.vstack((targets(poses.q), np.ones(n))))[:3]
+    return measured(Run(np.vstack([travel, poses.q]), poses.direction, poses.time), position, noise, seed)
+
+
+def measured_with_loads(
+    n: int, seed: int, noise: float, compliance: float, mass: Matrix, com: Matrix = TOOL
+) -> Measurements:
+    """Poses of an arm whose joint 2 gives way to loads (N,) in the last link's frame, and to no other weight."""
+    poses = run(n, seed)
+    turns = [(load_torques(q, m, com) - load_torques(q, 0.0))[1] for q, m in zip(poses.q.T, mass, strict=True)]
+    return measured(poses, poses.turned(1, compliance * np.array(turns)), noise, seed)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
 MINIMAL = """robacc: 1
 name: arm
 convention: standard
@@ -36,3 +41,12 @@ joints:
 def edit(text: str, old: str, new: str) -> str:
     assert text.count(old) == 1, f"{old!r} is there {text.count(old)} times"
     return text.replace(old, new)
+
+
+def example_robots() -> Path:
+    """Folder of the URDFs of the package example-robot-data; skips the test where that is not installed."""
+    try:
+        listed = metadata.files("example-robot-data") or []
+    except metadata.PackageNotFoundError:
+        pytest.skip("example-robot-data is not installed")
+    return Path(next(file for file in listed if file.name == "panda.urdf").locate()).parents[2]

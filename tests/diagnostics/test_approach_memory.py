@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, LIMITS, Run, measured, robot, target, torques
+from independent_arm import LIMITS, Run, measured, targets, torques
+from searched import fitted
 
 from robacc.diagnostics.joint_readings import memory_of_play, previous_visit
 from robacc.effects.base import effect_class
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
-from robacc.fitting.solver import fit
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
 
-ARM = Arm.of(robot())
 N = 120
 
 
@@ -30,14 +25,10 @@ def memory_p_value(poses: Run, memory: float, seed: int) -> float:
     """Return the p-value for joint 3 with play of 0.2 mrad and a share of it that follows the torque's change."""
     torque = np.array([torques(q)[2] for q in poses.q.T])
     change = np.sign(np.diff(torque, prepend=torque[0]))
-    moved = poses.q.copy()
-    moved[2] += 2e-4 * ((1 - memory) * poses.direction[2] + memory * change)
-    position = np.array([target(q) for q in moved.T]).T
+    position = poses.turned(2, 2e-4 * ((1 - memory) * poses.direction[2] + memory * change))
     data = measured(poses, position, 2e-5, seed, timed=True, directed=True)
-    declared = build(parse_requests(DECLARED), ARM, data)
     play = effect_class("backlash").from_settings(("j3",), {})
-    fitted = fit(Model(ARM, free=(*declared, play)), data, Options())
-    return memory_of_play(fitted, data, ["j3"])["j3"]
+    return memory_of_play(fitted(data, (play,)), data, ["j3"])["j3"]
 
 
 def test_a_memory_is_noticed() -> None:
@@ -58,8 +49,7 @@ def test_rows_of_a_visit_have_the_same_visit_before() -> None:
 
 def test_without_joints_there_is_nothing_to_test() -> None:
     poses = sequence(1)
-    position = np.array([target(q) for q in poses.q.T]).T
-    data = measured(poses, position, 2e-5, 1, timed=True)
-    fitted = fit(Model(ARM, free=build(parse_requests("base_frame"), ARM, data)), data)
-    assert memory_of_play(fitted, data, []) == {}
-    assert memory_of_play(fitted, data, ["j2"]) == {"j2": pytest.approx(0.5, abs=0.5)}
+    data = measured(poses, targets(poses.q), 2e-5, 1, timed=True)
+    result = fitted(data, declared="base_frame")
+    assert memory_of_play(result, data, []) == {}
+    assert memory_of_play(result, data, ["j2"]) == {"j2": pytest.approx(0.5, abs=0.5)}

@@ -53,7 +53,6 @@ def joints(
 
 def shifted(step: int) -> Callable[[Measurements], Measurements]:
     def changed(data: Measurements) -> Measurements:
-        assert data.q is not None
         return dataclasses.replace(data, q=np.roll(data.q, -step, axis=1))
 
     return changed
@@ -70,7 +69,6 @@ def axes(order: list[int], signs: list[int]) -> Callable[[Measurements], Measure
 
 def reordered(data: Measurements) -> Measurements:
     # The file holds x, y, z, w under the names qw, qx, qy, qz.
-    assert data.rotation is not None
     wrong = np.roll(quaternion_from_rotation(data.rotation), -1, axis=0)
     return dataclasses.replace(data, rotation=rotation_from_quaternion(wrong))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -25,16 +26,18 @@ ENTRY = {"effect": "gear_ratio", "joints": ["j2"], "values": {"j2": 4e-4}}
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
 
 
-def campaigns(seed: int = 3) -> tuple[Robot, Measurements, Measurements]:
+@cache
+def campaigns() -> tuple[Robot, Measurements, Measurements]:
     """Nominal robot, calibration poses and validation poses of an arm whose second joint has another gear ratio."""
     robot = replace(arm("irb1600").robot, effects=())
     true = replace(robot, effects=(ENTRY,))
-    sets = (simulate(true, Plan(n, seed=seed + n, noise_position=NOISE, orientation=False)).data for n in (70, 40))
-    first, second = sets
-    return robot, first, second
+    plans = (Plan(n, seed=3 + n, noise_position=NOISE, orientation=False) for n in (70, 40))
+    return robot, *(simulate(true, plan).data for plan in plans)
 
 
-def calibrated(robot: Robot, data: Measurements) -> Fit:
+@cache
+def calibrated() -> Fit:
+    robot, data, _ = campaigns()
     start = Model.of(robot)
     return fit(Model(start.arm, start.known, build(parse_requests(DECLARED), start.arm, data)), data, Options())
 
@@ -53,9 +56,7 @@ def figures(text: str | None) -> tuple[float, ...]:
     ("angle", "shift"), [(0.02, (0.05, -0.03, 0.0)), (1.9, (3.0, -2.0, 0.4)), (0.0, (0.0, 0.02, 0.0))]
 )
 def test_a_moved_base_is_found(angle: float, shift: tuple[float, float, float]) -> None:
-    robot, first, second = campaigns()
-    fitted = calibrated(robot, first)
-    second = moved(second, angle, shift)
+    fitted, second = calibrated(), moved(campaigns()[2], angle, shift)
     found = moved_frames(fitted, second)
     shifted, turned, registered, before = figures(found)
     assert turned == pytest.approx(np.degrees(angle), rel=0.06, abs=0.1)  # two digits are written
@@ -67,8 +68,7 @@ def test_a_moved_base_is_found(angle: float, shift: tuple[float, float, float]) 
 
 
 def test_a_target_mounted_again_is_found() -> None:
-    robot, first, second = campaigns()
-    fitted = calibrated(robot, first)
+    fitted, second = calibrated(), campaigns()[2]
     mount = np.einsum("ijn,j->in", fitted.predict(second).rotation, np.array([0.02, -0.01, 0.03]))
     found = moved_frames(fitted, moved(replace(second, position=second.position + mount), 0.3, (0.1, 0.2, 0.3)))
     assert figures(found)[2] < 1.0
@@ -76,8 +76,7 @@ def test_a_target_mounted_again_is_found() -> None:
 
 
 def test_the_same_setup_has_not_moved() -> None:
-    robot, first, second = campaigns()
-    fitted = calibrated(robot, first)
+    fitted, second = calibrated(), campaigns()[2]
     assert moved_frames(fitted, second) is None
     # Errors that no motion of a frame explains, of the same size as a moved base's.
     rng = np.random.default_rng(5)
@@ -110,5 +109,4 @@ def test_calibrate_says_that_the_setup_moved() -> None:
 def test_a_larger_error_of_validation_poses_gives_a_warning() -> None:
     assert larger_error_warning(1e-4, 1.9e-4) is None
     text = larger_error_warning(1e-4, 7.5e-4)
-    assert text is not None
     assert "7.5 times that of the calibration poses" in text

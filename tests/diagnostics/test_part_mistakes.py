@@ -37,15 +37,20 @@ def data(change: Change | None = None, part: slice = slice(0, 0), seed: int = 5)
     return Measurements(position=position, q=q)
 
 
-@pytest.mark.parametrize(
-    ("change", "text"),
-    [
-        (reversed_sign, "the sign of joint"),
-        (exchanged_joints, "seem to be exchanged"),
-        (mirrored_axes, "left-handed frame"),
-    ],
+CHANGES = (
+    (reversed_sign, "the sign of joint"),
+    (exchanged_joints, "seem to be exchanged"),
+    (mirrored_axes, "left-handed frame"),
 )
-@pytest.mark.parametrize("part", [slice(50, N), slice(0, 30), slice(25, 60)], ids=["end", "start", "middle"])
+PARTS = (slice(50, N), slice(0, 30), slice(25, 60))
+PAIRS = [
+    pytest.param(*change, part, marks=() if i == k else pytest.mark.slow)
+    for i, change in enumerate(CHANGES)
+    for k, part in enumerate(PARTS)
+]
+
+
+@pytest.mark.parametrize(("change", "text", "part"), PAIRS)
 def test_a_mistake_in_a_part_is_named_with_its_lines(change: Change, text: str, part: slice) -> None:
     with pytest.raises(InputError, match=text) as error:
         check_data(arm.robot(), data(change, part))

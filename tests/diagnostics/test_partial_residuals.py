@@ -117,7 +117,6 @@ def test_a_joints_effect_is_told_as_its_own_angle(name: str, oriented: bool) -> 
 @pytest.mark.parametrize("name", ["gear_ratio", "joint_coupling", "transmission_error", "joint_correction"])
 def test_the_line_is_the_effect_between_the_poses(name: str) -> None:
     one = curve(name)
-    assert one.value is not None
     assert (one.grid[0], one.grid[-1]) == (one.x.min(), one.x.max())
     sure = np.isfinite(one.sd) & (one.sd < 20 * np.nanmedian(one.sd))
     between = np.interp(one.x[sure], one.grid, one.value)

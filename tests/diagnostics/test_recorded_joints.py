@@ -8,16 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import arm
-from independent_arm import DECLARED, LIMITS, Run, measured, robot, run, target
+from independent_arm import Run, measured, robot, run, targets
+from searched import ARM, fitted, found, model, values_of
 
 import robacc
 from robacc.diagnostics.joint_readings import evident_rounding, joint_step, read_back_warning
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Fit
-from robacc.fitting.solver import fit
-from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
@@ -25,7 +21,6 @@ from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
-ARM = Arm.of(robot())
 NOISE = 1e-5
 N = 80
 POSES = run(N, seed=41)
@@ -33,39 +28,26 @@ OFF = np.random.default_rng(42).normal(scale=2e-4, size=(6, N))
 """How far the joints read back are off the commanded ones, rad."""
 
 
-def positions(q: Array) -> Array:
-    """Targets (3, N) at joints (6, N)."""
-    return np.array([target(angles) for angles in q.T]).T
-
-
 def with_both(share: float) -> Measurements:
     """An arm that stands a share of the way from its command to the joints read back."""
-    data = measured(POSES, positions(POSES.q + share * OFF), NOISE, 3)
+    data = measured(POSES, targets(POSES.q + share * OFF), NOISE, 3)
     return dataclasses.replace(data, read_back=POSES.q + OFF)
-
-
-def fitted(data: Measurements) -> Fit:
-    return fit(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data)
 
 
 def test_an_arm_that_stands_at_the_joints_read_back_is_told() -> None:
     data = with_both(1.0)
-    result = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data)
-    (effect,) = result.effects
+    (effect,) = found(data)
     assert str(effect) == "read_back"
-    values = dict(zip(result.state.bound.names, result.state.theta.tolist(), strict=True))
+    final = fitted(data, (effect,))
+    values = values_of(final)
     assert values["read_back"] == pytest.approx(1.0, abs=0.05)
-    statement = effect.statement(ARM, values)
-    assert statement is not None
-    assert "follow the joints read back, not those commanded" in statement
-    final = fit(result.model.with_free(*result.effects), data)
+    assert "follow the joints read back, not those commanded" in effect.statement(ARM, values)
     assert not list(read_back_warning(final, data))
 
 
 def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None:
     data = with_both(0.0)
-    declared = build(parse_requests(DECLARED), ARM, data)
-    assert search(Model(ARM, free=declared), data).effects == ()
+    assert found(data) == ()
     (text,) = read_back_warning(fitted(data), data)
     assert "read before the arm had settled" in text
     share = float(text.split("share of ")[1].split(" ")[0])
@@ -79,42 +61,33 @@ def test_a_fit_without_the_effect_says_where_the_arm_stood() -> None:
     assert float(text.split("share of ")[1].split(" ")[0]) == pytest.approx(1.0, abs=0.05)
 
 
-def test_exact_positions_show_no_rounding() -> None:
-    data = rounded(1.0, is_command=True)
-    result = fitted(data)
-    exact = dataclasses.replace(result, residual=np.zeros_like(result.residual))
-    assert evident_rounding(exact, data) is None
-
-
-def test_columns_come_back_from_a_file(tmp_path: pytest.TempPathFactory) -> None:
+def test_columns_come_back_from_a_file(tmp_path: Path) -> None:
     data = dataclasses.replace(with_both(1.0), source=None)
-    path = tmp_path / "poses.csv"  # type: ignore[operator]
+    path = tmp_path / "poses.csv"
     path.write_text(format_poses(data))
     again = read_poses(path)
-    assert again.read_back is not None
     np.testing.assert_array_equal(again.read_back, data.read_back)
     named = format_poses(data).replace("read_q", "read_j").replace(",q", ",j").replace("q1,", "j1,", 1)
     path.write_text(named)
     np.testing.assert_array_equal(read_poses(path, robot=KnownRobot(joint_names=ARM.names)).read_back, data.read_back)
 
 
-def test_joints_of_another_unit_are_an_error(tmp_path: pytest.TempPathFactory) -> None:
-    path = tmp_path / "poses.csv"  # type: ignore[operator]
+def test_joints_of_another_unit_are_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
     path.write_text("q1,read_q1,x,y,z\n0.5,28.6,1,0,0\n0.6,34.4,1,0,0\n")
     with pytest.raises(Exception, match="check the unit and the order of the columns read back"):
         read_poses(path)
 
 
-def test_commanded_joints_may_say_so(tmp_path: pytest.TempPathFactory) -> None:
-    path = tmp_path / "poses.csv"  # type: ignore[operator]
+def test_commanded_joints_may_say_so(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
     path.write_text("cmd_q1_deg,cmd_q2_deg,x,y,z\n10,20,1,0,0\n11,21,1,0,0\n")
     data = read_poses(path)
-    assert data.q is not None
     np.testing.assert_allclose(np.degrees(data.q), [[10, 11], [20, 21]])
 
 
-def test_an_export_with_both_has_both(tmp_path: pytest.TempPathFactory) -> None:
-    path = tmp_path / "export.csv"  # type: ignore[operator]
+def test_an_export_with_both_has_both(tmp_path: Path) -> None:
+    path = tmp_path / "export.csv"
     rows = "\n".join(f"{i},{2 * i},{i + 0.01},{2 * i + 0.02},{100 + i},{i},{2 * i}" for i in range(10, 20))
     path.write_text("J1 cmd [deg],J2 cmd [deg],J1 actual [deg],J2 actual [deg],X [mm],Y [mm],Z [mm]\n" + rows + "\n")
     data = read_poses(path)
@@ -133,36 +106,37 @@ def test_steps_are_recognised(step: float, text: str) -> None:
 def rounded(step_degrees: float, is_command: bool) -> Measurements:
     """Poses with joints in whole steps: commanded so, or recorded so."""
     whole = np.radians(np.round(np.degrees(POSES.q) / step_degrees) * step_degrees)
-    position = positions(whole if is_command else POSES.q)
+    position = targets(whole if is_command else POSES.q)
     return measured(Run(whole, POSES.direction, POSES.time), position, NOISE, 4)
 
 
 def test_rounding_is_named_and_counts_as_scatter() -> None:
     data = rounded(0.1, is_command=False)
-    result = trace(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data, n_folds=2)
+    result = trace(model(data), data, n_folds=2)
     assert result.verdict == "clean"
     (text,) = [warning for warning in result.warnings if "rounded" in warning]
     assert text.startswith("the joint variables are rounded to 0.1 degrees")
     expected = evident_rounding(fitted(data), data)
     np.testing.assert_allclose(expected.std, np.radians(0.1) / np.sqrt(12.0))
-    moved = positions(data.q) - positions(POSES.q) if data.q is not None else np.zeros((3, N))
+    moved = targets(data.q) - targets(POSES.q)
     assert expected.position == pytest.approx(float(np.sqrt(np.mean(np.sum(moved**2, axis=0)))), rel=0.15)
 
 
-def test_commands_in_whole_steps_are_exact() -> None:
+def test_commands_in_whole_steps_and_exact_positions_show_no_rounding() -> None:
     data = rounded(0.1, is_command=True)
-    assert evident_rounding(fitted(data), data) is None
-    assert len(LIMITS) == 6
+    result = fitted(data)
+    assert evident_rounding(result, data) is None
+    exact = dataclasses.replace(result, residual=np.zeros_like(result.residual))
+    assert evident_rounding(exact, data) is None
 
 
 def test_an_error_that_resembles_the_difference_is_no_settling() -> None:
     """The measured positions move against the difference, as no arm between command and reading does."""
-    (text,) = read_back_warning(fitted(with_both(-0.8)), with_both(-0.8))
+    data = with_both(-0.8)
+    (text,) = read_back_warning(fitted(data), data)
     assert "only 0 to 1 is possible" in text
     assert "settled" not in text
-    data = with_both(-0.8)
-    declared = build(parse_requests(DECLARED), ARM, data)
-    assert search(Model(ARM, free=declared), data, only=["read_back", "gear_ratio"]).effects == ()
+    assert search(model(data), data, only=["read_back", "gear_ratio"]).effects == ()
 
 
 UR10 = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
@@ -180,12 +154,10 @@ def recorded(series: str) -> tuple[Arm, Measurements]:
 @pytest.mark.parametrize("series", ["B", "D"])
 def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
     arm, data = recorded(series)
-    assert data.q is not None
-    model = Model(arm, free=build(parse_requests(DECLARED), arm, data))
-    assert evident_rounding(fit(model, data), data) is None
+    assert evident_rounding(fitted(data, (), arm), data) is None
     for step, is_evident in ((1e-4, False), (1e-3, False), (0.1, True)):
         rounded = dataclasses.replace(data, q=np.radians(step * np.round(np.degrees(data.q) / step)))
-        rounding = evident_rounding(fit(model, rounded), rounded)
+        rounding = evident_rounding(fitted(rounded, (), arm), rounded)
         assert (rounding is not None) is is_evident, step
 
 
@@ -195,12 +167,11 @@ def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
 def test_joints_read_back_that_a_real_arm_did_not_follow_are_no_finding(series: str) -> None:
     """Random readings, and readings that lag behind the last motion, beside a residual full of other errors."""
     arm, data = recorded(series)
-    model = Model(arm, free=build(parse_requests(DECLARED), arm, data))
     rng = np.random.default_rng(0)
     motion = np.sign(np.diff(data.q, axis=1, prepend=data.q[:, :1]))
     for off in (1e-5 * rng.standard_normal(data.q.shape), 3e-4 * rng.standard_normal(data.q.shape), -2e-4 * motion):
         both = dataclasses.replace(data, read_back=data.q + off)
-        names = {effect.name for effect in search(model, both, only=["read_back", "gear_ratio"]).effects}
+        names = {effect.name for effect in search(model(both, arm), both, only=["read_back", "gear_ratio"]).effects}
         assert "read_back" not in names
 
 

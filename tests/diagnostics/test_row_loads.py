@@ -4,40 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, GRAVITY, TOOL, measured, robot, run, target, torques
+from independent_arm import DECLARED, load_torques, measured, run, targets
+from searched import fitted
 
 from robacc.diagnostics.row_loads import RowLoads, unlogged_loads
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
-from robacc.fitting.solver import fit
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
 
 NOISE = 2e-5
 N = 90
 COMPLIANCE = np.array([0.0, 8e-7, 1.2e-6, 0.0, 0.0, 0.0])
-ARM = Arm.of(robot())
 
 
 def groups_of(turn: np.ndarray, seed: int, declared: str = DECLARED) -> RowLoads | None:
     """Groups of an arm whose joints are turned by ``turn`` ``(6, N)`` beyond the commanded."""
     poses = run(N, seed)
-    position = np.array([target(q) for q in (poses.q + turn).T]).T
-    data = measured(poses, position, NOISE, seed, directed=True)
-    model = Model(ARM, free=build(parse_requests(declared), ARM, data))
-    return unlogged_loads(fit(model, data, Options()), data)
+    data = measured(poses, targets(poses.q + turn), NOISE, seed, directed=True)
+    return unlogged_loads(fitted(data, declared=declared), data)
 
 
 def deflections(seed: int, mass: np.ndarray) -> np.ndarray:
     """Turns ``(6, N)`` of the joints by the arm's weight and a load of ``mass`` ``(N,)`` at the tool."""
-    result = []
-    for q, load in zip(run(N, seed).q.T, mass, strict=True):
-        weight = load * GRAVITY
-        result.append(
-            COMPLIANCE
-            * torques(q, lambda frames, weight=weight: weight * float((frames[-1] @ np.append(TOOL, 1.0))[2]))
-        )
-    return np.array(result).T
+    pairs = zip(run(N, seed).q.T, mass, strict=True)
+    return np.array([COMPLIANCE * load_torques(q, load) for q, load in pairs]).T
 
 
 @pytest.mark.parametrize("loads", [(0.0, 20.0, 40.0), (0.0, 30.0)])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import measured, run, target, torques
+from independent_arm import measured, run, targets, torques
 from searched import ARM, SearchEnd, searched
 
 from robacc.effects import REGISTRY
@@ -39,9 +39,7 @@ def poses(kind: str, n: int, seed: int, noise: float) -> Measurements:
         turn = turn + COMPLIANCE * np.array([spring_torque(value) for value in angle])
     if kind == "eccentric":
         turn = turn + 3e-4 * np.cos(angle - 0.6) + 1e-4 * np.cos(2 * angle + 0.4)
-    moved = joints.q.copy()
-    moved[1] += turn
-    return measured(joints, np.array([target(q) for q in moved.T]).T, noise, seed)
+    return measured(joints, joints.turned(1, turn), noise, seed)
 
 
 def traced(kind: str, n: int, seed: int) -> SearchEnd:
@@ -60,9 +58,7 @@ def test_a_counterbalance_is_found_and_predicts_other_poses() -> None:
     opposite = np.degrees(0.3 + np.pi)
     turn = (effect.settings()["centre_deg"] - opposite + 180.0) % 360.0 - 180.0
     assert abs(turn) < 10.0
-    statement = effect.statement(ARM, values)
-    assert statement is not None
-    assert "spring or cylinder across j2" in statement
+    assert "spring or cylinder across j2" in effect.statement(ARM, values)
 
 
 @pytest.mark.parametrize("seed", [83, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(300, 320))])
@@ -86,7 +82,7 @@ def test_the_columns_are_the_torque_of_the_spring() -> None:
         ("j2",), {"centre_deg": float(np.degrees(0.3 + np.pi)), "ratio": 2 * a * b / reach}
     )
     data = run(30, 9)
-    measurements = measured(data, np.array([target(q) for q in data.q.T]).T, 0.0, 9)
+    measurements = measured(data, targets(data.q), 0.0, 9)
     spring, length = (term.parts[0].factor for term in effect.terms(ARM, measurements))
     # Length^2 = reach + 2 a b cos(q - q_0); torque = stiffness (length - free) / length a b sin(q - q_0).
     expected = [spring_torque(value) for value in data.q[1]]

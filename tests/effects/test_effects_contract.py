@@ -271,11 +271,10 @@ WRONG_VALUES = {
 
 
 @pytest.mark.parametrize("name", EFFECTS)
-def test_settings_are_read_back_and_unknown_keys_and_wrong_values_are_refused(name: str) -> None:
+def test_unknown_keys_and_wrong_values_are_refused(name: str) -> None:
     one = suited(name, arm("puma560"))
     for effect in forms(name, one, circumstances(one.robot, N)):
         cls, settings = type(effect), effect.settings()
-        assert cls.from_settings(effect.joints, settings) == effect
         assert effect.from_units(one, 1.0, 1.0) == effect
         with pytest.raises(ValueError, match=rf"{name} has no setting 'tooth'"):
             cls.from_settings(effect.joints, settings | {"tooth": 3})
@@ -334,9 +333,6 @@ def test_columns_and_masses_are_what_effects_ask_for() -> None:
     assert set(NEEDY) >= {"backlash", "approach_lag", "payload_compliance", "thermal_expansion", "frame_drift"}
     assert REGISTRY["joint_hardening"].missing(weightless(), BARE) == "no masses in the robot file"
     assert REGISTRY["frame_drift"].missing(arm("puma560"), BARE) == "no time_s column that varies"
-
-
-def test_payloads_that_are_all_zero_show_nothing() -> None:
     data = dataclasses.replace(BARE, payload=np.zeros(2))
     assert REGISTRY["payload_compliance"].missing(arm("puma560"), data) == "payload_kg is zero throughout"
 
@@ -378,14 +374,11 @@ WRONG = {
     "{effect: backlash, joints: [j2], friction_nm: 1}": "friction_nm belongs to by: gravity",
     "{effect: payload_compliance, joints: [j2], com: far}": "com must be known or uncertain",
     "{effect: gear_ratio, joints: [j2], tooth: 3}": "gear_ratio has no setting 'tooth'",
-    "{effect: link_geometry, joints: [j2], tooth: 3}": "link_geometry has no setting 'tooth'",
     "{effect: link_geometry, joints: [j2], labels: [b]}": "link_geometry: labels must be a list of",
-    "{effect: joint_coupling, joints: [j2], tooth: 3}": "joint_coupling has no setting 'tooth'",
     "{effect: joint_coupling, joints: [j2], drivers: [j8]}": "no joint 'j8'; this arm has j1",
     "{effect: transmission_error, joints: [j2], orders: [0]}": "different numbers above 0 and at most 1000, found [0]",
     "{effect: transmission_error, joints: [j2], orders: 3}": "orders must be a list of different numbers",
     "{effect: transmission_error, joints: [j2], orders: [1, 1]}": "orders must be a list of different numbers",
-    "{effect: transmission_error, joints: [j2], tooth: 3}": "transmission_error has no setting 'tooth'",
     "{effect: transmission_error, joints: [j2], shrunk: 3}": "shrunk must be true or false",
     "{effect: axis_wobble, joints: [j2], tilts: [z]}": "tilts must be a list of some of alpha, beta, flex_x, flex_y",
     "{effect: joint_compliance, joints: [j2], masses: heavy}": "masses must be known or uncertain or unknown",
@@ -393,15 +386,11 @@ WRONG = {
     "{effect: joint_hardening, joints: [j2], knee_nm: 5, torque_nm: 5}": "torque_nm or knee_nm, not both",
     "{effect: joint_compliance, joints: [j2], deflection: soft}": "deflection must be equilibrium or rigid",
     "{effect: base_compliance, below: true, masses: unknown}": "below: true needs masses: known",
-    "{effect: base_compliance, tooth: 3}": "base_compliance has no setting 'tooth'",
-    "{effect: thermal_expansion, tooth: 3}": "thermal_expansion has no setting 'tooth'",
     "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be a number above 0",
     "{effect: thermal_expansion, slides: 2}": "slides must be true or false, found 2",
-    "{effect: frame_drift, tooth: 3}": "frame_drift has no setting 'tooth'",
     "{effect: frame_drift, turning: 1}": "turning must be true or false, found 1",
     "{effect: frame_drift, degree: 10}": "degree must be a whole number of at least 1 and at most 9, found 10",
     "{effect: frame_drift, span_s: 0}": "span_s must be a number above 0, found 0",
-    "{effect: joint_correction, joints: [j2], tooth: 3}": "joint_correction has no setting 'tooth'",
     "{effect: joint_correction, joints: [j2]}": "drivers must be a list of one or two names",
     "{effect: joint_correction, joints: [j2], drivers: [j3], range: [3]}": "list of lists of 2 numbers, found [3]",
     "{effect: joint_correction, joints: [j2], drivers: [j3], range: []}": "one for each driver, found []",

@@ -131,7 +131,6 @@ def test_coverage_of_95_percent_intervals(name: str) -> None:
     # 300 seeds: the share that covers has a standard error of 1.3 %, less where an effect has several coefficients.
     one = arm("puma560")
     effect = one_joint(name, one, blank("puma560", 40))
-    assert effect is not None
     truth = truth_of(effect, one, blank("puma560", 40))
     robot = with_truth(one, effect, truth)
     hits = []
@@ -152,7 +151,6 @@ def test_a_fit_that_lacks_the_effect_misses_the_truth() -> None:
     # The recovery above can fail: without the effect what is left is many times the noise.
     one = arm("puma560")
     effect = one_joint("backlash", one, blank("puma560"))
-    assert effect is not None
     robot = with_truth(one, effect, truth_of(effect, one, blank("puma560")))
     data = simulate(robot, PLAN).data
     free = [REGISTRY[part].default(one, data) for part in GEOMETRY]

@@ -6,22 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, Run, link_frames, measured, robot, run, target
+from independent_arm import Run, link_frames, measured, run, target, targets
 from scipy import stats
+from searched import ARM, fitted, found, values_of
 
 from robacc.effects.base import Effect
 from robacc.effects.frames import JointWarmup
 from robacc.effects.instrument import InstrumentScale, TargetDecentre, TrackerError
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Fit, Options, fit
-from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
-from robacc.tracing.search import search
 
 NOISE = 1e-5
 N = 90
-ARM = Arm.of(robot())
 POSES = run(N, seed=31)
 TRACKER = np.array([2.6, -1.9, 1.1])
 ELAPSED = POSES.time - POSES.time[0]
@@ -29,7 +23,7 @@ ELAPSED = POSES.time - POSES.time[0]
 
 def positions(poses: Run = POSES) -> np.ndarray:
     """Targets (3, N) of the arm without errors."""
-    return np.array([target(q) for q in poses.q.T]).T
+    return targets(poses.q)
 
 
 def decentred(along: float, across: float, beyond: float) -> np.ndarray:
@@ -66,24 +60,7 @@ def through_air(ppm: float) -> np.ndarray:
 
 def warm(joint: int, size: float, time_constant: float) -> np.ndarray:
     """Targets of an arm whose joint warms up."""
-    moved = POSES.q.copy()
-    moved[joint] += size * (1 - np.exp(-ELAPSED / time_constant))
-    return np.array([target(q) for q in moved.T]).T
-
-
-def found(data: Measurements) -> list[Effect]:
-    """What a search beside frames, zeros and geometry finds."""
-    declared = build(parse_requests(DECLARED), ARM, data)
-    return list(search(Model(ARM, free=declared), data).effects)
-
-
-def fitted(data: Measurements, effects: list[Effect]) -> Fit:
-    declared = build(parse_requests(DECLARED), ARM, data)
-    return fit(Model(ARM, free=(*declared, *effects)), data, Options())
-
-
-def values_of(result: Fit) -> dict[str, float]:
-    return dict(zip(result.names, result.theta.tolist(), strict=True))
+    return POSES.turned(joint, size * (1 - np.exp(-ELAPSED / time_constant)))
 
 
 def test_a_decentred_reflector_is_found_with_the_instruments_place() -> None:
@@ -95,7 +72,7 @@ def test_a_decentred_reflector_is_found_with_the_instruments_place() -> None:
     values = values_of(fitted(data, [effect]))
     assert values["target_decentre.across"] == pytest.approx(1.2e-4, rel=0.1)
     assert values["target_decentre.beyond"] == pytest.approx(-6e-5, rel=0.15)
-    assert "turn it in its nest" in (effect.statement(ARM, values) or "")
+    assert "turn it in its nest" in effect.statement(ARM, values)
 
 
 def test_an_eccentric_horizontal_circle_is_found_and_is_no_gear_of_joint_1() -> None:
@@ -122,7 +99,7 @@ def test_air_that_drifts_is_one_effect_about_the_instrument() -> None:
     assert effect.drift in (3, 5)
     result = fitted(data, [effect])
     assert result.misfit[0] < 1.3 * NOISE
-    statement = effect.statement(ARM, values_of(result)) or ""
+    statement = effect.statement(ARM, values_of(result))
     place = [float(text) for text in statement.split("about the point ")[1].split(" m:")[0].split(",")]
     np.testing.assert_allclose(place, TRACKER, atol=0.5)
 
@@ -141,7 +118,6 @@ def test_a_frame_that_wanders_is_no_drift_of_the_scale(share: np.ndarray) -> Non
     moved = positions() + np.array([[1e-4], [-2e-4], [1.5e-4]]) * share
     effects = found(measured(POSES, moved, NOISE, 8, timed=True))
     assert "instrument_scale" not in {effect.name for effect in effects}
-    assert "instrument_scale" not in {effect.name for effect in effects}
 
 
 def test_a_joint_that_warms_up_is_found_with_its_time_constant() -> None:
@@ -149,7 +125,7 @@ def test_a_joint_that_warms_up_is_found_with_its_time_constant() -> None:
     (effect,) = found(data)
     assert isinstance(effect, JointWarmup)
     minutes = effect.time_constant / 60
-    assert f"{minutes:.3g} min" in (effect.statement(ARM, {}) or "")
+    assert f"{minutes:.3g} min" in effect.statement(ARM, {})
     assert effect.joints == ("j2",)
     assert 250 < effect.time_constant < 1000
     assert values_of(fitted(data, [effect]))["joint_warmup.j2"] == pytest.approx(3e-4, rel=0.25)

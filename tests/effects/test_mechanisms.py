@@ -3,67 +3,76 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, DH, GRAVITY, LIMITS, Run, link_frames, measured, robot, run, target, torques
+from independent_arm import measured, on_a_pedestal, run, targets, torques
+from searched import ARM, fitted, found, values_of
 
 from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
-from robacc.fitting.solver import fit
-from robacc.geometry import rotation_about
 from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
-from robacc.tracing.search import search
 
 NOISE = 1e-5
 N = 80
-ARM = Arm.of(robot())
 POSES = run(N, seed=21)
 TORQUES = np.array([torques(q) for q in POSES.q.T]).T
+TORQUE = TORQUES[1]
 
 
 def positions(turn: np.ndarray) -> np.ndarray:
     """Targets with joint 2 turned by (N,) rad."""
-    moved = POSES.q.copy()
-    moved[1] += turn
-    return np.array([target(q) for q in moved.T]).T
+    return POSES.turned(1, turn)
 
 
-def found(data: Measurements) -> list[Effect]:
-    """What a search beside frames, zeros and geometry finds."""
-    declared = build(parse_requests(DECLARED), ARM, data)
-    return list(search(Model(ARM, free=declared), data).effects)
-
-
-def coefficients(data: Measurements, effects: list[Effect]) -> dict[str, float]:
-    declared = build(parse_requests(DECLARED), ARM, data)
-    fitted = fit(Model(ARM, free=(*declared, *effects)), data, Options())
-    return dict(zip(fitted.names, fitted.theta.tolist(), strict=True))
+def coefficients(data: Measurements, effects: Sequence[Effect]) -> dict[str, float]:
+    return values_of(fitted(data, effects))
 
 
 def test_torques_of_the_independent_arm_agree() -> None:
     np.testing.assert_allclose(gravity_torques(ARM, POSES.q), TORQUES, atol=1e-5)
 
 
-def test_friction_windup_is_found_beside_the_spring() -> None:
-    """A spring and friction that grows with the load: each with its own coefficient, and no play."""
-    turn = 8e-7 * TORQUES[1] - 2.5e-7 * np.abs(TORQUES[1]) * POSES.direction[1]
-    data = measured(POSES, positions(turn), NOISE, 1, directed=True)
+@pytest.mark.parametrize(
+    ("turn", "seed", "directed", "expected", "sizes"),
+    [
+        (
+            8e-7 * TORQUE - 2.5e-7 * np.abs(TORQUE) * POSES.direction[1],
+            1,
+            True,
+            ["friction_windup[j2]", "joint_compliance[j2]"],
+            {"friction_windup.j2": (-2.5e-7, 0.1), "joint_compliance.j2": (8e-7, 0.05)},
+        ),
+        (
+            8e-7 * TORQUE * (1.0 + 0.3 * np.cos(2 * POSES.q[1] - 0.7)),
+            8,
+            False,
+            ["compliance_variation[j2]", "joint_compliance[j2]"],
+            {
+                "joint_compliance.j2": (8e-7, 0.05),
+                "compliance_variation.j2.cos2": (2.4e-7 * np.cos(0.7), 0.2),
+                "compliance_variation.j2.sin2": (2.4e-7 * np.sin(0.7), 0.2),
+            },
+        ),
+    ],
+    ids=["friction that grows with the load, and no play", "a compliance that differs with the angle"],
+)
+def test_what_acts_beside_a_spring_is_found(
+    turn: np.ndarray, seed: int, directed: bool, expected: list[str], sizes: dict[str, tuple[float, float]]
+) -> None:
+    data = measured(POSES, positions(turn), NOISE, seed, directed=directed)
     effects = found(data)
-    assert sorted(map(str, effects)) == ["friction_windup[j2]", "joint_compliance[j2]"]
+    assert sorted(map(str, effects)) == expected
     values = coefficients(data, effects)
-    assert values["friction_windup.j2"] == pytest.approx(-2.5e-7, rel=0.1)
-    assert values["joint_compliance.j2"] == pytest.approx(8e-7, rel=0.05)
+    for name, (size, rel) in sizes.items():
+        assert values[name] == pytest.approx(size, rel=rel)
 
 
 @pytest.mark.slow
 def test_a_hardening_spring_is_found() -> None:
-    reference = float(np.abs(TORQUES[1]).max())
-    turn = 6e-4 * (TORQUES[1] / reference) - 3e-4 * (TORQUES[1] / reference) ** 3
+    reference = float(np.abs(TORQUE).max())
+    turn = 6e-4 * (TORQUE / reference) - 3e-4 * (TORQUE / reference) ** 3
     data = measured(POSES, positions(turn), NOISE, 2)
     effects = found(data)
     assert "joint_hardening[j2]" in map(str, effects)
@@ -73,20 +82,8 @@ def test_a_hardening_spring_is_found() -> None:
     assert at_largest == pytest.approx(-3e-4, rel=0.15)
 
 
-def test_a_spring_that_differs_with_the_angle_is_found() -> None:
-    angle = POSES.q[1]
-    turn = 8e-7 * TORQUES[1] * (1.0 + 0.3 * np.cos(2 * angle - 0.7))
-    data = measured(POSES, positions(turn), NOISE, 8)
-    effects = found(data)
-    assert sorted(map(str, effects)) == ["compliance_variation[j2]", "joint_compliance[j2]"]
-    values = coefficients(data, effects)
-    assert values["joint_compliance.j2"] == pytest.approx(8e-7, rel=0.05)
-    assert values["compliance_variation.j2.cos2"] == pytest.approx(2.4e-7 * np.cos(0.7), rel=0.2)
-    assert values["compliance_variation.j2.sin2"] == pytest.approx(2.4e-7 * np.sin(0.7), rel=0.2)
-
-
 def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_known() -> None:
-    turn = 1.5e-4 * np.sign(TORQUES[1])
+    turn = 1.5e-4 * np.sign(TORQUE)
     data = measured(POSES, positions(turn), NOISE, 3, directed=True)
     (effect,) = found(data)
     assert (effect.name, effect.joints, effect.settings()) == ("backlash", ("j2",), {"by": "gravity"})
@@ -94,26 +91,22 @@ def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_
 
 
 def test_friction_keeps_a_lightly_loaded_gear_on_the_flank_of_its_approach() -> None:
-    friction = 0.1 * float(np.abs(TORQUES[1]).max())
-    loaded = np.abs(TORQUES[1]) > friction
-    turn = 1.5e-4 * np.where(loaded, np.sign(TORQUES[1]), POSES.direction[1])
+    friction = 0.1 * float(np.abs(TORQUE).max())
+    loaded = np.abs(TORQUE) > friction
+    turn = 1.5e-4 * np.where(loaded, np.sign(TORQUE), POSES.direction[1])
     data = measured(POSES, positions(turn), NOISE, 7, directed=True)
     (effect,) = found(data)
     assert (effect.name, effect.joints, effect.settings()["by"]) == ("backlash", ("j2",), "gravity")
     assert effect.settings()["friction_nm"] == pytest.approx(friction, rel=0.5)
     assert coefficients(data, [effect])["backlash.j2"] == pytest.approx(1.5e-4, rel=0.05)
-    statement = effect.statement(ARM, {})
-    assert statement is not None
-    assert "flank of its approach" in statement
+    assert "flank of its approach" in effect.statement(ARM, {})
 
 
 def test_one_delay_is_common_to_all_joints() -> None:
     """All joints are read 12 ms late, at speeds of up to 0.02 rad/s that rise to the move's largest: one number."""
     rng = np.random.default_rng(5)
     speed = rng.uniform(-1, 1, (6, N))
-    moved = POSES.q - 2e-4 * speed
-    position = np.array([target(q) for q in moved.T]).T
-    data = dataclasses.replace(measured(POSES, position, NOISE, 5), speed=speed)
+    data = dataclasses.replace(measured(POSES, targets(POSES.q - 2e-4 * speed), NOISE, 5), speed=speed)
     (effect,) = found(data)
     assert str(effect) == "approach_lag[common]"
     assert coefficients(data, [effect])["approach_lag.common"] == pytest.approx(-2e-4, rel=0.05)
@@ -122,14 +115,7 @@ def test_one_delay_is_common_to_all_joints() -> None:
 @pytest.mark.parametrize("height", [0.0, 1.2])
 def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     compliance = 5e-7
-    rows = []
-    for q in POSES.q.T:
-        frames = link_frames(q)
-        weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(frames, DH, strict=True)]
-        moment = sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
-        tilt = rotation_about(0, compliance * moment[0]) @ rotation_about(1, compliance * moment[1])
-        pivot = np.array([0.0, 0.0, -height])
-        rows.append(tilt @ (target(q) - pivot) + pivot)
+    rows = [on_a_pedestal(q, compliance, height) for q in POSES.q.T]
     data = measured(POSES, np.array(rows).T, NOISE, 6)
     effects = found(data)
     values = coefficients(data, effects)
@@ -144,7 +130,6 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     assert values["base_compliance.tilt"] == pytest.approx(compliance, rel=0.05)
     assert values["base_compliance.shift"] / values["base_compliance.tilt"] == pytest.approx(height, rel=0.1)
     statement = effects[0].statement(ARM, values)
-    assert statement is not None
     assert "1.2 m below" in statement or "1.1 m below" in statement or "1.3 m below" in statement
     above = effects[0].statement(ARM, {"base_compliance.tilt": 2e-5, "base_compliance.shift": -4.4e-5})
     assert above == "the base tilts about a point 2.2 m above its origin"
@@ -152,8 +137,6 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
 
 def test_the_poses_cover_both_signs_of_the_torque() -> None:
     """Otherwise loaded backlash would be a constant, and the tests above would test nothing."""
-    assert isinstance(POSES, Run)
-    assert len(LIMITS) == 6
-    assert TORQUES[1].min() < 0 < TORQUES[1].max()
-    light = np.abs(TORQUES[1]) < 0.1 * np.abs(TORQUES[1]).max()
-    assert np.any(light & (np.sign(TORQUES[1]) != POSES.direction[1]))
+    assert TORQUE.min() < 0 < TORQUE.max()
+    light = np.abs(TORQUE) < 0.1 * np.abs(TORQUE).max()
+    assert np.any(light & (np.sign(TORQUE) != POSES.direction[1]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from independent_arm import measured, run, target, torques
+from independent_arm import measured, run, torques
 from scipy.optimize import brentq
 from searched import ARM, SearchEnd, searched
 
@@ -27,19 +27,18 @@ def hardened(torque: float) -> float:
 
 
 def poses(mechanism: str, n: int, seed: int, noise: float) -> Measurements:
-    """Poses of an arm whose joint 2 errs by one of three mechanisms."""
+    """Poses of an arm whose joint 2 errs by one mechanism."""
     joints = run(n, seed)
     torque = np.array([torques(q)[1] for q in joints.q.T])
     approach = joints.direction[1]
     turn = {
         "hardening": lambda: np.array([hardened(value) for value in torque]),
+        "harmonic": lambda: 2e-4 * np.cos(ORDER * joints.q[1] - 0.4),
         "loaded harmonic": lambda: 2e-4 * (1.0 + 0.6 * torque / LARGEST) * np.cos(ORDER * joints.q[1] - 0.4),
         "loaded play": lambda: PLAY * np.where(np.abs(torque) > FRICTION, np.sign(torque), approach),
         "spring": lambda: COMPLIANCE * torque,
     }[mechanism]()
-    moved = joints.q.copy()
-    moved[1] += turn
-    return measured(joints, np.array([target(q) for q in moved.T]).T, noise, seed, directed=True)
+    return measured(joints, joints.turned(1, turn), noise, seed, directed=True)
 
 
 def traced(mechanism: str, n: int, seed: int) -> SearchEnd:
@@ -56,9 +55,7 @@ def test_the_knee_of_a_hardening_spring_is_found() -> None:
     assert values["joint_compliance.j2"] == pytest.approx(COMPLIANCE, rel=0.05)
     assert values["joint_hardening.j2"] == pytest.approx(COMPLIANCE, rel=0.15)
     assert error < 1e-5
-    statement = hardening.statement(ARM, values)
-    assert statement is not None
-    assert "twice as stiff at" in statement
+    assert "twice as stiff at" in hardening.statement(ARM, values)
 
 
 @pytest.mark.parametrize("share", [0.01, 0.3, 1.0, 5.0])
@@ -86,11 +83,7 @@ def test_a_harmonic_that_grows_with_the_load_is_found() -> None:
 
 @pytest.mark.slow
 def test_a_harmonic_without_load_brings_no_variation_of_the_compliance() -> None:
-    joints = run(150, 75)
-    moved = joints.q.copy()
-    moved[1] += 2e-4 * np.cos(ORDER * joints.q[1] - 0.4)
-    data = measured(joints, np.array([target(q) for q in moved.T]).T, NOISE, 75, directed=True)
-    assert [str(effect) for effect in searched(data, data).effects] == ["transmission_error[j2]"]
+    assert [str(effect) for effect in traced("harmonic", 150, 75).effects] == ["transmission_error[j2]"]
 
 
 def test_friction_that_keeps_the_flank_is_refined() -> None:

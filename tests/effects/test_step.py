@@ -6,17 +6,16 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target
+from independent_arm import DECLARED, TOOL, Run, measured, robot, run, target, targets
+from searched import ARM, model
 
 import robacc
 from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import known_effects
 from robacc.effects.step import Step
 from robacc.errors import InputError
 from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.tracing.trace import Trace, trace
 
@@ -41,22 +40,17 @@ def positions(poses: Run, part: str, size: float) -> np.ndarray:
 
 
 def traced(data: Measurements) -> Trace:
-    arm = Arm.of(robot())
-    declared = build(parse_requests(DECLARED), arm, data)
-    return trace(Model(arm, free=declared), data, n_folds=4)
+    return trace(model(data), data, n_folds=4)
 
 
-@pytest.mark.parametrize(
-    ("part", "timed", "size"), [("target", False, 2e-4), ("base", True, 2e-4), ("joint", False, 2e-4)]
-)
-def test_part_place_and_size_are_found(part: str, timed: bool, size: float) -> None:
+@pytest.mark.parametrize(("part", "timed"), [("target", False), ("base", True), ("joint", False)])
+def test_part_place_and_size_are_found(part: str, timed: bool) -> None:
     poses = run(N, seed=4)
-    result = traced(measured(poses, positions(poses, part, size), NOISE, 4, timed=timed))
-    assert [finding.effect for finding in result.findings] == ["step"]
+    result = traced(measured(poses, positions(poses, part, 2e-4), NOISE, 4, timed=timed))
     (finding,) = result.findings
+    assert finding.effect == "step"
     assert finding.settings.get("part", "joint") == part
     assert finding.joints == (("j3",) if part == "joint" else ())
-    assert finding.change is not None
     place, low, high = finding.change
     assert low <= place <= high
     # A single pose shows steps of ten times the noise; the place may be off by a pose or two of small displacement.
@@ -64,8 +58,7 @@ def test_part_place_and_size_are_found(part: str, timed: bool, size: float) -> N
     assert abs(place - expected) <= (70.0 if timed else 2)
     assert low <= expected <= high
     sizes = np.array([p.value for p in finding.parameters if p.unit == "m" or part == "joint"])
-    assert np.linalg.norm(sizes) == pytest.approx(size, rel=0.2)
-    assert finding.statement is not None
+    assert np.linalg.norm(sizes) == pytest.approx(2e-4, rel=0.2)
     assert "line 5" in finding.statement
     assert ("jumps" if part == "joint" else "displaced") in finding.statement
 
@@ -87,34 +80,28 @@ def test_clean_arms_have_no_step() -> None:
     """Two arms here; twenty in the study that docs/explanation/tracing.md quotes."""
     for seed in (31, 32):
         poses = run(N, seed)
-        position = np.array([target(q) for q in poses.q.T]).T
-        assert traced(measured(poses, position, NOISE, seed)).findings == ()
+        assert traced(measured(poses, targets(poses.q), NOISE, seed)).findings == ()
 
 
 def test_errors_that_wander_are_no_steps() -> None:
     """A tracker's mounting that creeps: correlated over some 30 poses, one and a half times the noise."""
-    for seed in (41,):
-        poses = run(N, seed)
-        rng = np.random.default_rng(seed)
-        memory = 0.97
-        wander = rng.normal(size=(3, N))
-        for i in range(1, N):
-            wander[:, i] = memory * wander[:, i - 1] + np.sqrt(1 - memory**2) * wander[:, i]
-        position = np.array([target(q) for q in poses.q.T]).T + 1.5 * NOISE * wander
-        assert not [f for f in traced(measured(poses, position, NOISE, seed)).findings if f.effect == "step"]
+    poses, memory = run(N, 41), 0.97
+    wander = np.random.default_rng(41).normal(size=(3, N))
+    for i in range(1, N):
+        wander[:, i] = memory * wander[:, i - 1] + np.sqrt(1 - memory**2) * wander[:, i]
+    data = measured(poses, targets(poses.q) + 1.5 * NOISE * wander, NOISE, 41)
+    assert "step" not in [finding.effect for finding in traced(data).findings]
 
 
 @pytest.mark.slow
 def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
     poses = run(N, seed=7)
-    position = np.array([target(q) for q in poses.q.T]).T
+    position = targets(poses.q)
     for first, shift in ((30, 4e-4), (62, -7e-4)):
         position = np.where(np.arange(N) >= first, position + np.array([[0.0], [shift], [0.6 * shift]]), position)
     result = robacc.trace(measured(poses, position, NOISE, 7), robot=robot(), declared=DECLARED)
     assert [finding.effect for finding in result.findings] == ["step", "step"]
-    record = result.robot.fit
-    assert record is not None
-    assert record["coefficients"].count("step.x") == 2
+    assert result.robot.fit["coefficients"].count("step.x") == 2
 
 
 def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
@@ -133,11 +120,9 @@ def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
         rows=np.arange(2, 3 * visits + 2),
         source="poses.csv",
     )
-    arm = Arm.of(robot(places_of_targets))
-    result = trace(Model(arm, free=build(parse_requests(DECLARED), arm, data)), data, n_folds=4)
-    assert [str(finding.effect) for finding in result.findings] == ["step"]
-    assert result.findings[0].settings["part"] == "base"
-    assert result.findings[0].settings["from_line"] == 3 * first + 2
+    (finding,) = trace(model(data, Arm.of(robot(places_of_targets))), data, n_folds=4).findings
+    assert (finding.effect, finding.settings["part"]) == ("step", "base")
+    assert finding.settings["from_line"] == 3 * first + 2
 
 
 def test_poses_of_another_file_come_after_the_step() -> None:
@@ -162,7 +147,7 @@ def test_poses_of_another_file_come_after_the_step() -> None:
 )
 def test_settings_are_read_back(effect: Effect) -> None:
     assert Step.from_settings(effect.joints, effect.settings()) == effect
-    terms = effect.terms(Arm.of(robot()), measured(run(5, 1), np.zeros((3, 5)), NOISE, 1))
+    terms = effect.terms(ARM, measured(run(5, 1), np.zeros((3, 5)), NOISE, 1))
     assert len(terms) == {"base": 6, "target": 3, "joint": 1}[effect.part]  # type: ignore[attr-defined]
 
 

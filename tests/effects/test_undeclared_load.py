@@ -7,33 +7,24 @@ import dataclasses
 import independent_arm
 import numpy as np
 import pytest
-from independent_arm import DECLARED, DH, GRAVITY, Matrix, measured, robot, run, target, torques
+from independent_arm import DH, Matrix, load_torques, measured, robot, run, targets
+from searched import ARM, error_at, fitted, found
 
 from robacc.effects.elastic import JointCompliance
 from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load
-from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.search import search
 
-ARM = Arm.of(robot())
 NOISE = 1e-5
 COMPLIANCE = np.array([0.0, 6e-7, 8e-7, 0.0, 0.0, 0.0])
 
 
 def loaded(n: int, seed: int, noise: float, link: int, mass: float, com: Matrix) -> Measurements:
     """Poses of an arm whose joints 2 and 3 give way to its own weight and to a mass at link ``link``, from 0."""
-
-    def extra(frames: list[Matrix]) -> float:
-        return mass * GRAVITY * float((frames[link] @ np.append(com, 1.0))[2])
-
     poses = run(n, seed)
-    torque = np.array([torques(q, extra) for q in poses.q.T]).T
-    position = np.array([target(q) for q in (poses.q + COMPLIANCE[:, None] * torque).T]).T
-    return measured(poses, position, noise, seed)
+    torque = np.array([load_torques(q, mass, com, link) for q in poses.q.T]).T
+    return measured(poses, targets(poses.q + COMPLIANCE[:, None] * torque), noise, seed)
 
 
 def arm_that_states(link: int, mass: float, com: Matrix) -> Arm:
@@ -46,13 +37,6 @@ def arm_that_states(link: int, mass: float, com: Matrix) -> Arm:
     return Arm.of(dataclasses.replace(robot(), joints=tuple(joints)))
 
 
-def error_at_other_poses(arm: Arm, effects: tuple, data: Measurements, fresh: Measurements) -> float:
-    """RMS error (m) of a fit at poses that it has not seen and that have no noise."""
-    result = fit(Model(arm, free=(*build(parse_requests(DECLARED), arm, data), *effects)), data, Options())
-    predicted = result.model.bind(fresh).poses(result.theta).translation
-    return float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted), axis=0))))
-
-
 @pytest.mark.parametrize(
     ("link", "mass", "com"),
     [
@@ -63,29 +47,21 @@ def error_at_other_poses(arm: Arm, effects: tuple, data: Measurements, fresh: Me
 def test_an_undeclared_load_is_named_and_the_fit_reaches_the_floor(link: int, mass: float, com: tuple) -> None:
     place = np.array(com)
     data, fresh = loaded(80, 1, NOISE, link, mass, place), loaded(60, 2, 0.0, link, mass, place)
-    effects = search(Model(ARM, free=build(parse_requests(DECLARED), ARM, data)), data).effects
-    assert {(effect.name, effect.joints) for effect in effects} == {
-        ("joint_compliance", ("j2",)),
-        ("joint_compliance", ("j3",)),
-    }
+    effects = found(data)
+    assert {str(effect) for effect in effects} == {"joint_compliance[j2]", "joint_compliance[j3]"}
     uncertain = [effect for effect in effects if effect.settings() == {"masses": "uncertain"}]
-    assert uncertain
-    assert "a link carries a load that the file does not state" in str(uncertain[0].statement(ARM, {}))
+    assert "a link carries a load that the file does not state" in uncertain[0].statement(ARM, {})
     springs = build(parse_requests("joint_compliance[j2],joint_compliance[j3]"), ARM, data)
-    floor = error_at_other_poses(arm_that_states(link, mass, place), springs, data, fresh)
+    floor = error_at(fitted(data, springs, arm_that_states(link, mass, place)), fresh)
     # The noise is three times the floor. At 80 poses the evidence is for uncertain masses in one spring alone, which
     # is 1.7 times the floor; uncertain masses in both are 1.4 times.
-    assert error_at_other_poses(ARM, effects, data, fresh) < 1.8 * floor
-    assert error_at_other_poses(ARM, springs, data, fresh) > 1.4 * floor
+    assert error_at(fitted(data, effects), fresh) < 1.8 * floor
+    assert error_at(fitted(data, springs), fresh) > 1.4 * floor
 
 
 def judged(data: Measurements, arm: Arm = ARM) -> UndeclaredLoad:
     """What the springs of joints 2 and 3 point to, with uncertain masses."""
-    springs = JointCompliance(("j2", "j3"), "uncertain")
-    result = fit(Model(arm, free=(*build(parse_requests(DECLARED), arm, data), springs)), data, Options())
-    load = undeclared_load(result, data)
-    assert load is not None
-    return load
+    return undeclared_load(fitted(data, (JointCompliance(("j2", "j3"), "uncertain"),), arm), data)
 
 
 def test_a_tool_that_is_not_declared_is_named_with_its_mass() -> None:
@@ -113,16 +89,12 @@ def test_no_load_is_named_where_the_masses_of_the_file_are_wrong(seed: int, monk
     factors = np.clip(1.0 + 0.2 * np.random.default_rng(seed).normal(size=6), 0.2, None)
     wrong = tuple((*row[:4], row[4] * factor, row[5]) for row, factor in zip(DH, factors, strict=True))
     monkeypatch.setattr(independent_arm, "DH", wrong)
-    data = loaded(80, seed, NOISE, 0, 0.0, np.zeros(3))
-    load = judged(data)
+    load = judged(loaded(80, seed, NOISE, 0, 0.0, np.zeros(3)))
     assert not load.is_named
     assert "is not distinguishable from errors" in load.statement
 
 
 def test_without_uncertain_masses_nothing_is_judged() -> None:
     data = loaded(40, 1, NOISE, 5, 15.0, np.zeros(3))
-    springs = JointCompliance(("j2", "j3"))
-    result = fit(
-        Model(ARM, free=(*build(parse_requests("base_frame,tool_frame"), ARM, data), springs)), data, Options()
-    )
+    result = fitted(data, (JointCompliance(("j2", "j3")),), declared="base_frame,tool_frame")
     assert undeclared_load(result, data) is None

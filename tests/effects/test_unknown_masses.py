@@ -6,16 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from independent_arm import DECLARED, DH, GRAVITY, link_frames, measured, robot, run, target
+from independent_arm import DECLARED, DH, measured, on_a_pedestal, robot, run, target
+from searched import error_at, fitted, found
 
 from robacc.effects.elastic import BaseCompliance, LateralCompliance
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.solver import Options, fit
-from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
+from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
-from robacc.tracing.search import search
 
 NOISE = 1e-5
 COMPLIANCE = 6e-7
@@ -27,26 +24,15 @@ def arm_without_masses() -> Arm:
     return Arm.of(dataclasses.replace(described, joints=joints))
 
 
-def on_a_soft_pedestal(q: np.ndarray) -> np.ndarray:
-    """Target of an arm whose base tilts by the moment of all links about it."""
-    weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(link_frames(q), DH, strict=True)]
-    moment = sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
-    tilt = rotation_about(0, COMPLIANCE * moment[0]) @ rotation_about(1, COMPLIANCE * moment[1])
-    return np.asarray(tilt @ target(q))
-
-
 def poses(n: int, seed: int, noise: float) -> Measurements:
     joints = run(n, seed)
-    position = np.array([on_a_soft_pedestal(q) for q in joints.q.T]).T
+    position = np.array([on_a_pedestal(q, COMPLIANCE) for q in joints.q.T]).T
     return measured(joints, position, noise, seed)
 
 
 def error_at_other_poses(effects: str) -> float:
     """RMS error (m) of a fit at poses that it has not seen and that have no noise."""
-    arm, data, fresh = arm_without_masses(), poses(100, 41, NOISE), poses(60, 42, 0.0)
-    result = fit(Model(arm, free=build(parse_requests(DECLARED + effects), arm, data)), data, Options())
-    predicted = result.model.bind(fresh).poses(result.theta)
-    return float(np.sqrt(np.mean(np.sum(np.square(fresh.position - predicted.translation), axis=0))))
+    return error_at(fitted(poses(100, 41, NOISE), (), arm_without_masses(), DECLARED + effects), poses(60, 42, 0.0))
 
 
 def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
@@ -56,11 +42,8 @@ def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
 
 @pytest.mark.slow
 def test_a_pedestal_is_found_without_masses() -> None:
-    arm, data = arm_without_masses(), poses(100, 41, NOISE)
-    declared = build(parse_requests(DECLARED), arm, data)
-    effects = search(Model(arm, free=declared), data).effects
-    assert [str(effect) for effect in effects] == ["base_compliance"]
-    assert effects[0].settings() == {"masses": "unknown"}
+    (effect,) = found(poses(100, 41, NOISE), arm_without_masses())
+    assert (str(effect), effect.settings()) == ("base_compliance", {"masses": "unknown"})
 
 
 def test_unknown_masses_reproduce_known_ones() -> None:

@@ -53,7 +53,6 @@ def test_each_pose_is_predicted_as_by_a_fit_without_it(cycles: int, orientation:
     found = fitted(data, robust=False)
     how = HoldOut.of(data, None, folds, 0)
     (apart,) = how.residuals(found)
-    assert apart is not None
     np.testing.assert_allclose(
         apart, refitted(data, how.groups, FIT, found), rtol=0, atol=0.05 * np.std(found.residual[:3])
     )
@@ -75,7 +74,6 @@ def test_repeats_are_held_out_together_whatever_the_order_of_rows() -> None:
     data = measured(17, 3)
     for one in (data, dataclasses.replace(data, pose=None)):
         how = HoldOut.of(one, None, 5, 0)
-        assert one.q is not None
         for pose in np.unique(one.q, axis=1).T:
             assert np.unique(how.groups[np.all(one.q == pose[:, None], axis=0)]).size == 1
         assert sorted(np.bincount(how.groups)) == [9, 9, 9, 12, 12]
@@ -127,7 +125,6 @@ def test_validation_poses_are_predicted_by_the_fit_itself() -> None:
     how = HoldOut.of(data, apart, None, 0)
     assert how.folds == 0
     (error,) = how.residuals(found)
-    assert error is not None
     np.testing.assert_allclose(error, apart.position - found.predict(apart).translation, rtol=0, atol=1e-15)
 
 
@@ -140,8 +137,6 @@ def test_blocks_of_many_poses_are_held_out_as_one(orientation: bool, monkeypatch
     monkeypatch.setattr("robacc.fitting.held_out._MOST_NUMBERS", 20_000)
     for exact in (False, True):
         (parts,) = held_out_poses(found, data, groups, exact=exact)
-        assert whole is not None
-        assert parts is not None
         # The normal matrix of the last step is exact to the square of a residual, 1e-8.
         change = np.abs(whole.translation - data.position + found.residual[:3]).max()
         np.testing.assert_allclose(parts.translation, whole.translation, rtol=0, atol=1e-6 * change)

@@ -44,29 +44,25 @@ def test_repetitions_with_measured_joints_are_one_place(jitter: float) -> None:
     assert warning.startswith("poses.csv: 100 poses lie in 25 places")
 
 
-def test_random_poses_are_places_of_their_own() -> None:
-    data = poses(random_poses(2000))
-    assert np.array_equal(places(data), data.groups())
-    assert places_warning(data) == ()
+SWEEP = random_poses(1).repeat(200, axis=1)
+SWEEP[2] = np.linspace(-1.5, 1.5, 200)
 
 
-def test_repetitions_of_equal_joints_stay_as_they_are() -> None:
-    data = poses(np.repeat(random_poses(12), 5, axis=1))
-    assert np.array_equal(places(data), data.groups())
-    assert places_warning(data) == ()
-
-
-def test_a_sweep_of_one_joint_is_no_place() -> None:
-    q = random_poses(1).repeat(200, axis=1)
-    q[2] = np.linspace(-1.5, 1.5, 200)
-    assert places_warning(poses(q)) == ()
-
-
-def test_poses_in_few_places_are_held_out_one_by_one() -> None:
-    # Of four places, five folds would leave no pose to fit.
-    q = np.repeat(random_poses(4), 20, axis=1) + np.random.default_rng(2).normal(scale=0.01, size=(6, 80))
+@pytest.mark.parametrize(
+    "q",
+    [
+        random_poses(2000),
+        np.repeat(random_poses(12), 5, axis=1),
+        SWEEP,
+        # Of four places, five folds would leave no pose to fit.
+        np.repeat(random_poses(4), 20, axis=1) + np.random.default_rng(2).normal(scale=0.01, size=(6, 80)),
+    ],
+    ids=["random", "repetitions of equal joints", "a sweep of one joint", "few places"],
+)
+def test_poses_that_do_not_lie_in_places_are_held_out_as_their_joints_say(q: np.ndarray) -> None:
     data = poses(q)
     assert np.array_equal(places(data), data.groups())
+    assert places_warning(data) == ()
 
 
 def test_the_order_of_rows_and_the_unit_do_not_matter() -> None:

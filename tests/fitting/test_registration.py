@@ -53,7 +53,6 @@ def measured(name: str, seed: int, *, orientation: bool, noise: float = 0.0, out
 
 def turned_by(robot: Robot, data: Measurements) -> float:
     """Largest angle between predicted and measured orientation, rad."""
-    assert data.rotation is not None
     cosine = 0.5 * (np.einsum("ijn,ijn->n", data.rotation, predict(robot, data).rotation) - 1.0)
     return float(np.arccos(np.clip(cosine, -1.0, 1.0)).max())
 
@@ -218,7 +217,6 @@ def test_commanded_positions_alone_register_the_base_as_points_do() -> None:
     data, *_ = commanded_poses(4, orientation=False)
     positions = dataclasses.replace(data, commanded_rotation=None)
     alignment = align_commands(positions, ("base_frame",))
-    assert positions.commanded_position is not None
     # Kabsch's solution is the least squares of points; scipy has it too.
     centred = [x - x.mean(axis=1, keepdims=True) for x in (positions.position, positions.commanded_position)]
     best, residual = Rotation.align_vectors(centred[0].T, centred[1].T)

@@ -24,9 +24,9 @@ SCATTER = 1e-4
 def three_targets() -> Robot:
     robot = dataclasses.replace(arm("irb1600").robot, effects=())
     targets = {
-        "a": Frame((0.1, 0.0, 0.1), (0.0, 0.0, 0.0)),
-        "b": Frame((-0.05, 0.09, 0.12), (0.0, 0.0, 0.0)),
-        "c": Frame((-0.05, -0.09, 0.08), (0.0, 0.0, 0.0)),
+        "a": Frame((0.1, 0.0, 0.1)),
+        "b": Frame((-0.05, 0.09, 0.12)),
+        "c": Frame((-0.05, -0.09, 0.08)),
     }
     return dataclasses.replace(robot, targets=targets)
 
@@ -87,7 +87,7 @@ def test_noise_beside_scatter_has_the_source_that_tells_it(sigma: float | None, 
 def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
     """The last joint of an arm, 4 mm from the target, was said to scatter by 33 degrees."""
     robot = three_targets()
-    near = {name: Frame((1e-5, 0.0, z), (0.0, 0.0, 0.0)) for name, z in zip("abc", (0.1, 0.2, 0.3), strict=True)}
+    near = {name: Frame((1e-5, 0.0, z)) for name, z in zip("abc", (0.1, 0.2, 0.3), strict=True)}
     robot = dataclasses.replace(robot, targets=near)
     result = calibrate(robot, scattered(robot, 60, 1), parse_requests("joint_offset[j2,j3]"))
     joints = dict(result.repeatability.joints)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from importlib import metadata
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
 from robacc import trace
 from robacc.calibration.calibrating import calibrate
-from robacc.effects.frames import LinkGeometry
+from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
 from robacc.errors import InputError
@@ -52,15 +52,6 @@ ARMS = (
 POSITION_STD, ORIENTATION_STD = 2e-5, 2e-5
 TOOL = Frame((0.05, 0.02, 0.1), (0.1, -0.2, 0.3))
 ANGLES = ("roll", "pitch", "yaw")
-
-
-@pytest.fixture(scope="module")
-def robots_folder() -> Path:
-    try:
-        listed = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    return Path(next(file for file in listed if file.name == "panda.urdf").locate()).parents[2]
 
 
 def read_any_chain(path: Path) -> Robot | None:
@@ -119,9 +110,9 @@ def simulate(path: Path, robot: Robot, n: int, seed: int) -> tuple[Measurements,
 
 
 @pytest.mark.slow
-def test_corrections_of_every_origin_of_every_urdf_have_full_rank(robots_folder: Path) -> None:
+def test_corrections_of_every_origin_of_every_urdf_have_full_rank() -> None:
     count, without_turns = 0, 0
-    for path in sorted(robots_folder.rglob("*.urdf")):
+    for path in sorted(example_robots().rglob("*.urdf")):
         robot = read_any_chain(path)
         if robot is None:
             continue
@@ -141,11 +132,10 @@ def test_corrections_of_every_origin_of_every_urdf_have_full_rank(robots_folder:
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str, robots_folder: Path) -> None:
-    robot = read_any_chain(robots_folder / name)
-    assert robot is not None
+def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str) -> None:
+    robot = read_any_chain(example_robots() / name)
     robot = dataclasses.replace(robot, tool=TOOL)
-    data, true = simulate(robots_folder / name, robot, 150, 7)
+    data, true = simulate(example_robots() / name, robot, 150, 7)
     requests = parse_requests("base_frame,tool_frame,joint_offset,link_geometry")
     result = calibrate(robot, data, requests, n_folds=2)
     # Mean square per coordinate, over the noise's: one for a model with every error, within five standard deviations.
@@ -161,23 +151,23 @@ def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str, robots
 
 
 @pytest.mark.slow
-def test_a_rigid_urdf_with_geometry_errors_has_no_findings(robots_folder: Path) -> None:
-    path = robots_folder / "ur_description/urdf/ur10_robot.urdf"
-    robot = ur10(robots_folder)
+def test_a_rigid_urdf_with_geometry_errors_has_no_findings() -> None:
+    path = example_robots() / "ur_description/urdf/ur10_robot.urdf"
+    robot = ur10()
     data, _ = simulate(path, robot, 150, 3)
     traced = trace(data, robot=robot, declared="base_frame,tool_frame,joint_offset,link_geometry")
     assert not traced.findings
     assert traced.verdict == "clean"
 
 
-def ur10(robots_folder: Path) -> Robot:
-    path = robots_folder / "ur_description/urdf/ur10_robot.urdf"
+def ur10() -> Robot:
+    path = example_robots() / "ur_description/urdf/ur10_robot.urdf"
     return dataclasses.replace(read_robot(path, tip_link="tool0"), tool=TOOL)
 
 
-def test_findings_of_one_origin_are_applied_as_they_were_fitted(robots_folder: Path) -> None:
+def test_findings_of_one_origin_are_applied_as_they_were_fitted() -> None:
     """Turns about three axes do not commute, so single constants of one origin are written together."""
-    robot = ur10(robots_folder)
+    robot = ur10()
     arm = Arm.of(robot)
     joint = arm.names[1]
     sizes = {"yaw": 3e-3, "roll": -2e-3, "pitch": 4e-3}
@@ -198,27 +188,21 @@ def test_findings_of_one_origin_are_applied_as_they_were_fitted(robots_folder: P
         np.testing.assert_allclose(found.rotation, expected.rotation, rtol=0, atol=3e-15)
 
 
-def test_corrections_of_zero_leave_the_origins_numbers(robots_folder: Path) -> None:
-    robot = ur10(robots_folder)
+def test_corrections_of_zero_leave_the_origins_numbers() -> None:
+    robot = ur10()
     written = apply_values(Model.of(robot, [LinkGeometry(Arm.of(robot).names)]), [{}])
     assert written.joints == robot.joints
 
 
-def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw(robots_folder: Path) -> None:
-    robot = dataclasses.replace(ur10(robots_folder), base=Frame((0.1, 0.2, 0.3), (0.0, np.pi / 2, 0.0)))
+def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw() -> None:
+    robot = dataclasses.replace(ur10(), base=Frame((0.1, 0.2, 0.3), (0.0, np.pi / 2, 0.0)))
     rng = np.random.default_rng(5)
     q = rng.uniform(-2, 2, (6, 40))
     exact = predict(robot, Measurements(position=np.zeros((3, 40)), q=q))
     data = Measurements(position=exact.translation + rng.normal(0, 1e-5, (3, 40)), q=q)
-    fitted = {p.name: p for p in parameters(fit(Model.of(robot, [_base_frame(robot, data)]), data))}
+    fitted = {p.name: p for p in parameters(fit(Model.of(robot, [BaseFrame.default(Arm.of(robot), data)]), data))}
     pitch = fitted["base_frame.pitch"]
     assert abs(pitch.value - np.pi / 2) < 5 * pitch.std + 1e-4
     for label in ("roll", "yaw"):
         assert fitted[f"base_frame.{label}"].std is None
-        assert "same axis" in (fitted[f"base_frame.{label}"].why or "")
-
-
-def _base_frame(robot: Robot, data: Measurements):  # type: ignore[no-untyped-def]
-    from robacc.effects.frames import BaseFrame
-
-    return BaseFrame.default(Arm.of(robot), data)
+        assert "same axis" in (fitted[f"base_frame.{label}"].why)

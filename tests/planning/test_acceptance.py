@@ -18,7 +18,6 @@ def demand(statistic: str = "rms", confidence: float = 0.95) -> Demand:
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])
 def test_the_number_decides_in_nine_campaigns_of_ten(ratio: float) -> None:
     n = poses_for(demand(), ratio)
-    assert n is not None
     rng = np.random.default_rng(0)
     # Errors along one direction, the assumption of the plan.
     square = ratio**2 * rng.chisquare(n, 20_000) / n

@@ -49,7 +49,6 @@ def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) ->
 def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> None:
     limits = plan.detectability.limits
     (limit,) = [entry for entry in limits if (entry.effect, entry.joints) == ("backlash", (joint,))]
-    assert limit.limit is not None
     names = [entry.name for entry in plan.robot.variables]
     direction = plan.visits().direction
     moved = jacobian(plan.robot, plan.q, [f"joint_offset.{joint}"])[:, 0] * direction[names.index(joint)]
@@ -85,7 +84,6 @@ def test_a_trace_finds_effects_of_three_planned_limits(tmp_path: Path) -> None:
     found = 0
     for seed, (effect, joint) in enumerate(wanted, 1):
         limit = limits[effect, (joint,)]
-        assert limit is not None
         size = 3 * limit if effect == "gear_ratio" else np.degrees(3 * limit)
         truth = tmp_path / "truth.yaml"
         entry = f"{{effect: {effect}, joints: [{joint}], values: {{{joint}: {size:.9f}}}}}"

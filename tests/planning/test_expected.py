@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from arms import arm
+from homogeneous import frame, shift, turn
 
 from robacc.measurements import Measurements
 from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
@@ -15,24 +16,6 @@ from robacc.robots.description import Robot
 
 CAMPAIGNS = 200
 NOISE, SCATTER = 5e-5, 3e-5
-
-
-def _turn(axis: int, angle: np.ndarray | float) -> np.ndarray:
-    """(..., 4, 4) rotation about a coordinate axis."""
-    angle = np.asarray(angle, dtype=float)
-    result = np.zeros((*angle.shape, 4, 4))
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    result[..., axis, axis] = result[..., 3, 3] = 1.0
-    result[..., i, i] = result[..., j, j] = np.cos(angle)
-    result[..., j, i] = np.sin(angle)
-    result[..., i, j] = -result[..., j, i]
-    return result
-
-
-def _shift(x: float, y: float, z: float) -> np.ndarray:
-    result = np.eye(4)
-    result[:3, 3] = x, y, z
-    return result
 
 
 def positions(robot: Robot, q: np.ndarray, values: dict[str, float]) -> np.ndarray:
@@ -46,24 +29,20 @@ def target_poses(robot: Robot, q: np.ndarray, values: dict[str, float]) -> np.nd
     def value(name: str) -> float:
         return values.get(name, 0.0)
 
-    def frame(name: str) -> np.ndarray:
-        pose = _shift(value(f"{name}.x"), value(f"{name}.y"), value(f"{name}.z"))
-        for axis, label in enumerate(("roll", "pitch", "yaw")):
-            pose = pose @ _turn(axis, value(f"{name}.{label}"))
-        return pose
+    def moved(name: str) -> np.ndarray:
+        return shift(*(value(f"{name}.{axis}") for axis in "xyz"))
 
-    pose = np.broadcast_to(frame("base_frame"), (q.shape[1], 4, 4))
+    pose = moved("base_frame")
+    for axis, label in enumerate(("roll", "pitch", "yaw")):
+        pose = pose @ turn(axis, value(f"base_frame.{label}"))
     for row, joint in zip(q, robot.joints, strict=True):
         p = {key: joint.parameters.get(key, 0.0) for key in ("theta", "d", "a", "alpha", "beta")}
         for key in p:
             p[key] += value(f"link_geometry.{joint.name}.{key}")
-        turn = joint.sign * row + p["theta"] + value(f"joint_offset.{joint.name}")
-        pose = pose @ _turn(2, turn) @ _shift(p["a"], 0.0, p["d"]) @ _turn(0, p["alpha"]) @ _turn(1, p["beta"])
-    roll, pitch, yaw = robot.tool.rpy
-    tool = _shift(*robot.tool.xyz) @ _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+        angle = joint.sign * row + p["theta"] + value(f"joint_offset.{joint.name}")
+        pose = pose @ turn(2, angle) @ shift(p["a"], 0.0, p["d"]) @ turn(0, p["alpha"]) @ turn(1, p["beta"])
     # The tool's coordinates are changed before its rotation, as in the chain.
-    change = _shift(value("tool_frame.x"), value("tool_frame.y"), value("tool_frame.z"))
-    return pose @ change @ tool
+    return pose @ moved("tool_frame") @ frame(robot.tool.xyz, robot.tool.rpy)
 
 
 def jacobian(robot: Robot, q: np.ndarray, names: list[str]) -> np.ndarray:
@@ -130,9 +109,6 @@ def held_out(plan: CampaignPlan, q: np.ndarray, names: list[str], test: np.ndarr
     return float(np.sqrt(np.mean(np.sum(np.square(moved), axis=(0, 2)))))
 
 
-ARMS = ("irb1600", "puma560", "ur10", "panda", "stanford")
-
-
 @pytest.mark.parametrize("name", ["irb1600", "puma560"])
 def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     plan = planned(name, repeats=0, check_every=0)
@@ -153,9 +129,6 @@ def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
 
 def test_repeats_of_the_noise_model() -> None:
     plan = planned()
-    assert plan.worth.new_poses is not None
-    assert plan.worth.repeated_poses is not None
-    assert plan.worth.readings is not None
     # Without an unexplained error a second visit has the information of the first; a reading leaves the scatter.
     assert plan.worth.new_poses <= plan.worth.repeated_poses < plan.worth.readings
     assert plan.worth.repeated_poses == pytest.approx(plan.accuracy.planned.rms / np.sqrt(2), rel=0.02)
@@ -181,6 +154,5 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 def test_visible_poses_are_few_and_the_choice_among_them_matters() -> None:
     sight = Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30))
     plan = planned(constraints=Constraints(sight=sight, min_height=0.1))
-    assert plan.accuracy.planned.random_rms is not None
     assert plan.accuracy.planned.rms < 0.9 * plan.accuracy.planned.random_rms
     assert {entry.reason for entry in plan.candidates.excluded} >= {"reflector turned away by more than 30°"}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arms import arm
@@ -129,8 +131,6 @@ def test_given_candidates_outside_the_margin_are_counted() -> None:
 
 
 def test_a_prismatic_joint_without_limits_is_an_error() -> None:
-    import dataclasses
-
     which = arm("stanford").robot
     joints = tuple(
         dataclasses.replace(joint, limits=None) if joint.type == "prismatic" else joint for joint in which.joints

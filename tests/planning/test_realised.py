@@ -117,7 +117,6 @@ EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"
 def test_sixty_planned_rows_do_for_all() -> None:
     robot, _ = load_robot(DATA / "robot.yaml")
     data, _ = load_poses(DATA / "series_B.csv", robot)
-    assert data.q is not None
 
     def error(rows: np.ndarray, at: np.ndarray) -> float:
         fitted = fit(Model.of(robot, free_effects(robot, EFFECTS)), data.subset(rows))

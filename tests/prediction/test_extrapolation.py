@@ -198,12 +198,18 @@ TRAINED = np.random.default_rng(1).uniform(LOW, HIGH, 150)
 PLACES = np.array([-1.9, -1.1, LOW, -0.3, HIGH, 0.65, 0.8, 1.4, 0.2 + 2 * np.pi])
 
 
+HERE, FADED = basis(PLACES), basis(PLACES) - left(PLACES)
+
+
+def written_out(covariance: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """As :func:`joint_variance`: of the posterior, and the square of what fades."""
+    return np.asarray(np.einsum("np,pq,nq->n", HERE, covariance, HERE) + np.square(FADED @ values))
+
+
 def test_the_variance_is_that_of_the_posterior_and_of_what_fades() -> None:
     covariance, values = posterior(TRAINED), STD * np.random.default_rng(5).normal(size=2 * len(ORDERS))
-    here = basis(PLACES)
-    expected = np.einsum("np,pq,nq->n", here, covariance, here)
-    np.testing.assert_allclose(joint_variance(PLACES, covariance), expected, rtol=1e-9)
-    expected += np.square((here - left(PLACES)) @ values)
+    np.testing.assert_allclose(joint_variance(PLACES, covariance), written_out(covariance, 0.0 * values), rtol=1e-9)
+    expected = written_out(covariance, values)
     # The level is a mean over 32 places: of the order that changes most there it is 1e-4 of its size off.
     np.testing.assert_allclose(joint_variance(PLACES, covariance, values), expected, rtol=1e-3)
     # Far from the range the posterior is the prior, of all orders.
@@ -223,17 +229,20 @@ def test_errors_of_profiles_of_the_prior_have_the_posterior_variance() -> None:
     np.testing.assert_allclose(np.mean(error**2, axis=0), joint_variance(PLACES, covariance), rtol=0.11)
 
 
+def turned_by(robot: Robot, second: np.ndarray) -> np.ndarray:
+    """Angles ``(N,)`` by which the effects turn the target."""
+    data = poses_at(second)
+    still = dataclasses.replace(robot, effects=())
+    return np.linalg.norm(log_between(predict(robot, data).rotation, predict(still, data).rotation), axis=0)
+
+
 @pytest.mark.parametrize("beyond", [0.0, 0.02, 0.1, 0.5])
 def test_the_profile_fades_to_its_level_within_a_quarter_of_its_finest_period(beyond: float) -> None:
     values = STD * np.random.default_rng(2).normal(size=2 * len(ORDERS))
     robot, _ = fitted(values, posterior(TRAINED))
     angle = np.array([LOW - beyond])
-    data = poses_at(angle)
-    still = dataclasses.replace(robot, effects=())
-    turned = np.linalg.norm(log_between(predict(robot, data).rotation, predict(still, data).rotation))
-    expected = abs(float((left(angle) @ values)[0]))
-    assert turned == pytest.approx(expected, rel=1e-3)
-    outside = outside_validity(robot, data)
+    assert turned_by(robot, angle) == pytest.approx(np.abs(left(angle) @ values), rel=1e-3)
+    outside = outside_validity(robot, poses_at(angle))
     assert (outside.std_max > 0.0) is (beyond > 0.016)
     assert all(not item.is_held for item in outside.ranges)
 
@@ -242,9 +251,7 @@ def test_the_level_passes_from_end_to_end_without_a_jump() -> None:
     values = STD * np.random.default_rng(2).normal(size=2 * len(ORDERS))
     robot, _ = fitted(values, posterior(TRAINED))
     opposite = 0.5 * (LOW + HIGH) + np.pi
-    data = poses_at(np.array([opposite - 1e-6, opposite + 1e-6]))
-    still = dataclasses.replace(robot, effects=())
-    below, above = np.linalg.norm(log_between(predict(robot, data).rotation, predict(still, data).rotation), axis=0)
+    below, above = turned_by(robot, np.array([opposite - 1e-6, opposite + 1e-6]))
     ends = np.abs(left(np.array([LOW - 0.5 * PERIOD, HIGH + 0.5 * PERIOD])) @ values)
     assert abs(ends[0] - ends[1]) > 1e-5
     assert below == pytest.approx(above, abs=1e-8)
@@ -257,24 +264,24 @@ def test_bounds_hold_for_profiles_that_fade(slope: float) -> None:
     design, covariance, n = basis(TRAINED), posterior(TRAINED), 300
     sizes = np.repeat(np.array(ORDERS) ** -slope, 2)
     held = np.zeros(len(PLACES))
-    for _ in range(n):
+    for k in range(n):
         truth = STD * sizes / np.sqrt(np.mean(sizes**2)) * random.normal(size=sizes.size)
         measured = design @ truth + NOISE * random.normal(size=len(TRAINED))
         estimate = covariance @ design.T @ measured / NOISE**2
-        error = left(PLACES) @ estimate - basis(PLACES) @ truth
-        held += np.abs(error) < 1.96 * np.sqrt(joint_variance(PLACES, covariance, estimate))
+        error = (HERE - FADED) @ estimate - HERE @ truth
+        variance = written_out(covariance, estimate)
+        if k % 20 == 0:
+            np.testing.assert_allclose(joint_variance(PLACES, covariance, estimate), variance, rtol=1e-3)
+        held += np.abs(error) < 1.96 * np.sqrt(variance)
     # Three standard errors of 95 % of 300 are 3.8 %.
     assert (held / n).min() > 0.91
     assert 0.935 < (held / n).mean() < 0.985
 
 
 def test_a_gear_that_does_not_repeat_itself_is_held() -> None:
-    robot, _ = fitted(np.ones(2 * len(ORDERS)) * STD, posterior(TRAINED))
-    geared = tuple(dataclasses.replace(j, gear_ratio=107.8) if j.name == "j2" else j for j in robot.joints)
-    robot = dataclasses.replace(robot, joints=geared)
-    first, second = (predict(robot, dataclasses.replace(poses_at(np.array([angle])))) for angle in (HIGH, HIGH + 0.5))
-    angle = basis(np.array([HIGH])) @ (np.ones(2 * len(ORDERS)) * STD)
-    still = dataclasses.replace(robot, effects=())
-    for pose, place in ((first, HIGH), (second, HIGH + 0.5)):
-        turned = np.linalg.norm(log_between(pose.rotation, predict(still, poses_at(np.array([place]))).rotation))
-        assert turned == pytest.approx(abs(float(angle[0])), rel=1e-6)
+    values = STD * np.ones(2 * len(ORDERS))
+    robot, _ = fitted(values, posterior(TRAINED))
+    joints = tuple(dataclasses.replace(j, gear_ratio=107.8) if j.name == "j2" else j for j in robot.joints)
+    robot = dataclasses.replace(robot, joints=joints)
+    at_the_end = abs(float((basis(np.array([HIGH])) @ values)[0]))
+    assert turned_by(robot, np.array([HIGH, HIGH + 0.5])) == pytest.approx(at_the_end, rel=1e-6)

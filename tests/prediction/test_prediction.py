@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from homogeneous import frame, shift, turn
 from paper_matrices import error_matrices
+from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
 from robacc.accuracy.grade import default_scale
@@ -46,12 +47,8 @@ def robot_of(name: str) -> Robot:
     """One of the four arms of the proof, all 4N (URDF: 7N) parameters with a tolerance."""
     if name != "ur10":
         return read_robot(ROBOTS / f"{name}.yaml")
-    try:
-        listed = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    urdf = next(file for file in listed if file.name == "ur10_robot.urdf")
-    return read_robot(Path(urdf.locate()), base_link="base_link", tip_link="tool0")
+    urdf = example_robots() / "ur_description/urdf/ur10_robot.urdf"
+    return read_robot(urdf, base_link="base_link", tip_link="tool0")
 
 
 def with_tolerances(robot: Robot, all: dict[str, float], name: str = "") -> Robot:
@@ -75,29 +72,10 @@ def toleranced(name: str) -> Robot:
     return dataclasses.replace(robot, base_tolerance={"x": 1e-4, "yaw": 1e-4}, tool_tolerance={"z": 3e-4})
 
 
-def homogeneous(
-    rotation: np.ndarray | None = None, translation: tuple[object, object, object] = (0, 0, 0)
-) -> np.ndarray:
-    """``(M, 4, 4)`` of rotations ``(M, 3, 3)`` and translations of ``(M,)`` or scalar components."""
-    parts = np.broadcast_arrays(*translation, *(() if rotation is None else (rotation[:, 0, 0],)))
-    result = np.tile(np.eye(4), (max(1, parts[0].size), 1, 1))
-    if rotation is not None:
-        result[:, :3, :3] = rotation
-    for i in range(3):
-        result[:, i, 3] = parts[i]
-    return result
-
-
-def turn(axis: str, angle: object) -> np.ndarray:
-    vector = np.eye(3)["xyz".index(axis)]
-    return homogeneous(Rotation.from_rotvec(np.atleast_1d(angle)[:, None] * vector).as_matrix())
-
-
-def frame(value: Frame, errors: Mapping[str, np.ndarray]) -> np.ndarray:
-    x, y, z = (value.xyz[i] + errors.get(name, 0.0) for i, name in enumerate("xyz"))
-    roll, pitch, yaw = value.rpy
-    nominal = homogeneous(None, (x, y, z)) @ turn("z", yaw) @ turn("y", pitch) @ turn("x", roll)
-    for axis, name in zip("xyz", ("roll", "pitch", "yaw"), strict=True):
+def frame_with(value: Frame, errors: Mapping[str, np.ndarray]) -> np.ndarray:
+    xyz = [value.xyz[i] + errors.get(name, 0.0) for i, name in enumerate("xyz")]
+    nominal = frame(xyz, value.rpy)
+    for axis, name in enumerate(("roll", "pitch", "yaw")):
         nominal = nominal @ turn(axis, errors.get(name, 0.0))
     return nominal
 
@@ -107,27 +85,27 @@ def link(joint: Joint, convention: str, q: float, errors: Mapping[str, np.ndarra
     p = {name: value + errors.get(name, 0.0) for name, value in joint.parameters.items()}
     if convention == "urdf":
         xyz, rpy = ([joint.parameters[k] for k in names] for names in ("xyz", ("roll", "pitch", "yaw")))
-        before = frame(Frame(tuple(xyz), tuple(rpy)), errors)
+        before = frame_with(Frame(tuple(xyz), tuple(rpy)), errors)
         if joint.type == "fixed":
             return before
         angle = np.atleast_1d(q + p["offset"])
-        return before @ homogeneous(Rotation.from_rotvec(angle[:, None] * np.array(joint.axis)).as_matrix())
+        result = np.tile(np.eye(4), (angle.size, 1, 1))
+        result[:, :3, :3] = Rotation.from_rotvec(angle[:, None] * np.array(joint.axis)).as_matrix()
+        return before @ result
     p["theta" if joint.type == "revolute" else "d"] += joint.sign * q
-    z = turn("z", p["theta"]) @ homogeneous(None, (0, 0, p["d"]))
-    x = turn("x", p["alpha"])
-    along = homogeneous(None, (p["a"], 0, 0))
-    y = turn("y", p["beta"])
+    z = turn(2, p["theta"]) @ shift(z=p["d"])
+    x, along, y = turn(0, p["alpha"]), shift(p["a"]), turn(1, p["beta"])
     return z @ along @ x @ y if convention == "standard" else x @ along @ y @ z
 
 
 def forward(robot: Robot, q: np.ndarray, errors: Mapping[str, Mapping[str, np.ndarray]]) -> np.ndarray:
     """Tool pose ``(M, 4, 4)`` at one configuration, with errors by owner and parameter."""
-    pose = frame(robot.base, errors.get("base", {}))
+    pose = np.eye(4)[None] @ frame_with(robot.base, errors.get("base", {}))
     values = iter(q)
     for joint in robot.joints:
         joint_errors = errors.get(joint.name, {})
         pose = pose @ link(joint, robot.convention, next(values) if joint.is_variable else 0.0, joint_errors)
-    return pose @ frame(robot.tool, errors.get("tool", {}))
+    return pose @ frame_with(robot.tool, errors.get("tool", {}))
 
 
 def monte_carlo(robot: Robot, q: np.ndarray, draws: int, seed: int) -> np.ndarray:
@@ -145,8 +123,10 @@ def monte_carlo(robot: Robot, q: np.ndarray, draws: int, seed: int) -> np.ndarra
     return np.concatenate(result)
 
 
-def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
-    robot = toleranced(name)
+@pytest.mark.parametrize("draws", [20_000, pytest.param(200_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "ur10"])
+def test_covariances_agree_with_exact_nonlinear_kinematics(name: str, draws: int) -> None:
+    robot, n_poses = toleranced(name), 3
     configurations = sampled_configurations(robot, n_poses, seed=4)
     position, orientation, _ = pose_covariances(
         Arm.of(robot).chain, configurations.scalars, n_poses, uncertain_parameters(robot)
@@ -164,17 +144,6 @@ def check_monte_carlo(name: str, draws: int, n_poses: int) -> None:
             assert np.all(np.abs(sampled - predicted) < 4.5 * sampling)
             # And this would notice one parameter in the wrong place: the predicted trace is met to a few percent.
             assert np.trace(sampled) == pytest.approx(np.trace(predicted), rel=10 / np.sqrt(draws))
-
-
-@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "ur10"])
-def test_covariances_agree_with_exact_nonlinear_kinematics(name: str) -> None:
-    check_monte_carlo(name, draws=20_000, n_poses=3)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["puma560", "stanford", "panda", "ur10"])
-def test_covariances_agree_with_200000_draws(name: str) -> None:
-    check_monte_carlo(name, draws=200_000, n_poses=3)
 
 
 def test_matrices_of_a_planar_arm_as_written_out() -> None:

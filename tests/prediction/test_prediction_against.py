@@ -19,7 +19,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.observation import residuals
 from robacc.modelling.robot_file import read_robot
 from robacc.prediction.comparison import (
-    MeasurementNoise,
     SufficientStatistics,
     bartlett_mean,
     compare_with_measured,
@@ -68,6 +67,9 @@ def dense(data: Measurements) -> tuple[Array, Array, Array]:
     jacobian = CHAIN.jacobian(data.q, [parameter.motion for parameter in PARAMETERS])[:rows]
     columns = (jacobian * sd[:, None]).transpose(2, 0, 1).reshape(-1, sd.size)
     return error.T.ravel(), columns, np.full(rows * data.n, NOISE**2)
+
+
+NOISE_OF_FILE = reduce_residuals(ROBOT, simulated(0), PARAMETERS).noise
 
 
 @pytest.mark.parametrize("full", [True, False])
@@ -121,7 +123,6 @@ def test_noise_by_reml_is_the_maximum_of_the_restricted_likelihood() -> None:
 
     best = optimize.minimize(restricted, np.log([NOISE, NOISE]), method="Nelder-Mead", options={"xatol": 1e-7})
     assert statistics.noise.source_position == statistics.noise.source_orientation == "estimated"
-    assert statistics.noise.orientation is not None
     assert np.log([statistics.noise.position, statistics.noise.orientation]) == pytest.approx(best.x, abs=1e-4)
 
 
@@ -187,16 +188,9 @@ def test_likelihood_ratio_rejects_the_prediction_itself_in_5_percent() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("full", [True, False])
-def test_rejection_rate_and_power_over_robots_simulated_exactly(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    rate = rejected(1.0, 1000, full=full, exact=True)
-    power = rejected(2.0, 300, full=full, exact=True)
-    with capsys.disabled():
-        kind = "full poses" if full else "positions only"
-        print(
-            f"\n  likelihood ratio, {N} {kind}: rejects {100 * rate:.1f} % at 5 %, power at twice {100 * power:.1f} %"
-        )
-    assert rate == pytest.approx(0.05, abs=0.015)
-    assert power > 0.9
+def test_rejection_rate_and_power_over_robots_simulated_exactly(full: bool) -> None:
+    assert rejected(1.0, 1000, full=full, exact=True) == pytest.approx(0.05, abs=0.015)
+    assert rejected(2.0, 300, full=full, exact=True) > 0.9
 
 
 TINY = tuple(dataclasses.replace(parameter, sd=1e-12) for parameter in PARAMETERS)
@@ -244,13 +238,9 @@ def test_verdict_names_an_unexpected_pattern() -> None:
     """What the parameters move much is of the right size, what they hardly move is not."""
     variances = np.repeat([1e4, 0.05], 10)
     y = np.repeat([100.0, 2.5], 10)
-    statistics = SufficientStatistics(np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, noise_of_file())
+    statistics = SufficientStatistics(np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, NOISE_OF_FILE)
     verdict = consistency(statistics).verdict
     assert verdict.startswith("the measured errors have the predicted size but not the predicted pat")
-
-
-def noise_of_file() -> MeasurementNoise:
-    return reduce_residuals(ROBOT, simulated(0), PARAMETERS).noise
 
 
 def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
@@ -284,8 +274,7 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
     """Return statistics in which each of ``y.size`` parameters of one kind is separate, 1000 times above the noise."""
     n = y.size
     parameters = [ToleranceParameter(f"j{i}.d", f"j{i}", "d", "d", i, "m", unit) for i in range(n)]
-    noise = noise_of_file()
-    return SufficientStatistics(1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, noise), parameters
+    return SufficientStatistics(1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, NOISE_OF_FILE), parameters
 
 
 def test_directly_measured_kind_has_the_textbook_interval() -> None:
@@ -297,7 +286,6 @@ def test_directly_measured_kind_has_the_textbook_interval() -> None:
     # n (x - 1 - log x) at both ends, x = estimate over truth, within the corrected quantile.
     threshold = stats.chi2.ppf(0.95, 1) * bartlett_mean(6.0)
     for end in (component.lower, component.upper):
-        assert end is not None
         x = variance / end**2
         assert 6 * (x - 1 - math.log(x)) == pytest.approx(threshold, rel=2e-2)
 
@@ -318,7 +306,7 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
     ]
     y = effect @ rng.standard_normal(10)
     result = variance_components(
-        SufficientStatistics(effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, noise_of_file()), parameters
+        SufficientStatistics(effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, NOISE_OF_FILE), parameters
     )
     assert [component.why for component in result.components] == [
         "d is not distinguishable from a on these poses",
@@ -338,33 +326,17 @@ def test_base_and_tool_are_used_as_given() -> None:
     assert result.notes[-1] == "the tolerances of base and tool are used as given, not estimated"
 
 
-def covered(sets: int, *, full: bool) -> Array:
-    """Share of sets in which each component's 95 % interval holds the truth."""
+@pytest.mark.slow
+@pytest.mark.parametrize("full", [True, False])
+def test_components_cover_the_truth_in_95_percent_of_500_sets(full: bool) -> None:
     count = np.zeros(4)
-    for k in range(sets):
+    for k in range(500):
         statistics = reduce_residuals(ROBOT, simulated(5000 + k, full=full), PARAMETERS)
         result = variance_components(statistics, PARAMETERS)
         count += [c.lower <= 1.0 <= (c.upper or math.inf) for c in result.components]
-    return count / sets
-
-
-@pytest.mark.slow
-def test_components_cover_the_truth_in_most_sets() -> None:
-    # 60 sets of four: at a true 95 % the share has a standard error of 1.4 %; below 90 % would be a wrong interval.
-    assert covered(60, full=True).mean() > 0.90
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("full", [True, False])
-def test_components_cover_the_truth_in_95_percent_of_500_sets(full: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    result = covered(500, full=full)
-    with capsys.disabled():
-        kind = "full poses" if full else "positions only"
-        shares = ", ".join(f"{n} {100 * c:.1f} %" for n, c in zip(("theta", "d", "a", "alpha"), result, strict=True))
-        print(f"\n  95 % intervals of variance components, {N} {kind}: {shares}; all {100 * result.mean():.1f} %")
     # Of all 2,000 intervals; a single component's share of 500 sets has a standard error of 1 %.
-    assert result.mean() == pytest.approx(0.95, abs=0.02)
-    assert np.all(np.abs(result - 0.95) < 0.035)
+    assert (count / 500).mean() == pytest.approx(0.95, abs=0.02)
+    assert np.all(np.abs(count / 500 - 0.95) < 0.035)
 
 
 def test_one_draw_text() -> None:
@@ -378,6 +350,10 @@ def test_one_draw_text() -> None:
     assert aligned.one_draw.endswith("Fitting the frames used 6 degrees of freedom, which are not counted")
     assert aligned.alignment is not None
     assert aligned.position_rms < comparison.position_rms
+    few = compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS)
+    assert "Of 12 measured numbers, 12 depend on the parameters" in few.one_draw
+    assert few.one_draw.endswith("; more poses would improve it")
+    assert few.consistency.noise is None
 
 
 def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
@@ -437,10 +413,3 @@ def test_hint_for_frames_that_do_not_agree() -> None:
     assert (aligned.hint, compare_with_measured(ROBOT, data, PARAMETERS).hint) == (None, None)
     wrong = compare_with_measured(ROBOT, dataclasses.replace(data, q=-data.q), PARAMETERS, align=("base_frame",))
     assert wrong.hint.startswith("errors this large come from units, joint signs")
-
-
-def test_few_poses() -> None:
-    few = compare_with_measured(ROBOT, simulated(0, n=2), PARAMETERS)
-    assert "Of 12 measured numbers, 12 depend on the parameters" in few.one_draw
-    assert few.one_draw.endswith("; more poses would improve it")
-    assert few.consistency.noise is None

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from homogeneous import frame
 
 from robacc.chain import BLOCK, TOOL, Chain
 from robacc.geometry import Array, log_so3
@@ -59,20 +60,6 @@ def random_robot(rng: np.random.Generator, convention: str, count: int = 7) -> R
     return Robot("random", convention, joints, tool=tool)  # type: ignore[arg-type]
 
 
-def frame_matrix(frame: Frame) -> Array:
-    def about(axis: int, angle: float) -> Array:
-        i, j = [k for k in range(3) if k != axis]
-        matrix = np.eye(4)
-        matrix[i, i] = matrix[j, j] = np.cos(angle)
-        matrix[i, j], matrix[j, i] = -np.sin(angle), np.sin(angle)
-        return matrix if axis != 1 else matrix.T
-
-    shift = np.eye(4)
-    shift[:3, 3] = frame.xyz
-    roll, pitch, yaw = frame.rpy
-    return shift @ about(2, yaw) @ about(1, pitch) @ about(0, roll)
-
-
 @pytest.mark.parametrize(("convention", "matrix"), [("standard", standard_matrix), ("modified", modified_matrix)])
 def test_dh_table_is_the_textbook_product(convention, matrix) -> None:
     rng = np.random.default_rng(1)
@@ -81,7 +68,7 @@ def test_dh_table_is_the_textbook_product(convention, matrix) -> None:
         q = rng.uniform(-3, 3, (7, 4))
         got = build_chain(robot).forward(q).matrices()
         for k in range(4):
-            expected = frame_matrix(robot.base)
+            expected = frame(robot.base.xyz, robot.base.rpy)
             for joint, value in zip(robot.joints, q[:, k], strict=True):
                 theta, d, a, alpha = (joint.parameters[name] for name in ("theta", "d", "a", "alpha"))
                 if joint.type == "revolute":
@@ -90,7 +77,7 @@ def test_dh_table_is_the_textbook_product(convention, matrix) -> None:
                     d += joint.sign * value
                 expected = expected @ matrix(theta, d, a, alpha)
             # Seven products of numbers of order ten.
-            np.testing.assert_allclose(got[k], expected @ frame_matrix(robot.tool), atol=1e-13)
+            np.testing.assert_allclose(got[k], expected @ frame(robot.tool.xyz, robot.tool.rpy), atol=1e-13)
 
 
 def pose_of(name: str, *q: float) -> Array:

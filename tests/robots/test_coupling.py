@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from homogeneous import shift, turn
 
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
 from robacc.robots.arm import Arm, build_chain
-from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, pose_jacobian
 from robacc.robots.library import find_reach
 from robacc.robots.urdf import parse_urdf
@@ -43,21 +43,6 @@ joints:
 """
 
 
-def rotation(axis: str, angle: float) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    return (
-        np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
-        if axis == "z"
-        else (np.array([[1, 0, 0, 0], [0, c, -s, 0], [0, s, c, 0], [0, 0, 0, 1]]))
-    )
-
-
-def shift(x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix
-
-
 def test_joints_turn_by_their_own_and_the_coupled_variables() -> None:
     # Written out by hand: joint 3 turns by -(q3 + q2), and the rods turn back by q3.
     robot = parse_robot(PALLETISER.replace("tool: {xyz: [10, 20, 100], rpy: [5, 0, 30]}\n", ""), "p.yaml")
@@ -65,7 +50,7 @@ def test_joints_turn_by_their_own_and_the_coupled_variables() -> None:
     quarter = np.pi / 2
 
     def link(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
-        return rotation("z", theta) @ shift(z=d) @ shift(x=a) @ rotation("x", alpha)
+        return turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)
 
     expected = (
         link(q[0], 0.8, 0.15, -quarter)
@@ -109,15 +94,12 @@ def test_written_files_are_the_same_arm(text: str) -> None:
     reread = parse_urdf(urdf, "again.urdf")
     assert reread.variable_names == robot.variable_names
     assert not any("coupl" in line for line in losses)
-    assert masses(reread) == masses(robot)
+    ours, theirs = ([joint.mass for joint in one.joints if joint.mass] for one in (robot, reread))
+    assert theirs == ours
     q = np.random.default_rng(2).uniform(-1, 1, (len(robot.variables), 20))
     np.testing.assert_allclose(
         build_chain(reread).forward(q).matrices(), build_chain(robot).forward(q).matrices(), atol=1e-12
     )
-
-
-def masses(robot: Robot) -> list[float]:
-    return [joint.mass for joint in robot.joints if joint.mass]
 
 
 def test_units_of_a_mixed_coupling_are_the_files() -> None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from homogeneous import frame, shift, turn
 from library_facts import URDF_FACTS, Facts, UrdfJoint
+from robot_files import example_robots
 from typer.testing import CliRunner
 
 import robacc
@@ -25,34 +25,24 @@ from robacc.robots.urdf import parse_urdf
 from robacc.robots.urdf_writer import robot_to_urdf
 
 KEYS = [arm.key for arm in library()]
-AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
 
 
-def direction(text: str) -> np.ndarray:
-    return (-1.0 if text.startswith("-") else 1.0) * np.array(AXES[text[-1]], dtype=float)
+def about(axis: str, angle: np.ndarray) -> np.ndarray:
+    return turn("xyz".index(axis[-1]), -angle if axis[0] == "-" else angle)
 
 
-def turn(axis: np.ndarray, angle: float) -> np.ndarray:
-    """Rodrigues' formula, so that nothing of the chain is used."""
-    cross = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
-    return np.eye(3) + math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+def placed(joint: UrdfJoint) -> np.ndarray:
+    return frame(joint.xyz, np.radians(joint.rpy))
 
 
-def placed(joint: UrdfJoint, position: np.ndarray, rotation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    r, p, y = np.radians(joint.rpy)
-    fixed = turn(direction("z"), y) @ turn(direction("y"), p) @ turn(direction("x"), r)
-    return position + rotation @ np.array(joint.xyz, dtype=float), rotation @ fixed
-
-
-def flange_pose(facts: Facts, q: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the flange's position, mm, and rotation in the controller's base frame."""
-    angles = list(q)
+def flange_poses(facts: Facts, q: np.ndarray) -> np.ndarray:
+    """Return the flange's poses (N, 4, 4), mm, in the controller's base frame, at joints (J, N)."""
+    angles = q.copy()
     angles[2] += facts.ratio * angles[1]
-    position, rotation = np.array([0.0, 0.0, -facts.base_height]), np.eye(3)
+    pose = shift(z=-facts.base_height)
     for joint, angle in zip(facts.joints, angles, strict=True):
-        position, rotation = placed(joint, position, rotation)
-        rotation = rotation @ turn(direction(joint.axis), angle)
-    return placed(facts.flange, position, rotation)
+        pose = pose @ placed(joint) @ about(joint.axis, angle)
+    return pose @ placed(facts.flange)
 
 
 @pytest.mark.parametrize("key", URDF_FACTS)
@@ -60,11 +50,9 @@ def test_arms_are_those_of_their_urdf(key: str) -> None:
     facts = URDF_FACTS[key]
     robot = read_robot(key)
     q = np.random.default_rng(0).uniform(-2, 2, (len(facts.joints), 12))
-    poses = build_chain(robot).forward(q)
-    for i in range(q.shape[1]):
-        position, rotation = flange_pose(facts, q[:, i])
-        np.testing.assert_allclose(poses.translation[:, i] * 1e3, position, atol=1e-9)
-        np.testing.assert_allclose(poses.rotation[..., i], rotation, atol=1e-12)
+    poses, expected = build_chain(robot).forward(q).matrices(), flange_poses(facts, q)
+    np.testing.assert_allclose(poses[:, :3, 3] * 1e3, expected[:, :3, 3], atol=1e-9)
+    np.testing.assert_allclose(poses[:, :3, :3], expected[:, :3, :3], atol=1e-12)
 
 
 def test_the_published_table_of_the_gen3_rounds_to_ours() -> None:
@@ -149,16 +137,14 @@ MODIFIED = {
 def test_arms_agree_with_the_makers_other_table(key: str) -> None:
     rows = np.array(MODIFIED[key], dtype=float)
     q = np.random.default_rng(1).uniform(-2, 2, (len(rows), 10))
-    poses = build_chain(read_robot(key)).forward(q)
-    for i in range(q.shape[1]):
-        position, rotation = np.zeros(3), np.eye(3)
-        for (alpha, a, theta, d), angle in zip(rows, q[:, i], strict=True):
-            position = position + rotation @ np.array([a, 0, 0])
-            rotation = rotation @ turn(direction("x"), math.radians(alpha))
-            position = position + rotation @ np.array([0, 0, d])
-            rotation = rotation @ turn(direction("z"), angle + math.radians(theta))
-        np.testing.assert_allclose(poses.translation[:, i] * 1e3, position, atol=1e-6)
-        np.testing.assert_allclose(poses.rotation[..., i], rotation, atol=1e-9)
+    expected = np.eye(4)
+    for (alpha, a, theta, d), angle in zip(rows, q, strict=True):
+        expected = (
+            expected @ shift(a) @ turn(0, math.radians(alpha)) @ shift(z=d) @ turn(2, angle + math.radians(theta))
+        )
+    poses = build_chain(read_robot(key)).forward(q).matrices()
+    np.testing.assert_allclose(poses[:, :3, 3] * 1e3, expected[:, :3, 3], atol=1e-6)
+    np.testing.assert_allclose(poses[:, :3, :3], expected[:, :3, :3], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -186,12 +172,7 @@ EXAMPLES = [
 
 @pytest.mark.parametrize(("key", "urdf", "tip", "yaw"), EXAMPLES, ids=[row[0] for row in EXAMPLES])
 def test_arms_agree_with_example_robot_data(key: str, urdf: str, tip: str, yaw: float) -> None:
-    try:
-        files = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    folder = Path(next(file for file in files if file.name == "panda.urdf").locate()).parents[2]
-    theirs = parse_urdf((folder / urdf).read_text(), urdf, None, tip)
+    theirs = parse_urdf((example_robots() / urdf).read_text(), urdf, None, tip)
     q = np.random.default_rng(1).uniform(-2, 2, (len(theirs.variables), 20))
     position = (
         rotation_from_rpy(np.array([0, 0, math.radians(yaw)])) @ build_chain(read_robot(key)).forward(q).translation
@@ -246,6 +227,8 @@ def test_every_file_is_in_the_list_with_its_source() -> None:
         assert (robot.name, len(robot.variables)) == (f"{arm.maker} {arm.model}", arm.axes)
         assert "# Source: " in text
         assert "# Base: " in text
+        # Base, targets and effects are left to the user.
+        assert (robot.base, robot.targets, robot.effects) == (Frame(), {}, ())
         # The longest stretch to the flange is at least the published reach of the wrist, but for limits and heights.
         stretch = robacc_reach(robot)
         assert 0.95 * arm.reach < stretch < 2.1 * arm.reach, arm.key
@@ -290,14 +273,6 @@ def test_calls_take_a_name() -> None:
     record = next(file for file in found.document()["inputs"] if file["kind"] == "robot")
     assert record["name"] == "ur10e"
     assert len(record["sha256"]) == 64
-
-
-def test_targets_and_tools_are_left_to_the_user() -> None:
-    for key in KEYS:
-        robot = read_robot(key)
-        assert robot.base == Frame()
-        assert not robot.targets
-        assert replace(robot, tool=Frame()).effects == ()
 
 
 def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:

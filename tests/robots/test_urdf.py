@@ -41,6 +41,7 @@ TREE = """<robot name="tree">
 def test_default_chain_runs_from_the_root_to_the_leaf_with_most_joints() -> None:
     robot = parse_urdf(TREE, "tree.urdf")
     assert (robot.base_link, robot.tip_link) == ("world", "thumb")
+    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
     assert [joint.name for joint in robot.joints] == ["stand", "one", "two", "slide", "follow"]
     assert robot.variable_names == ("one", "two", "slide")
     assert [joint.type for joint in robot.joints] == ["fixed", "revolute", "revolute", "prismatic", "prismatic"]
@@ -234,11 +235,6 @@ def test_every_error_is_one_of_ours_for_any_mutilation() -> None:
         except RobaccError:
             outcomes.add("refused")
     assert outcomes == {"read", "refused"}
-
-
-def test_urdf_to_robot_file_and_back_is_the_same_robot() -> None:
-    robot = parse_urdf(TREE, "tree.urdf")
-    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
 
 
 BRANCHED = """<robot name="torso">

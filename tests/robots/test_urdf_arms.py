@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from robot_files import example_robots
 from slow_parameters import some_fast
 
 from robacc.errors import InputError
@@ -53,16 +53,6 @@ ARMS = (
 """Under the package's folder of robots: arms, arms on mobile bases, hands with mimic joints, long chains."""
 
 
-@pytest.fixture(scope="session")
-def robots_folder() -> Path:
-    try:
-        listed = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    urdf = next(file for file in listed if file.name == "panda.urdf")
-    return Path(urdf.locate()).parents[2]
-
-
 def position(reference: Any, name: str, configuration: Mapping[str, float]) -> float:
     """Return a joint's position; a finger may follow one of another chain."""
     rule = reference.joint_map[name].mimic
@@ -72,10 +62,10 @@ def position(reference: Any, name: str, configuration: Mapping[str, float]) -> f
 
 
 @pytest.mark.parametrize("arm", some_fast(ARMS, 2))
-def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder: Path) -> None:
+def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str) -> None:
     yourdfpy = pytest.importorskip("yourdfpy")
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)
-    path = robots_folder / arm
+    path = example_robots() / arm
     reference = yourdfpy.URDF.load(str(path), load_meshes=False)
     rng = np.random.default_rng(0)
     configurations = [{name: rng.uniform(-2, 2) for name in reference.actuated_joint_names} for _ in range(2)]
@@ -105,13 +95,13 @@ def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str, robots_folder:
             np.testing.assert_allclose(build_chain(robot).forward(q).matrices()[0], expected, atol=1e-10, err_msg=leaf)
 
 
-def test_there_are_at_least_fifteen_robots(robots_folder: Path) -> None:
-    assert sum((robots_folder / arm).is_file() for arm in ARMS) >= 15
+def test_there_are_at_least_fifteen_robots() -> None:
+    assert sum((example_robots() / arm).is_file() for arm in ARMS) >= 15
 
 
-def test_our_panda_is_the_urdfs_panda(robots_folder: Path) -> None:
+def test_our_panda_is_the_urdfs_panda() -> None:
     # Two descriptions of one arm by different hands, modified DH and URDF.
-    text = (robots_folder / ARMS[0]).read_text()
+    text = (example_robots() / ARMS[0]).read_text()
     theirs = parse_urdf(text, "panda.urdf", "panda_link0", "panda_link8")
     ours = read_robot(PROJECT / "configs" / "robots" / "panda.yaml")
     q = np.random.default_rng(1).uniform(-1, 1, (7, 20))
@@ -126,9 +116,9 @@ def test_our_panda_is_the_urdfs_panda(robots_folder: Path) -> None:
         assert our.com == pytest.approx(their.com, abs=1e-4)
 
 
-def test_our_ur10_is_the_urdfs_ur10(robots_folder: Path) -> None:
+def test_our_ur10_is_the_urdfs_ur10() -> None:
     # The URDF is in metres to four digits and puts its tool frame's axes elsewhere, so points are compared.
-    text = (robots_folder / "ur_description/urdf/ur10_robot.urdf").read_text()
+    text = (example_robots() / "ur_description/urdf/ur10_robot.urdf").read_text()
     theirs = build_chain(parse_urdf(text, "ur10.urdf", None, "tool0"))
     ours = build_chain(read_robot(PROJECT / "configs" / "robots" / "ur10.yaml"))
     q = np.random.default_rng(1).uniform(-2, 2, (6, 20))

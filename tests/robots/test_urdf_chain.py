@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from robot_files import example_robots
 
 import robacc
 from robacc.robots.urdf import parse_urdf
@@ -73,11 +73,7 @@ def test_joints_of_two_branches_leave_the_longest_chain() -> None:
 
 
 def test_a_panda_ends_at_its_flange(tmp_path: Path) -> None:
-    try:
-        files = metadata.files("example-robot-data") or []
-    except metadata.PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed")
-    urdf = Path(next(file for file in files if file.name == "panda.urdf").locate())
+    urdf = example_robots() / "panda_description/urdf/panda.urdf"
     assert len(robacc.read_robot(urdf).variables) == 8  # without poses: into the finger
     made = robacc.simulate("panda", poses=20, noise="0.05mm", seed=1)
     made.write(tmp_path / "numbered.csv")

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -131,6 +132,7 @@ TIAGO = Arm(
     prismatic=(0,),
 )
 ARMS = {arm.name: arm for arm in (PUMA560, UR10, IRB1600, TIAGO)}
+SIX_JOINTS = ("puma560", "ur10", "irb1600")
 
 TARGETS = np.array([[0.06, 0.03, 0.12], [-0.04, 0.07, 0.12], [-0.05, -0.07, 0.16], [0.07, -0.06, 0.18], [0, 0.1, 0.2]])
 """Places of the targets in the last link's frame, m; the first is the tool where there is only one."""
@@ -148,7 +150,7 @@ class Setup:
         """Names of the targets."""
         return _names("smr", self.n_targets)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of all coefficients: base, targets, then each joint's theta, d, a, alpha, beta."""
         base = [f"base_frame.{label}" for label in ("x", "y", "z", "roll", "pitch", "yaw")]
@@ -173,6 +175,22 @@ class Setup:
                 mask[self.index(f"link_geometry.{joint}.beta")] = False
         return mask
 
+    def placed(self, rng: np.random.Generator, of_target: float = 6e-3) -> np.ndarray:
+        """Coefficients of a nominal arm whose base is some 10 mm and 5 mrad off, and its target ``of_target``."""
+        values = np.zeros(len(self.names))
+        values[:3], values[3:6], values[6:9] = (
+            rng.normal(0, 6e-3, 3),
+            rng.normal(0, 3e-3, 3),
+            rng.normal(0, of_target, 3),
+        )
+        return values
+
+    def erring(self, rng: np.random.Generator, size: float, of_target: float = 6e-3) -> np.ndarray:
+        """As :meth:`placed`, with zeros and links off by ``size`` rad and m."""
+        values, wrong = self.placed(rng, of_target), self.declared(["joint_offset", "link_geometry"])
+        values[wrong] = rng.normal(0, size, int(wrong.sum()))
+        return values
+
     def positions(self, values: np.ndarray, q: np.ndarray, target: np.ndarray) -> np.ndarray:
         """Where target number ``target`` (N,) is at joints ``q`` (N, n): (N, 3), m, in the measuring frame."""
         once, place = np.unique(q, axis=0, return_inverse=True)
@@ -185,15 +203,15 @@ class Setup:
     def frames(self, values: np.ndarray, q: np.ndarray) -> list[np.ndarray]:
         """Frame of the base and of each link, (N, 4, 4) each."""
         x, y, z, roll, pitch, yaw = values[:6]
-        base = _move(x, y, z) @ _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
+        base = move(x, y, z) @ turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
         frames = [np.broadcast_to(base, (len(q), 4, 4))]
-        changes = self._changes(values)
+        changes, nothing = self._changes(values), np.zeros(len(q))
         for i in range(self.arm.n):
             theta, d, a, alpha = self.arm.table[i] + changes[i, :4]
             moving = q[:, i]
             theta, d = (theta, d + moving) if i in self.arm.prismatic else (theta + moving, d)
-            fixed = _move(a, 0 * a, 0 * a) @ _turn(0, alpha) @ _turn(1, changes[i, 4])
-            frames.append(frames[-1] @ _screw(theta, d, len(q)) @ fixed)
+            fixed = move(a, 0.0, 0.0) @ turn(0, alpha) @ turn(1, changes[i, 4])
+            frames.append(frames[-1] @ turn(2, theta + nothing) @ move(0.0, 0.0, d + nothing) @ fixed)
         return frames
 
     def _changes(self, values: np.ndarray) -> np.ndarray:
@@ -227,7 +245,7 @@ class Setup:
         last, n = frames[-1], self.n_targets
         point = last[:, :3, 3] + np.einsum("nij,nj->ni", last[:, :3, :3], self._tools(values)[target])
         ends = (len(q), 3)
-        roll, pitch, yaw = _turn(2, values[5]) @ _turn(1, values[4]), _turn(2, values[5]), np.eye(4)
+        roll, pitch, yaw = turn(2, values[5]) @ turn(1, values[4]), turn(2, values[5]), np.eye(4)
         columns = [np.broadcast_to(axis, ends) for axis in np.eye(3)]
         arm = point - frames[0][:, :3, 3]
         columns += [np.cross(axis, arm) for axis in (roll[:3, 0], pitch[:3, 1], yaw[:3, 2])]
@@ -281,29 +299,24 @@ def write_poses(
     path.write_text("\n".join(lines) + "\n")
 
 
-def _turn(axis: int, angle: complex | float) -> np.ndarray:
-    out = np.eye(4, dtype=np.asarray(angle).dtype if np.iscomplexobj(angle) else float)
-    i, j = (axis + 1) % 3, (axis + 2) % 3
-    out[i, i] = out[j, j] = np.cos(angle)
-    out[i, j], out[j, i] = -np.sin(angle), np.sin(angle)
+def turn(axis: int, angle: complex | float | np.ndarray) -> np.ndarray:
+    """Rotations (..., 4, 4) about a coordinate axis."""
+    angle = np.asarray(angle)
+    out = np.zeros((*angle.shape, 4, 4), np.result_type(angle, float))
+    i, k = (axis + 1) % 3, (axis + 2) % 3
+    out[..., axis, axis] = out[..., 3, 3] = 1.0
+    out[..., i, i] = out[..., k, k] = np.cos(angle)
+    out[..., k, i] = np.sin(angle)
+    out[..., i, k] = -out[..., k, i]
     return out
 
 
-def _move(x: complex | float, y: complex | float, z: complex | float) -> np.ndarray:
-    place = np.array([x, y, z])
-    out = np.eye(4, dtype=place.dtype)
-    out[:3, 3] = place
-    return out
-
-
-def _screw(theta: np.ndarray, d: np.ndarray, n: int) -> np.ndarray:
-    theta, d = np.broadcast_to(theta, n), np.broadcast_to(d, n)
-    out = np.zeros((n, 4, 4), dtype=np.result_type(theta, d))
-    out[:, 0, 0] = out[:, 1, 1] = np.cos(theta)
-    out[:, 1, 0] = np.sin(theta)
-    out[:, 0, 1] = -np.sin(theta)
-    out[:, 2, 2] = out[:, 3, 3] = 1.0
-    out[:, 2, 3] = d
+def move(x: float | np.ndarray, y: float | np.ndarray, z: float | np.ndarray) -> np.ndarray:
+    """Translations (..., 4, 4)."""
+    place = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+    out = np.zeros((*place.shape[:-1], 4, 4), np.result_type(place, float))
+    out[..., range(4), range(4)] = 1.0
+    out[..., :3, 3] = place
     return out
 
 

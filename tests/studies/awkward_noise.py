@@ -27,9 +27,7 @@ declared effects.
 from __future__ import annotations
 
 import argparse
-import itertools
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -37,7 +35,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, Setup, write_poses
+from arm import ARMS, SIX_JOINTS, Setup, write_poses
 
 DECLARED = "base_frame,tool_frame,joint_offset,link_geometry"
 POSES, FRESH = 60, 200
@@ -63,10 +61,7 @@ class Campaign:
 
 def plain(setup: Setup, noise: float, rng: np.random.Generator, q: np.ndarray | None = None) -> Campaign:
     """Return poses with independent normal noise, directions and times."""
-    truth = np.zeros(len(setup.names))
-    truth[:3], truth[3:6], truth[6:9] = rng.normal(0, 6e-3, 3), rng.normal(0, 3e-3, 3), rng.normal(0, 6e-3, 3)
-    wrong = setup.declared(["joint_offset", "link_geometry"])
-    truth[wrong] = rng.normal(0, 3e-4, int(wrong.sum()))
+    truth = setup.erring(rng, 3e-4)
     q = rng.uniform(*setup.arm.span.T, (POSES, setup.arm.n)) if q is None else q
     columns: dict[str, Any] = {"time_s": 30 * np.arange(len(q))}
     direction = rng.choice((-1, 1), q.shape)
@@ -170,16 +165,14 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     rng = tool.generator(name)
     out = campaign(kind, Setup(ARMS[arm]), 1e-6 * float(noise), rng)
     fresh = rng.uniform(out.q.min(axis=0), out.q.max(axis=0), (FRESH, out.setup.arm.n))
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (options.keep / name) if options.keep else Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
+    with tool.folder_of(name, options) as folder:
         write(out, fresh, folder)
-        traced, trace_test = answers(("trace", "--declared"), folder, options)
+        traced, trace_test = tool.fit_and_test(("trace", "--declared", DECLARED), folder, options)
         if traced.result is None:
             return {"name": name, "error": traced.error or f"status {traced.status}"}
         tests = [trace_test]
         if traced.result["findings"]:
-            tests.append(answers(("calibrate", "--fit"), folder, options)[1])
+            tests.append(tool.fit_and_test(("calibrate", "--fit", DECLARED), folder, options)[1])
     result = traced.result
     zero, mask = np.zeros(len(out.q), int), out.setup.declared(DECLARED.split(","))
     rows = tool.intervals(out.setup, result, out.q, zero, out.truth, mask, tolerance=5e-8 * float(noise))
@@ -201,14 +194,6 @@ def write(out: Campaign, fresh: np.ndarray, folder: Path) -> None:
     write_poses(folder / "test.csv", fresh, out.setup.positions(out.truth, fresh, np.zeros(FRESH, int)), middle)
 
 
-def answers(ask: tuple[str, str], folder: Path, options: argparse.Namespace) -> tuple[tool.Answer, tool.Answer]:
-    """Return the result of a command, and the errors of its model at fresh poses."""
-    words, model = tool.command(options), str(folder / "model.yaml")
-    asked = [*words, ask[0], str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml"), ask[1], DECLARED]
-    answer = tool.run([*asked, "--seed", "0", "--write-model", model], options.limit)
-    return answer, tool.run([*words, "estimate", str(folder / "test.csv"), "--robot", model], options.limit)
-
-
 def is_wrong(row: dict[str, Any]) -> bool:
     """Whether a set has a finding that is none of errors that wander."""
     wanders = row["name"].split("-")[0] in ("path", "warming")
@@ -222,11 +207,8 @@ def is_worse(row: dict[str, Any]) -> bool:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Print the table and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     lines = []
-    for label, members in [("all sets", good), *tool.groups(good, lambda row: row["name"].split("-")[0]).items()]:
+    for label, members in [("all sets", rows), *tool.groups(rows, lambda row: row["name"].split("-")[0]).items()]:
         verdicts = tool.groups(members, lambda row: row["verdict"])
         lines.append(
             [
@@ -242,37 +224,23 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     header = ("", "sets", "false", "worse", "all hold", "verdicts", "s")
     print(tool.table(header, lines))
     print("false: sets with a finding other than errors that wander; worse: fresh poses have a larger error with them")
-    hits = sum(map(is_wrong, good))
+    hits = sum(map(is_wrong, rows))
     claims = [
-        tool.claim(f"false findings at most 2 %: {hits} of {len(good)}", *tool.wilson(hits, len(good)), (0, 0.02))
+        tool.claim(f"false findings at most 2 %: {hits} of {len(rows)}", *tool.wilson(hits, len(rows)), (0, 0.02))
     ]
     print("\n".join(claims))
-    return {"sets": len(rows), "table": [header, *lines], "claims": claims}
+    return {"table": [header, *lines], "claims": claims}
 
 
 def main() -> int:
     """Run the sets that are asked for."""
-    parser = tool.arguments(__doc__, seeds=6)
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each set as it is done; skip those there")
-    options = parser.parse_args()
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    arms = [arm for arm in ARMS if arm != "tiago"]
-    parts = itertools.product(seeds, KINDS)
-    names = [f"{kind}-{arms[seed % 3]}-{(10, 20, 50)[(seed + seed // 3) % 3]}-s{seed}" for seed, kind in parts]
-    names = tool.chosen(names, options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows, before = [], tool.earlier(options)
-    for name in names:
-        if name in before:
-            rows.append(before[name])
-            continue
-        rows.append(run_set(name, options))
-        tool.keep(options, rows[-1])
-        if options.v:
-            print({key: value for key, value in rows[-1].items() if key != "covered"}, flush=True)
-    return tool.finish(options, summary(rows), rows)
+    options = tool.arguments(__doc__, seeds=6).parse_args()
+    names = [
+        f"{kind}-{SIX_JOINTS[seed % 3]}-{(10, 20, 50)[(seed + seed // 3) % 3]}-s{seed}"
+        for seed in tool.seeds_of(options)
+        for kind in KINDS
+    ]
+    return tool.run_all(names, options, run_set, summary)
 
 
 if __name__ == "__main__":

@@ -20,23 +20,21 @@ import argparse
 import dataclasses
 import math
 import sys
-import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tool
 from corrected_arms import circumstances, write_csv
 from real_arm import (
+    DRAWN,
     EFFECTS,
     KINDS,
     TEMPLATES,
     Pose,
     RealArm,
     Truth,
-    drawn,
     measured,
     random_arm,
     random_truth,
@@ -164,7 +162,7 @@ def drawn_truth(arm: RealArm, kind: str, rng: np.random.Generator) -> Truth:
     elif kind == "tracker_error":
         effect["station"] = np.append(rng.uniform(2.5, 4.0) * np.array([1.0, rng.uniform(-1, 1)]), rng.uniform(0, 1.5))
     else:
-        beside = truth.effects[BESIDE[kind]] if kind in BESIDE else drawn("backlash", arm, rng)
+        beside = truth.effects[BESIDE[kind]] if kind in BESIDE else DRAWN["backlash"](arm, rng)
         effect |= {"joint": beside["joint"], "phase": float(rng.uniform(-math.pi, math.pi))}
         if kind == "compliance_variation":
             effect["size"] = 0.1 * float(beside["size"])  # type: ignore[arg-type]
@@ -183,9 +181,7 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     study = ConfusionStudy(name, options.poses, options.times)
     declared = "base_frame,tool_frame,joint_offset"
     declared += "" if study.kind == "instrument_scale" else ",link_geometry"
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (options.keep / name) if options.keep else Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
+    with tool.folder_of(name, options) as folder:
         robot = write_robot(study.arm, folder)
         write_csv(folder / "poses.csv", study.columns())
         words = [*tool.command(options), "trace", str(folder / "poses.csv"), "--robot", str(robot)]
@@ -220,27 +216,26 @@ def judged(kind: str, joint: str | None, result: Mapping[str, Any]) -> dict[str,
 
 def summary(rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Print the answers by effect, and what is confused with what."""
-    done = [row for row in rows if not row.get("error")]
     header = ("effect", "sets", *ANSWERS, "wrong and explained", "named instead or besides")
     lines = []
-    for kind in dict.fromkeys(row["effect"] for row in done):
-        group = [row for row in done if row["effect"] == kind]
+    for kind in dict.fromkeys(row["effect"] for row in rows):
+        group = [row for row in rows if row["effect"] == kind]
         answers = Counter(row["answer"] for row in group)
         names = Counter(name.split("[")[0] for row in group for name in row["others"])
         explained = sum(row["answer"] == "wrong" and row["explained"] for row in group)
         instead = ", ".join(f"{count} {name}" for name, count in names.most_common())
         lines.append([kind, len(group), *(answers[answer] for answer in ANSWERS), explained, instead or "-"])
     print(tool.table(header, lines))
-    answers = Counter(row["answer"] for row in done)
+    answers = Counter(row["answer"] for row in rows)
     named = answers["right"] + answers["alternative"]
-    low, high = tool.wilson(named, len(done))
-    wrong = sum(row["answer"] == "wrong" and row["explained"] for row in done)
+    low, high = tool.wilson(named, len(rows))
+    wrong = sum(row["answer"] == "wrong" and row["explained"] for row in rows)
     claims = [
-        f"{named} of {len(done)} named, {answers['right']} of them first ({tool.percent(low)} to {tool.percent(high)})",
-        tool.claim(f"{wrong} wrong names are called explained", *tool.wilson(wrong, len(done)), (0.0, 0.05)),
+        f"{named} of {len(rows)} named, {answers['right']} of them first ({tool.percent(low)} to {tool.percent(high)})",
+        tool.claim(f"{wrong} wrong names are called explained", *tool.wilson(wrong, len(rows)), (0.0, 0.05)),
     ]
     print("\n".join(claims))
-    return {"sets": len(rows), "claims": claims}
+    return {"claims": claims}
 
 
 def main() -> int:
@@ -248,30 +243,15 @@ def main() -> int:
     parser = tool.arguments(__doc__, seeds=2)
     parser.add_argument("--times", type=float, default=4.0, help="size over the ideal one (default: %(default)s)")
     parser.add_argument("--poses", type=int, default=100)
-    parser.add_argument("--rows", type=Path, help="file of lines to append each set to, and to read earlier ones from")
     options = parser.parse_args()
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
     # Each effect has each seed's arm once; the arms of one effect go round the templates and forms.
-    all_names = [
+    names = [
         f"{kind}-{TEMPLATES[(s + k) % len(TEMPLATES)]}-{KINDS[(s + k) // 2 % len(KINDS)]}-s{s}"
-        for s in seeds
+        for s in tool.seeds_of(options)
         for k, kind in enumerate((*EFFECTS, *EXTRA))
         if kind != NO_CAUSE
     ]
-    names = tool.chosen(all_names, options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows, known = [], tool.earlier(options)
-    for name in names:
-        row = known.get(name)
-        if row is None:
-            row = run_set(name, options)
-            tool.keep(options, row)
-        rows.append(row)
-        if options.v:
-            print(row, flush=True)
-    return tool.finish(options, summary(rows), rows)
+    return tool.run_all(names, options, run_set, summary)
 
 
 if __name__ == "__main__":

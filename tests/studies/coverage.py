@@ -27,6 +27,7 @@ fresh poses without noise is compared with that of a process over the driver, wh
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ from typing import Any
 import least_squares
 import numpy as np
 import tool
-from arm import ARMS, TARGETS, Setup
+from arm import ARMS, SIX_JOINTS, TARGETS, Setup
 from scipy.linalg import solve_triangular
 from scipy.optimize import minimize
 
@@ -48,14 +49,6 @@ SCATTER = {"visits": 2e-5, "faint": 1e-5}
 NOISES = ("white", "wander", "visits", "faint", "heavy", "axes")
 MANY, DRAWS = 4000, 5
 """Fresh poses behind the true size of the error, and errors of the row drawn at each."""
-
-
-def truth_of(setup: Setup, rng: np.random.Generator) -> np.ndarray:
-    truth = np.zeros(len(setup.names))
-    truth[:3], truth[3:6], truth[6:9] = rng.normal(0, 6e-3, 3), rng.normal(0, 3e-3, 3), rng.normal(0, 3e-3, 3)
-    wrong = setup.declared(["joint_offset", "link_geometry"])
-    truth[wrong] = rng.normal(0, 5e-4, int(wrong.sum()))
-    return truth
 
 
 def at(setup: Setup, values: np.ndarray, q: np.ndarray) -> np.ndarray:
@@ -90,7 +83,7 @@ def run_set(name: str) -> dict[str, Any]:
     """Draw, calibrate and judge one arm."""
     kind, arm = name.split("-")[:2]
     rng, setup = tool.generator(name), Setup(ARMS[arm])
-    truth, n = truth_of(setup, rng), setup.arm.n
+    truth, n = setup.erring(rng, 5e-4, 3e-3), setup.arm.n
     repeats = 3 if kind in SCATTER else 1
     low, high = setup.arm.span.T
     upper, middle = rng.integers(2, size=n).astype(bool), 0.5 * (low + high)
@@ -279,7 +272,7 @@ def run_lacking(name: str) -> dict[str, Any]:
     """Draw, trace and judge one arm with an effect outside the catalogue, 0.15 mm rms at the target."""
     kind, arm = name.split("-")[:2]
     rng, setup, mechanism = tool.generator(name), Setup(ARMS[arm]), MECHANISMS[kind]
-    truth, n = truth_of(setup, rng), setup.arm.n
+    truth, n = setup.erring(rng, 5e-4, 3e-3), setup.arm.n
     q = rng.uniform(*setup.arm.span.T, (650, n))
     driver = mechanism.driver(setup, q)
     size, turn = mechanism.function(driver, rng), mechanism.joints(setup, q)
@@ -374,30 +367,30 @@ def lacking_summary(rows: list[dict[str, Any]]) -> None:
     print(tool.table(header, lines))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def run_any(name: str, options: argparse.Namespace) -> dict[str, Any]:
+    """Draw and judge one arm, with an effect that the catalogue lacks if the name says one."""
+    return (run_lacking if name.split("-")[0] in MECHANISMS else run_set)(name)
+
+
+def summaries(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """Print the tables of the sets that there are."""
+    for table, some in ((summary, [row for row in rows if "covered" in row]),
+                        (lacking_summary, [row for row in rows if "covered" not in row])):  # fmt: skip
+        if some:
+            table(some)
+    return {}
+
+
+def main() -> int:
+    parser = tool.arguments(__doc__, 1)
     parser.add_argument("--arms", type=int, default=0, help="arms of each noise")
     parser.add_argument("--lacking", type=int, default=0, help="arms with an effect that the catalogue lacks")
-    parser.add_argument("--only", default="", help="start of the names of sets")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each set as it is done; skip those there")
-    parser.add_argument("-v", action="store_true", help="print a line for each set")
     options = parser.parse_args()
-    kinds, arms = list(MECHANISMS), [arm for arm in ARMS if arm != "tiago"]
-    names = [f"{kind}-{arms[seed % 3]}-s{seed}" for seed in range(options.arms) for kind in NOISES]
-    lacking = [f"{kinds[seed % 4]}-{arms[seed // 4 % 3]}-s{seed}" for seed in range(options.lacking)]
-    before, done = tool.earlier(options), []
-    for name in [name for name in (*names, *lacking) if name.startswith(options.only)]:
-        if name not in before:
-            before[name] = (run_lacking if name in lacking else run_set)(name)
-            tool.keep(options, before[name])
-        done.append(before[name])
-        if options.v:
-            print({key: value for key, value in done[-1].items() if key != "covered"}, flush=True)
-    for table, rows in ((summary, done), (lacking_summary, done)):
-        chosen = [row for row in rows if ("covered" in row) == (table is summary)]
-        if chosen:
-            table(chosen)
+    kinds = list(MECHANISMS)
+    names = [f"{kind}-{SIX_JOINTS[seed % 3]}-s{seed}" for seed in range(options.arms) for kind in NOISES]
+    names += [f"{kinds[seed % 4]}-{SIX_JOINTS[seed // 4 % 3]}-s{seed}" for seed in range(options.lacking)]
+    return tool.run_all(names, options, run_any, summaries)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

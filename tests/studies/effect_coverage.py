@@ -17,49 +17,37 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from independent_arm import DECLARED, GRAVITY, TOOL, Run, link_frames, measured, robot, run, target, torques
+from independent_arm import (
+    TOOL,
+    Run,
+    measured,
+    measured_on_a_rail,
+    measured_with_loads,
+    robot_on_a_rail,
+    run,
+    target,
+    targets,
+    torques,
+)
 from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
+from searched import ARM, error_at, fitted, found, model
 
 from robacc.effects.elastic import JointCompliance, PayloadCompliance
 from robacc.effects.frames import RailErrors
 from robacc.effects.instrument import ReadBack
 from robacc.effects.periodic import ComplianceVariation, Counterbalance
-from robacc.effects.request import build, parse_requests
 from robacc.effects.step import Step
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.solver import fit
-from robacc.geometry import rotation_about
+from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.robots.description import Joint
 from robacc.tracing.findings import Finding
-from robacc.tracing.search import search
 from robacc.tracing.trace import trace
 
 NOISE = 1e-5
-ARM = Arm.of(robot())
 COMPLIANCE = 8e-7
 FAR = np.array([0.3, -0.2, 0.45])
-LENGTH = 3.0
-
-
-def rail_arm() -> Arm:
-    described = robot()
-    parameters = dict.fromkeys(("theta", "d", "a", "alpha"), 0.0)
-    slide = Joint("rail", "prismatic", parameters, limits=(0.0, LENGTH), axis=(0.0, 0.0, 1.0))
-    return Arm.of(dataclasses.replace(described, joints=(slide, *described.joints)))
-
-
-def at(q: np.ndarray) -> np.ndarray:
-    return np.array([target(column) for column in q.T]).T
-
-
-def turned(joints: Run, joint: int, turn: np.ndarray) -> np.ndarray:
-    moved = joints.q.copy()
-    moved[joint] += turn
-    return at(moved)
+ON_A_RAIL = Arm.of(robot_on_a_rail())
 
 
 def own(joints: Run, joint: int) -> np.ndarray:
@@ -86,56 +74,30 @@ def counterbalance(n: int, seed: int, noise: float, size: float) -> Measurements
     angle = joints.q[1]
     stretched = np.sin(angle - np.radians(70.0))
     spring = 2e-3 * stretched - 1.5e-3 * stretched / np.sqrt(1 + 0.7 * np.cos(angle - np.radians(70.0)))
-    return measured(joints, turned(joints, 1, COMPLIANCE * own(joints, 1) + size * spring), noise, seed)
+    return measured(joints, joints.turned(1, COMPLIANCE * own(joints, 1) + size * spring), noise, seed)
 
 
 def variation(n: int, seed: int, noise: float, size: float) -> Measurements:
     joints = run(n, seed)
     turn = COMPLIANCE * own(joints, 1) * (1.0 + size * 0.3 * np.cos(2 * joints.q[1] - 0.7))
-    return measured(joints, turned(joints, 1, turn), noise, seed)
+    return measured(joints, joints.turned(1, turn), noise, seed)
 
 
 def read_back(n: int, seed: int, noise: float, size: float) -> Measurements:
     joints = run(n, seed)
     stood = joints.q + size * 2e-4 * np.random.default_rng(seed).normal(size=joints.q.shape)
-    return dataclasses.replace(measured(joints, at(stood), noise, seed), read_back=stood)
-
-
-def rail(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
-    travel = np.random.default_rng(seed).uniform(0, LENGTH, n)
-    position = []
-    for t, q in zip(travel, joints.q.T, strict=True):
-        u = t / LENGTH
-        shift = size * np.array([2e-4 * np.sin(np.pi * u), 1e-4 * np.cos(3 * u), 0.0])
-        turn = rotation_about(0, size * 1e-4 * np.sin(4 * u)) @ rotation_about(2, size * 1.5e-4 * u**2)
-        position.append(np.array([0, 0, t]) + shift + turn @ (link_frames(q)[-1] @ np.append(TOOL, 1.0))[:3])
-    on_rail = Run(np.vstack([travel, joints.q]), joints.direction, joints.time)
-    return measured(on_rail, np.array(position).T, noise, seed)
-
-
-def carried(joints: Run, mass: np.ndarray, com: np.ndarray) -> np.ndarray:
-    """Torque of masses at the flange about joint 2."""
-    result = []
-    for q, m in zip(joints.q.T, mass, strict=True):
-        extra = lambda frames, m=m: m * GRAVITY * float((frames[-1] @ np.append(com, 1.0))[2])  # noqa: E731
-        result.append(torques(q, extra)[1] - torques(q)[1] if m else 0.0)
-    return np.array(result)
+    return dataclasses.replace(measured(joints, targets(stood), noise, seed), read_back=stood)
 
 
 def payload(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
     mass = np.random.default_rng(seed).choice([0.0, 20.0, 60.0], n)
-    turn = size * COMPLIANCE * carried(joints, mass, FAR)
-    return dataclasses.replace(measured(joints, turned(joints, 1, turn), noise, seed), payload=mass)
+    return dataclasses.replace(measured_with_loads(n, seed, noise, size * COMPLIANCE, mass, FAR), payload=mass)
 
 
 def groups(n: int, seed: int, noise: float, size: float) -> Measurements:
-    joints = run(n, seed)
     names = np.random.default_rng(seed).choice(["none", "gripper", "part"], n)
     mass = np.select([names == "gripper", names == "part"], [20.0, 60.0])
-    turn = size * COMPLIANCE * carried(joints, mass, TOOL)
-    return dataclasses.replace(measured(joints, turned(joints, 1, turn), noise, seed), payload_group=names)
+    return dataclasses.replace(measured_with_loads(n, seed, noise, size * COMPLIANCE, mass), payload_group=names)
 
 
 def step(part: str) -> Callable[[int, int, float, float], Measurements]:
@@ -144,9 +106,10 @@ def step(part: str) -> Callable[[int, int, float, float], Measurements]:
         if noise == 0.0:
             after = np.ones(n, dtype=bool)  # fresh poses come after the step
         if part == "payload":
-            position = turned(joints, 1, size * COMPLIANCE * carried(joints, 30.0 * after, TOOL))
-        elif part == "joint":
-            position = turned(joints, 2, size * 1e-4 * after)
+            result = measured_with_loads(n, seed, noise, size * COMPLIANCE, 30.0 * after)
+            return result if noise else dataclasses.replace(result, rows=None)
+        if part == "joint":
+            position = joints.turned(2, size * 1e-4 * after)
         else:
             shift = size * 1e-4 * np.array([0.6, -0.6, 0.53])
             position = np.array(
@@ -182,7 +145,9 @@ CASES = {
         beside=(JointCompliance(("j2",)),),
     ),
     "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}, n_terms=1),
-    "rail_errors": Case(rail, lambda data: (RailErrors.default(rail_arm(), data),), {}, rail_arm(), 140, n_terms=6),
+    "rail_errors": Case(
+        measured_on_a_rail, lambda data: (RailErrors.default(ON_A_RAIL, data),), {}, ON_A_RAIL, 140, n_terms=6
+    ),
     "payload_compliance com uncertain": Case(
         payload,
         lambda data: (PayloadCompliance(("j2",), "uncertain"),),
@@ -203,10 +168,6 @@ CASES = {
 }
 
 
-def fitted(case: Case, data: Measurements, effects: tuple) -> Fit:
-    return fit(Model(case.arm, free=(*build(parse_requests(DECLARED), case.arm, data), *effects)), data, Options())
-
-
 def positions_held(result: Fit, fresh: Measurements) -> tuple[int, int, float]:
     """Coordinates at fresh poses within 1.96 standard deviations, their number, and the RMS error in um."""
     predicted, jacobian = result.model.bind(fresh).linearise(result.theta)
@@ -214,7 +175,7 @@ def positions_held(result: Fit, fresh: Measurements) -> tuple[int, int, float]:
     std = np.sqrt(np.einsum("mpn,pq,mqn->mn", jacobian[:3], covariance, jacobian[:3]))
     error = fresh.position - predicted.translation
     inside = np.abs(error) <= 1.96 * std
-    return int(inside.sum()), inside.size, 1e6 * float(np.sqrt(np.mean(np.sum(np.square(error), axis=0))))
+    return int(inside.sum()), inside.size, 1e6 * error_at(result, fresh)
 
 
 def coverage(sets: int, only: str) -> None:
@@ -225,7 +186,7 @@ def coverage(sets: int, only: str) -> None:
         errors = []
         for seed in range(sets):
             data, fresh = case.data(case.n, 500 + seed, NOISE, 1.0), case.data(40, 900 + seed, 0.0, 1.0)
-            result = fitted(case, data, case.effects(data))
+            result = fitted(data, case.effects(data), case.arm)
             for label, value in case.truth.items():
                 i = result.names.index(label)
                 held += abs(result.theta[i] - value) <= 1.98 * np.sqrt(result.covariance[i, i])
@@ -237,24 +198,22 @@ def coverage(sets: int, only: str) -> None:
         print(f"{name:34s} {share}, positions {inside / size:.3f}, rms {np.mean(errors):.1f} um", flush=True)
 
 
-def searched(case: Case, data: Measurements) -> list[str]:
-    declared = build(parse_requests(DECLARED), case.arm, data)
-    return [str(effect) for effect in search(Model(case.arm, free=declared), data).effects]
-
-
 def clean(sets: int) -> None:
     for seed in range(sets):
         joints = run(90, 3000 + seed)
-        data = measured(joints, at(joints.q), NOISE, seed, timed=True, directed=True)
+        data = measured(joints, targets(joints.q), NOISE, seed, timed=True, directed=True)
         rng = np.random.default_rng(seed)
         names = rng.choice(["none", "gripper", "part"], data.n)
         data = dataclasses.replace(data, read_back=joints.q + 2e-4 * rng.normal(size=joints.q.shape))
         data = dataclasses.replace(data, payload_group=names)
         if seed % 2:
             data = dataclasses.replace(data, payload=rng.choice([0.0, 20.0, 60.0], data.n), payload_group=None)
-        on_rail = CASES["rail_errors"]
-        print(f"clean {seed}", searched(CASES["read_back"], data), end=" ")
-        print("rail", searched(on_rail, rail(120, 4000 + seed, NOISE, 0.0)) if seed % 2 else "-", flush=True)
+        print(f"clean {seed}", list(map(str, found(data))), end=" ")
+        print(
+            "rail",
+            list(map(str, found(measured_on_a_rail(120, 4000 + seed, NOISE, 0.0), ON_A_RAIL))) if seed % 2 else "-",
+            flush=True,
+        )
 
 
 def ideal_size(case: Case) -> tuple[float, float]:
@@ -266,7 +225,7 @@ def ideal_size(case: Case) -> tuple[float, float]:
     ratios, lengths = [], []
     for seed in range(3):
         data = case.data(case.n, 7000 + seed, 1e-12, 1.0)
-        remaining = fitted(case, data, case.beside).residual[:3]
+        remaining = fitted(data, case.beside, case.arm).residual[:3]
         ratios.append(np.sum(np.square(remaining / NOISE)))
         lengths.append(1e6 * np.sqrt(np.mean(np.sum(np.square(remaining), axis=0))))
     limit = chi2.isf(0.002 / 80, case.n_terms)
@@ -293,8 +252,7 @@ def sizes(sets: int, only: str, multiples: list[float]) -> None:
             others: list[str] = []
             for seed in range(sets):
                 data = case.data(case.n, 7000 + seed, NOISE, multiple * ideal)
-                declared = build(parse_requests(DECLARED), case.arm, data)
-                result = trace(Model(case.arm, free=declared), data)
+                result = trace(model(data, case.arm), data)
                 effect = name.split()[0]
                 if any(finding.effect == effect for finding in result.findings):
                     named += 1

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import math
 import subprocess
 import sys
 import tempfile
@@ -109,7 +108,6 @@ def main() -> int:
     parser.add_argument("--noise", type=float, default=0.03, help="mm along each axis (default: %(default)s)")
     parser.add_argument("--arm", choices=list(ARMS), help="arm of the other studies (default: an arm of this one)")
     options = parser.parse_args()
-    rows = []
     with tempfile.TemporaryDirectory() as made:
         folder = options.keep or Path(made)
         folder.mkdir(parents=True, exist_ok=True)
@@ -124,29 +122,27 @@ def main() -> int:
             print(plan.error)
             return 1
         limits = [x for x in plan.result["detection_limits"] if x["limit"] and x["effect"] not in SKIPPED]
-        seeds = range(options.first_seed, options.first_seed + options.seeds)
-        sets = {set_name(limit, seed): limit for limit in limits for seed in seeds}
-        names = tool.chosen(list(sets), options)
-        if options.list:
-            print("\n".join(names))
-            return 0
-        for name in names:
-            row = run_set(name, sets[name], folder, options)
-            rows.append(row)
-            if options.v:
-                print(row, flush=True)
-    done = [row for row in rows if "error" not in row]
-    found, named = sum(row["found"] for row in done), sum(row["named"] for row in done)
-    low, high = tool.wilson(found, len(done))
-    print(f"{found} of {len(done)} found, {named} named first")
+        sets = {set_name(limit, seed): limit for limit in limits for seed in tool.seeds_of(options)}
+        return tool.run_all(
+            list(sets),
+            options,
+            lambda name, _: run_set(name, sets[name], folder, options),
+            lambda rows: summary(rows, options),
+        )
+
+
+def summary(rows: list[dict[str, Any]], options: argparse.Namespace) -> dict[str, Any]:
+    """Print how many are found, and the claim."""
+    found, named = sum(row["found"] for row in rows), sum(row["named"] for row in rows)
+    low, high = tool.wilson(found, len(rows))
+    print(f"{found} of {len(rows)} found, {named} named first")
     if options.times == 1.0:
-        one = [row for row in done if row["rank"] == 1]
+        one = [row for row in rows if row["rank"] == 1]
         print(f"of effects with one coefficient: {sum(row['found'] for row in one)} of {len(one)}")
         print(tool.claim("found at the limit in 35 to 65 %", low, high, (0.35, 0.65)))
     else:
         print(tool.claim(f"found at {options.times:g} limits in at least 95 %", low, high, (0.95, 1.0)))
-    share = found / len(done) if done else math.nan
-    return tool.finish(options, {"found": share, "low": low, "high": high}, rows)
+    return {"found": found / len(rows), "low": low, "high": high}
 
 
 if __name__ == "__main__":

@@ -13,7 +13,6 @@ from __future__ import annotations
 import argparse
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -125,8 +124,8 @@ def run_arm(name: str, options: argparse.Namespace) -> dict[str, Any]:
     task = Task(setup, q)
     random = [rng.choice(len(q), options.poses, replace=False) for _ in range(RANDOM_DRAWS)]
     mean = float(np.mean([task.error(task.rows[at]) for at in random]))
-    with tempfile.TemporaryDirectory() as folder:
-        chosen = planned(setup, q, options, Path(folder))
+    with tool.folder_of(name, options) as folder:
+        chosen = planned(setup, q, options, folder)
     best = min(random, key=lambda at: task.error(task.rows[at]))
     errors = {
         "planned": task.error(task.rows[chosen]),
@@ -138,19 +137,22 @@ def run_arm(name: str, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Print the table."""
+    """Compare the choices on the arms."""
     parser = tool.arguments(__doc__, 1)
     parser.add_argument("--poses", type=int, default=30)
     parser.add_argument("--candidates", type=int, default=1000)
     parser.add_argument("--trials", type=int, default=6000, help="moves of the refinement (default: %(default)s)")
     parser.add_argument("--steps", type=int, default=60, help="steps towards the bound (default: %(default)s)")
     options = parser.parse_args()
-    names = tool.chosen(list(ARMS), options)
-    rows = [run_arm(name, options) for name in names]
+    return tool.run_all(list(ARMS), options, run_arm, lambda rows: summary(rows, options.poses))
+
+
+def summary(rows: list[dict[str, Any]], poses: int) -> dict[str, Any]:
+    """Print the table."""
     keys = ("planned", "exchanged", "refined", "bound")
-    print(f"error over that of {options.poses} random poses (mean of {RANDOM_DRAWS} draws)")
+    print(f"error over that of {poses} random poses (mean of {RANDOM_DRAWS} draws)")
     print(tool.table(("arm", *keys), [(row["name"], *(f"{row[key]:.3f}" for key in keys)) for row in rows]))
-    return tool.finish(options, {}, rows)
+    return {}
 
 
 if __name__ == "__main__":

@@ -10,8 +10,6 @@ from __future__ import annotations
 import argparse
 import statistics
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import tool
@@ -36,37 +34,24 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 
 
-def run_case(name: str, case: str, options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+def run_case(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Plan one case on one arm."""
+    arm, case = name.split(", ", 1)
     fit, words = CASES[case]
-    setup = Setup(ARMS[name])
-    setup.write(folder / "robot.yaml")
-    command = [*tool.command(options), "plan", str(folder / "robot.yaml"), "--fit", fit, *words, "--candidates", "1000"]
-    answer = tool.run([*command, "--output", str(folder / "plan.csv")], options.limit)
+    with tool.folder_of(name, options) as folder:
+        Setup(ARMS[arm]).write(folder / "robot.yaml")
+        command = [*tool.command(options), "plan", str(folder / "robot.yaml"), "--fit", fit, *words]
+        answer = tool.run([*command, "--candidates", "1000", "--output", str(folder / "plan.csv")], options.limit)
     if answer.result is None or answer.result["accuracy"]["planned"] is None:
-        return {"name": f"{name}, {case}", "error": answer.error}
+        return {"name": name, "error": answer.error}
     planned = answer.result["accuracy"]["planned"]
-    return {
-        "name": f"{name}, {case}",
-        "arm": name,
-        "case": case,
-        "ratio": None if planned["random_rms_m"] is None else planned["rms_m"] / planned["random_rms_m"],
-        "error": None,
-    }
+    ratio = None if planned["random_rms_m"] is None else planned["rms_m"] / planned["random_rms_m"]
+    return {"name": name, "arm": arm, "case": case, "ratio": ratio}
 
 
-def main() -> int:
+def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Print the table."""
-    parser = tool.arguments(__doc__, 1)
-    options = parser.parse_args()
-    names = tool.chosen([f"{name}, {case}" for name in ARMS for case in CASES], options)
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for name in names:
-            rows.append(run_case(*name.split(", ", 1), options, Path(folder)))
-            if options.v:
-                print(rows[-1], flush=True)
-    done = {(row["arm"], row["case"]): row["ratio"] for row in rows if not row["error"]}
+    done = {(row["arm"], row["case"]): row["ratio"] for row in rows}
     arms = list(dict.fromkeys(arm for arm, _ in done))
     table = []
     for case in CASES:
@@ -76,7 +61,12 @@ def main() -> int:
             cells = ["–" if value is None else f"{value:.2f}" for value in values]
             table.append((case, *cells, f"{statistics.mean(known):.2f}"))
     print(tool.table(("case", *arms, "mean"), table))
-    return tool.finish(options, {}, rows)
+    return {}
+
+
+def main() -> int:
+    options = tool.arguments(__doc__, 1).parse_args()
+    return tool.run_all([f"{name}, {case}" for name in ARMS for case in CASES], options, run_case, summary)
 
 
 if __name__ == "__main__":

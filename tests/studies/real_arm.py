@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from arm import GRAVITY, move, turn
 
-GRAVITY = np.array([0.0, 0.0, -9.81])
 KINDS = ("standard", "modified", "urdf")
 _H = math.pi / 2
 _Draw = Callable[["RealArm", np.random.Generator], dict[str, object]]
@@ -152,7 +152,7 @@ def _row(shape: tuple[int, float, float], reach: float, inner: bool, rng: np.ran
 def _origin(row: np.ndarray) -> np.ndarray:
     """Origin x, y, z, roll, pitch, yaw of the row Rx(alpha) Tx(a) Rz(theta) Tz(d) of a modified table."""
     theta, d, a, alpha = row
-    frame = _turn(0, alpha) @ _move(a, 0.0, 0.0) @ _turn(2, theta) @ _move(0.0, 0.0, d)
+    frame = turn(0, alpha) @ move(a, 0.0, 0.0) @ turn(2, theta) @ move(0.0, 0.0, d)
     roll = math.atan2(frame[2, 1], frame[2, 2])
     pitch = math.atan2(-frame[2, 0], math.hypot(frame[2, 1], frame[2, 2]))
     return np.array([*frame[:3, 3], roll, pitch, math.atan2(frame[1, 0], frame[0, 0])])
@@ -176,7 +176,7 @@ def random_truth(arm: RealArm, kinds: Sequence[str], rng: np.random.Generator) -
                 rows[i, 4] = 3e-4 * rng.standard_normal()
         elif "instrument_scale" in kinds:
             rows[i, 2 if joint.slides else 5] = 5e-4 * rng.standard_normal()
-    effects = {kind: _DRAWN[kind](arm, rng) for kind in kinds}
+    effects = {kind: DRAWN[kind](arm, rng) for kind in kinds}
     return Truth(base, rng.normal(0, 2e-3, 3), rows, effects)
 
 
@@ -185,27 +185,25 @@ def _joint(arm: RealArm, rng: np.random.Generator, turning: bool = True, inner: 
     return int(rng.choice(places[:-1] if inner and len(places) > 1 else places))
 
 
-def _weights(arm: RealArm, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Torques of the links' weight at random poses, as :func:`_forces` returns them."""
-    q = rng.uniform(*arm.limits.T, (50, len(arm.joints)))
+def _weights(arm: RealArm, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the links' weight at the commanded poses, as :func:`_forces` returns them."""
     still = Truth(np.zeros(6), np.zeros(3), np.zeros((len(arm.joints), 6)))
     return _forces(arm, _frames(arm, still, q, _Motion.none(q)), None)
 
 
+def _at_random(arm: RealArm, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Torques of the links' weight at random poses."""
+    return _weights(arm, rng.uniform(*arm.limits.T, (50, len(arm.joints))))
+
+
 def torques(arm: RealArm, q: np.ndarray) -> np.ndarray:
     """Torques (N, J) of the links' weight about the joints at the commanded poses."""
-    still = Truth(np.zeros(6), np.zeros(3), np.zeros((len(arm.joints), 6)))
-    return _forces(arm, _frames(arm, still, q, _Motion.none(q)), None)[0]
-
-
-def drawn(kind: str, arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
-    """Draw the joint and the size of an effect."""
-    return _DRAWN[kind](arm, rng)
+    return _weights(arm, q)[0]
 
 
 def _loaded(arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
     """A turning joint that carries weight: one of the two whose torque varies most; `peak` is its largest torque."""
-    torque = _weights(arm, rng)[0]
+    torque = _at_random(arm, rng)[0]
     torque[:, [joint.slides for joint in arm.joints]] = 0.0
     spread = np.std(torque, axis=0)
     first, second = np.argsort(spread)[[-1, -2]]
@@ -244,12 +242,12 @@ def _hardening(arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
 
 def _lateral(arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
     j = _joint(arm, rng, inner=True)
-    peak = float(np.abs(_weights(arm, rng)[1][:, j]).max())
+    peak = float(np.abs(_at_random(arm, rng)[1][:, j]).max())
     return {"joint": j, "size": rng.uniform(5e-5, 3e-4) / peak}
 
 
 def _pedestal(arm: RealArm, rng: np.random.Generator) -> dict[str, object]:
-    return {"size": rng.uniform(5e-5, 3e-4) / float(np.abs(_weights(arm, rng)[2]).max())}
+    return {"size": rng.uniform(5e-5, 3e-4) / float(np.abs(_at_random(arm, rng)[2]).max())}
 
 
 def _values(size: float, count: int, on_joint: bool = True) -> _Draw:
@@ -262,7 +260,7 @@ def _values(size: float, count: int, on_joint: bool = True) -> _Draw:
     return draw
 
 
-_DRAWN: dict[str, _Draw] = {
+DRAWN: dict[str, _Draw] = {
     "gear_ratio": _at(1e-4, 5e-4),
     "joint_coupling": _coupling,
     "transmission_error": _values(2e-4, 4),
@@ -281,7 +279,7 @@ _DRAWN: dict[str, _Draw] = {
     "instrument_scale": lambda arm, rng: {"size": _sign(rng, 3e-5, 2e-4)},
     "joint_correction": _values(2e-4, 2),
 }
-EFFECTS = tuple(_DRAWN)
+EFFECTS = tuple(DRAWN)
 
 
 def request(kind: str, truth: Truth, arm: RealArm) -> str:
@@ -416,32 +414,32 @@ def _frames(arm: RealArm, truth: Truth, q: np.ndarray, motion: _Motion) -> list[
     """Frame in front of each joint's motion and frame behind its link; the base stands first, twice."""
     n = len(q)
     x, y, z, roll, pitch, yaw = truth.base
-    base = _move(x, y, z) @ _turn(2, yaw) @ _turn(1, pitch) @ _turn(0, roll)
-    frame = _move(*motion.base.T) @ base @ _turn(0, motion.base_tilt[:, 0]) @ _turn(1, motion.base_tilt[:, 1])
+    base = move(x, y, z) @ turn(2, yaw) @ turn(1, pitch) @ turn(0, roll)
+    frame = move(*motion.base.T) @ base @ turn(0, motion.base_tilt[:, 0]) @ turn(1, motion.base_tilt[:, 1])
     frames = [(frame, frame)]
     grown = 1.0 + motion.growth
     for i, joint in enumerate(arm.joints):
         moved = q[:, i] + motion.joints[:, i]
-        turn, travel = (0.0, moved) if joint.slides else (moved, 0.0)
+        own, travel = (0.0, moved) if joint.slides else (moved, 0.0)
         alpha_tilt, beta_tilt = motion.row_tilts[:, i].T
-        flex = _turn(0, motion.tilts[:, i, 0]) @ _turn(1, motion.tilts[:, i, 1])
+        flex = turn(0, motion.tilts[:, i, 0]) @ turn(1, motion.tilts[:, i, 1])
         change = truth.rows[i]
         if arm.form == "urdf":
             px, py, pz, *angles = joint.row
-            origin = _move(*(grown * value for value in (px, py, pz))) @ _angles(angles)
-            origin = origin @ _move(*(grown * value for value in change[:3])) @ _angles(change[3:])
+            origin = move(*(grown * value for value in (px, py, pz))) @ _angles(angles)
+            origin = origin @ move(*(grown * value for value in change[:3])) @ _angles(change[3:])
             front = frame @ origin @ flex
-            frame = front @ _turn(2, turn + np.zeros(n)) @ _move(0.0, 0.0, travel * grown)
+            frame = front @ turn(2, own + np.zeros(n)) @ move(0.0, 0.0, travel * grown)
         else:
             theta, d, a, alpha = joint.row + change[:4]
             beta = change[4]
-            screw = _turn(2, theta + turn + np.zeros(n)) @ _move(0.0, 0.0, (d + travel) * grown)
+            screw = turn(2, theta + own + np.zeros(n)) @ move(0.0, 0.0, (d + travel) * grown)
             if arm.form == "standard":
                 front = frame @ flex
-                frame = front @ screw @ _move(a * grown, 0.0, 0.0) @ _turn(0, alpha + alpha_tilt)
-                frame = frame @ _turn(1, beta + beta_tilt)
+                frame = front @ screw @ move(a * grown, 0.0, 0.0) @ turn(0, alpha + alpha_tilt)
+                frame = frame @ turn(1, beta + beta_tilt)
             else:
-                front = frame @ _turn(0, alpha + alpha_tilt) @ _move(a * grown, 0.0, 0.0) @ _turn(1, beta + beta_tilt)
+                front = frame @ turn(0, alpha + alpha_tilt) @ move(a * grown, 0.0, 0.0) @ turn(1, beta + beta_tilt)
                 front = front @ flex
                 frame = front @ screw
         frames.append((front, frame))
@@ -477,26 +475,7 @@ def _forces(
 
 
 def _angles(angles: Sequence[float]) -> np.ndarray:
-    return _turn(2, angles[2]) @ _turn(1, angles[1]) @ _turn(0, angles[0])
-
-
-def _turn(axis: int, angle: float | np.ndarray) -> np.ndarray:
-    angle = np.asarray(angle, float)
-    out = np.zeros((*angle.shape, 4, 4))
-    i, k = (axis + 1) % 3, (axis + 2) % 3
-    out[..., axis, axis] = out[..., 3, 3] = 1.0
-    out[..., i, i] = out[..., k, k] = np.cos(angle)
-    out[..., k, i] = np.sin(angle)
-    out[..., i, k] = -np.sin(angle)
-    return out
-
-
-def _move(x: float | np.ndarray, y: float | np.ndarray, z: float | np.ndarray) -> np.ndarray:
-    x, y, z = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float), np.asarray(z, float))
-    out = np.zeros((*x.shape, 4, 4))
-    out[..., range(4), range(4)] = 1.0
-    out[..., 0, 3], out[..., 1, 3], out[..., 2, 3] = x, y, z
-    return out
+    return turn(2, angles[2]) @ turn(1, angles[1]) @ turn(0, angles[0])
 
 
 # -- files

@@ -18,14 +18,13 @@ import argparse
 import itertools
 import re
 import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, TARGETS, Setup, write_poses
+from arm import ARMS, SIX_JOINTS, TARGETS, Setup, write_poses
 from least_squares import identifiable
 from scipy import optimize, stats
 
@@ -65,18 +64,15 @@ def design(name: str) -> Design:
 
 def all_names(options: argparse.Namespace) -> list[str]:
     """The whole design, with --power for each effect and ideal power."""
-    parts = (ARMS, (1, 3, 5), (1, 3, 30), SCATTER, (5, 20, 50), DECLARED)
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
+    parts = (SIX_JOINTS, (1, 3, 5), (1, 3, 30), SCATTER, (5, 20, 50), DECLARED)
     names = []
     for arm, targets, cycles, scatter, noise, geometry in itertools.product(*parts):
-        if arm == "tiago":
-            continue
         stem = f"{arm}-t{targets}-c{cycles}-{scatter}-n{noise}-{geometry}"
         faults = [""]
         if options.power:
             kinds = [effect for effect in EFFECTS if effect != "compliance" or ARMS[arm].masses]
             faults = [f"-{effect}-p{ideal}" for effect in kinds for ideal in (0.5, 0.9, 0.99)]
-        names += [f"{stem}{fault}-s{seed}" for fault in faults for seed in seeds]
+        names += [f"{stem}{fault}-s{seed}" for fault in faults for seed in tool.seeds_of(options)]
     return names
 
 
@@ -241,18 +237,15 @@ def oracle(case: Design, drawn: Sample, pose_scatter: float) -> dict[str, Any]:
     return {"parameters": parameters, "findings": findings, "verdict": "oracle"}
 
 
-def write(case: Design, drawn: Sample, folder: Path, options: argparse.Namespace) -> None:
+def write(case: Design, drawn: Sample, folder: Path) -> None:
     """Robot file and measured poses."""
     drawn.setup.write(folder / "robot.yaml")
     columns: dict[str, Any] = {"pose": [f"P{k + 1}" for k in drawn.pose], "cycle": drawn.cycle + 1}
-    if not options.no_visit:
-        columns["visit"] = drawn.visit + 1
+    columns["visit"] = drawn.visit + 1
     if case.targets > 1:
         columns["target"] = [drawn.setup.targets[k] for k in drawn.target]
     columns["time_s"] = 10 * drawn.visit
     columns |= {f"dir_q{j + 1}": drawn.direction[drawn.visit, j] for j in range(drawn.q.shape[1])}
-    if options.sigma:
-        columns |= {f"sigma_{axis}": [case.noise] * len(drawn.q) for axis in "xyz"}
     write_poses(folder / "poses.csv", drawn.q, drawn.xyz, columns)
 
 
@@ -266,7 +259,7 @@ def ideal_errors(case: Design, drawn: Sample, names: list[str], pose_scatter: fl
     return np.array([found[name] for name in names])
 
 
-def shown(case: Design, drawn: Sample, pose_scatter: float) -> np.ndarray:
+def showable(case: Design, drawn: Sample, pose_scatter: float) -> np.ndarray:
     """Smallest relative standard error with which this design can show each s_j: from the Fisher information.
 
     Where commanded poses have an error of their own, only differences between cycles count.
@@ -315,7 +308,7 @@ def judge(case: Design, drawn: Sample, answer: dict[str, Any], pose_scatter: flo
         "truth": dict(zip(drawn.setup.arm.joints, drawn.spread.tolist(), strict=True)),
         "repeatability": answer.get("repeatability"),
         "repeatability_ideal": dict(
-            zip(drawn.setup.arm.joints, shown(case, drawn, pose_scatter).tolist(), strict=True)
+            zip(drawn.setup.arm.joints, showable(case, drawn, pose_scatter).tolist(), strict=True)
         ),
     }
     if case.effect:
@@ -325,17 +318,16 @@ def judge(case: Design, drawn: Sample, answer: dict[str, Any], pose_scatter: flo
     return out
 
 
-def run_set(case: Design, options: argparse.Namespace) -> dict[str, Any]:
+def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Draw, run and judge one set."""
+    case = design(name)
     drawn = sample(case, options.poses, options.pose_scatter)
     row: dict[str, Any] = {"name": case.name, "rows": len(drawn.q)}
     if options.oracle:
         answer = oracle(case, drawn, options.pose_scatter)
         return row | {"seconds": 0.0, "status": 0} | judge(case, drawn, answer, options.pose_scatter)
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (options.keep / case.name) if options.keep else Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        write(case, drawn, folder, options)
+    with tool.folder_of(name, options) as folder:
+        write(case, drawn, folder)
         declared = DECLARED[case.geometry]
         asked = ["trace", "--declared"] if not options.calibrate else ["calibrate", "--fit"]
         words = [*tool.command(options), asked[0], str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml")]
@@ -395,9 +387,6 @@ HEADER = ("", "sets", "named", "worse", "zeros", "all", "std/ideal", "noise", "s
 
 def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
     """Print the tables and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     factors = {
         "arm": lambda row: design(row["name"]).arm,
         "targets": lambda row: f"{design(row['name']).targets} targets",
@@ -406,15 +395,15 @@ def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
         "noise": lambda row: f"{1e6 * design(row['name']).noise:.0f} um",
         "geometry": lambda row: design(row["name"]).geometry,
     }
-    lines = [line("all sets", good)]
+    lines = [line("all sets", rows)]
     for key in factors.values():
-        lines += [line(label, members) for label, members in sorted(tool.groups(good, key).items())]
+        lines += [line(label, members) for label, members in sorted(tool.groups(rows, key).items())]
     print(tool.table(HEADER, lines))
     print(LEGEND)
-    verdicts = {v: len(members) for v, members in tool.groups(good, lambda row: str(row["verdict"])).items()}
+    verdicts = {v: len(members) for v, members in tool.groups(rows, lambda row: str(row["verdict"])).items()}
     print("verdicts:", ", ".join(f"{v} {n}" for v, n in verdicts.items()))
-    out: dict[str, Any] = {"sets": len(rows), "verdicts": verdicts, "table": [HEADER, *lines]}
-    modelled = [row for row in good if row.get("named", True)]
+    out: dict[str, Any] = {"verdicts": verdicts, "table": [HEADER, *lines]}
+    modelled = [row for row in rows if row.get("named", True)]
     share, low, high, n = tool.coverage([row["covered"] for row in modelled])
     claims = [
         tool.claim(
@@ -425,12 +414,12 @@ def summary(rows: list[dict[str, Any]], power: bool) -> dict[str, Any]:
         )
     ]
     if power:
-        out["power"] = power_table(good)
+        out["power"] = power_table(rows)
     else:
-        hits = sum(bool(row["findings"]) for row in good)
-        bounds = tool.wilson(hits, len(good))
-        claims.insert(0, tool.claim(f"false findings at most 2 %: {hits} of {len(good)} sets", *bounds, (0.0, 0.02)))
-    errors, possible = sizes(good)
+        hits = sum(bool(row["findings"]) for row in rows)
+        bounds = tool.wilson(hits, len(rows))
+        claims.insert(0, tool.claim(f"false findings at most 2 %: {hits} of {len(rows)} sets", *bounds, (0.0, 0.02)))
+    errors, possible = sizes(rows)
     bounds = tool.wilson(sum(e > 0.2 for e in errors), len(errors))
     words = f"s_j within 20 % where the design shows it to 10 %: {sum(e <= 0.2 for e in errors)} of {possible}"
     claims.append(f"{words}: no s_j given" if not errors else tool.claim(words, *bounds, (0.0, 0.08)))
@@ -462,39 +451,19 @@ def main() -> int:
     )
     parser.add_argument("--poses", type=int, metavar="N", help="commanded poses (default: 100; 20 for 30 cycles)")
     parser.add_argument("--calibrate", action="store_true", help="run calibrate, not trace: intervals only")
-    parser.add_argument(
-        "--sigma", action="store_true", help="write the instrument's noise as sigma_x, sigma_y, sigma_z"
-    )
-    parser.add_argument("--no-visit", action="store_true", help="leave the visit column out")
     parser.add_argument("--oracle", action="store_true", help="judge the study's own ideal fit and test, not robacc")
-    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each set as it is done; skip those there")
-    parser.add_argument("--summary", action="store_true", help="print the figures of the sets in --rows, run none")
     options = parser.parse_args()
-    names = tool.chosen(all_names(options), options)
-    if options.list:
-        print("\n".join(names))
-        return 0
-    rows, before = [], tool.earlier(options)
-    for name in names:
-        if name in before:
-            rows.append(before[name])
-        if options.summary or name in before:
-            continue
-        rows.append(run_set(design(name), options))
-        tool.keep(options, rows[-1])
-        if options.v:
-            row = rows[-1]
-            held = "/".join("-" if x is None else f"{x:.1f}" for x in row.get("held_out_um", []))
-            print(
-                name,
-                row.get("verdict"),
-                row.get("findings"),
-                f"held out {held} um, {sum(row.get('covered', []))}",
-                f"of {len(row.get('covered', []))} intervals, {row['seconds']:.1f} s",
-                row.get("error", ""),
-                flush=True,
-            )
-    return tool.finish(options, summary(rows, options.power), rows)
+    return tool.run_all(all_names(options), options, run_set, lambda rows: summary(rows, options.power), shown)
+
+
+def shown(row: dict[str, Any]) -> str:
+    """One set in a line."""
+    held = "/".join("-" if x is None else f"{x:.1f}" for x in row.get("held_out_um", []))
+    covered = row.get("covered", [])
+    return (
+        f"{row['name']} {row.get('verdict')} {row.get('findings')} held out {held} um, {sum(covered)} of "
+        f"{len(covered)} intervals, {row['seconds']:.1f} s {row.get('error', '')}"
+    )
 
 
 if __name__ == "__main__":

@@ -10,10 +10,11 @@ import os
 import re
 import shlex
 import subprocess
+import tempfile
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -68,6 +69,8 @@ def arguments(description: str | None, seeds: int) -> argparse.ArgumentParser:
     parser.add_argument("--json", type=Path, metavar="OUT", help="write summary and rows there")
     parser.add_argument("--limit", type=float, default=600, metavar="S", help="seconds for one command")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the files of each set there")
+    parser.add_argument("--rows", type=Path, metavar="FILE", help="append each set as it is done; skip those there")
+    parser.add_argument("--summary", action="store_true", help="print the figures of the sets in --rows, run none")
     parser.add_argument("--list", action="store_true", help="print the names of the sets and end")
     parser.add_argument("-v", action="store_true", help="print a line for each set")
     return parser
@@ -101,22 +104,15 @@ def balanced(names: Sequence[str], count: int) -> list[str]:
     return picked
 
 
-def earlier(options: argparse.Namespace) -> dict[str, dict[str, Any]]:
-    """The sets that ``--rows`` has already, by name; a line that was cut off is no set."""
+def earlier(path: Path | None) -> dict[str, dict[str, Any]]:
+    """The sets that a file of rows has already, by name; a line that was cut off is no set."""
     rows = {}
-    if options.rows and options.rows.exists():
-        for line in options.rows.read_text().splitlines():
+    if path and path.exists():
+        for line in path.read_text().splitlines():
             with contextlib.suppress(json.JSONDecodeError):
                 row = json.loads(line)
                 rows[row["name"]] = row
     return rows
-
-
-def keep(options: argparse.Namespace, row: Mapping[str, Any]) -> None:
-    """Append a set to ``--rows``."""
-    if options.rows:
-        with options.rows.open("a") as file:
-            file.write(json.dumps(row, default=float) + "\n")
 
 
 def command(options: argparse.Namespace) -> list[str]:
@@ -227,30 +223,79 @@ def groups(rows: Sequence[dict[str, Any]], key: Callable[[dict[str, Any]], str])
     return out
 
 
+def shown(row: Mapping[str, Any]) -> str:
+    """One set in a line."""
+    return str({key: value for key, value in row.items() if key not in ("covered", "covered_zeros", "missed")})
+
+
 def run_all(
     names: Sequence[str],
     options: argparse.Namespace,
     run_set: Callable[[str, argparse.Namespace], dict[str, Any]],
     summary: Callable[[list[dict[str, Any]]], Mapping[str, Any]],
-    shown: Callable[[dict[str, Any]], str],
+    shown: Callable[[dict[str, Any]], str] = shown,
 ) -> int:
-    """Print the names with ``--list``; else run each set, show it with ``-v``, and finish. Return the exit status."""
+    """Run each chosen set that ``--rows`` lacks and print the summary of those with a result; ``--list``: names alone.
+
+    The exit status is 1 where a set gave no result.
+    """
+    names = chosen(names, options)
     if options.list:
         print("\n".join(names))
         return 0
-    rows = []
+    rows, before = [], earlier(options.rows)
     for name in names:
-        rows.append(run_set(name, options))
-        if options.v:
-            print(shown(rows[-1]), flush=True)
-    return finish(options, summary(rows), rows)
-
-
-def finish(options: argparse.Namespace, summary: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> int:
-    """Write the JSON file; the exit status is 1 where a set gave no result."""
+        if name in before:
+            rows.append(before[name])
+        elif not options.summary:
+            rows.append(run_set(name, options))
+            if options.rows:
+                with options.rows.open("a") as file:
+                    file.write(json.dumps(rows[-1], default=float) + "\n")
+            if options.v:
+                print(shown(rows[-1]), flush=True)
+    good = [row for row in rows if not row.get("error")]
+    figures = summary(good) if good else {}
     if options.json:
-        options.json.write_text(json.dumps({"summary": summary, "rows": rows}, indent=1, default=float))
+        text = json.dumps({"summary": {"sets": len(rows), **figures}, "rows": rows}, indent=1, default=float)
+        options.json.write_text(text)
     failed = [row for row in rows if row.get("error")]
     for row in failed:
         print(f"no result: {row['name']}: {row['error']}")
     return int(bool(failed))
+
+
+@contextlib.contextmanager
+def folder_of(name: str, options: argparse.Namespace) -> Iterator[Path]:
+    """A folder for the files of a set, kept with ``--keep``."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = (options.keep / name) if options.keep else Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+
+
+def fit_and_test(ask: tuple[str, str, str], folder: Path, options: argparse.Namespace) -> tuple[Answer, Answer]:
+    """The result of a command and option with effects, and the errors of its model at the poses of ``test.csv``."""
+    words, model = command(options), folder / "model.yaml"
+    model.unlink(missing_ok=True)
+    asked = [*words, ask[0], str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml"), *ask[1:], "--seed", "0"]
+    answer = run([*asked, "--write-model", str(model)], options.limit)
+    return answer, run([*words, "estimate", str(folder / "test.csv"), "--robot", str(model)], options.limit)
+
+
+def seeds_of(options: argparse.Namespace) -> range:
+    """Numbers of the sets of each cell of the design."""
+    return range(options.first_seed, options.first_seed + options.seeds)
+
+
+def rms(errors: np.ndarray) -> float:
+    """Root mean square of the length of errors (N, 3)."""
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+
+def mean_ratio(ratios: Sequence[float]) -> tuple[float, float, float]:
+    """Geometric mean and its 95 % bounds."""
+    logs = np.log(ratios)
+    half = 1.96 * float(np.std(logs, ddof=1)) / np.sqrt(len(logs)) if len(logs) > 1 else np.inf
+    middle, low, high = (float(np.exp(np.mean(logs) + h)) for h in (0.0, -half, half))
+    return middle, low, high

@@ -20,15 +20,13 @@ import argparse
 import itertools
 import re
 import sys
-import tempfile
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import tool
-from arm import TIAGO, Setup, write_poses
+from arm import TIAGO, Setup
 from least_squares import fit
-from weak_data import EFFECTS, calibrated, rms
+from weak_data import EFFECTS, calibrated
 
 TRAINING, FRESH = 34, 184
 KEYS = ("robacc", "plain", "map", "map_true")
@@ -36,8 +34,7 @@ KEYS = ("robacc", "plain", "map", "map_true")
 
 def all_names(options: argparse.Namespace) -> list[str]:
     """The whole design."""
-    seeds = range(options.first_seed, options.first_seed + options.seeds)
-    parts = (("offsets", "full"), ("0.5", "2"), ("wide", "narrow"), seeds)
+    parts = (("offsets", "full"), ("0.5", "2"), ("wide", "narrow"), tool.seeds_of(options))
     return [f"{kind}-{mm}-{span}-s{s}" for kind, mm, span, s in itertools.product(*parts)]
 
 
@@ -65,7 +62,7 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     mask = setup.declared(EFFECTS)
     width = prior(setup, kind)
     truth = np.where(np.isfinite(width) & mask, width, 0.0) * rng.standard_normal(len(width))
-    truth[:3], truth[3:6], truth[6:9] = rng.normal(0, 6e-3, 3), rng.normal(0, 3e-3, 3), rng.normal(0, 6e-3, 3)
+    truth[:9] = setup.placed(rng)[:9]
     q, fresh = (rng.uniform(*setup.arm.span.T, (n, setup.arm.n)) for n in (TRAINING, FRESH))
     if match[3] == "narrow":
         middle = setup.arm.span.mean(axis=1)
@@ -78,26 +75,17 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
         "map": fit(setup, q, target, xyz, mask, prior(setup, "map"), noise),
         "map_true": fit(setup, q, target, xyz, mask & (width > 0), width, noise),
     }
-    errors = {key: 1e3 * rms(setup.positions(one_fit.values, fresh, one) - there) for key, one_fit in fits.items()}
+    errors = {key: 1e3 * tool.rms(setup.positions(one_fit.values, fresh, one) - there) for key, one_fit in fits.items()}
     row: dict[str, Any] = {
         "name": name,
-        "nominal_mm": 1e3 * rms(setup.positions(0 * truth, fresh, one) - there),
+        "nominal_mm": 1e3 * tool.rms(setup.positions(0 * truth, fresh, one) - there),
         **errors,
     }
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = (options.keep / name) if options.keep else Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        setup.write(folder / "robot.yaml")
-        write_poses(folder / "poses.csv", q, xyz)
-        write_poses(folder / "test.csv", fresh, there)
-        answer, test = calibrated(folder, options)
-    row |= {"seconds": answer.seconds, "status": answer.status}
-    if answer.result is None or test.result is None:
-        return row | {"error": f"status {answer.status}: {answer.error[-200:]}; {test.error}"}
-    row |= {"robacc": 1e3 * test.result["position"]["rms_m"], "warnings": answer.result.get("warnings")}
-    found = tool.intervals(setup, answer.result, q, target, truth, mask, tolerance=0.05 * noise)
-    zeros = [one for one in found if one["name"].startswith("joint_offset")]
-    return row | {"covered": tool.covered(zeros), "covered_all": tool.covered(found), "zeros": zeros}
+    row |= calibrated(setup, (q, xyz), (fresh, there), truth, noise, name, options)
+    if row.get("error"):
+        return row
+    zeros = [one for one in row.pop("intervals") if one["name"].startswith("joint_offset")]
+    return row | {"robacc": row["test_mm"], "covered": tool.covered(zeros), "zeros": zeros}
 
 
 def pooled(rows: list[dict[str, Any]], key: str) -> float:
@@ -107,9 +95,6 @@ def pooled(rows: list[dict[str, Any]], key: str) -> float:
 
 def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
     """Print the table and the claims."""
-    good = [row for row in rows if not row.get("error")]
-    if not good:
-        return {"sets": len(rows)}
     header = (
         "",
         "sets",
@@ -124,27 +109,23 @@ def summary(rows: list[dict[str, Any]]) -> dict[str, Any]:
         "s",
     )
     lines, claims = [], []
-    for label, members in tool.groups(good, lambda row: row["name"].rsplit("-", 1)[0]).items():
+    for label, members in tool.groups(rows, lambda row: row["name"].rsplit("-", 1)[0]).items():
         wins = sum(row["robacc"] <= row["map"] for row in members)
         figures = [f"{pooled(members, key):.2f}" for key in ("nominal_mm", *KEYS)]
         shares = [tool.percent(tool.coverage([row[key] for row in members])[0]) for key in ("covered", "covered_all")]
         seconds = f"{tool.median([row['seconds'] for row in members]):.1f}"
         lines.append([label, str(len(members)), *figures, f"{wins}/{len(members)}", *shares, seconds])
-        ratio = np.log([row["robacc"] / row["map"] for row in members])
-        half = 1.96 * float(np.std(ratio, ddof=1)) / np.sqrt(len(ratio)) if len(ratio) > 1 else np.inf
-        middle, low, high = (float(np.exp(np.mean(ratio) + h)) for h in (0.0, -half, half))
+        middle, low, high = tool.mean_ratio([row["robacc"] / row["map"] for row in members])
         claims.append(tool.claim(f"{label}: at least as good as map, ratio {middle:.2f}", low, high, (0.0, 1.0)))
     print(tool.table(header, lines))
     print("rms at fresh postures in mm, pooled over sets; hold: share of 95 % intervals that hold the truth")
     print("\n".join(claims))
-    return {"sets": len(rows), "table": [header, *lines], "claims": claims}
+    return {"table": [header, *lines], "claims": claims}
 
 
 def main() -> int:
-    parser = tool.arguments(__doc__, seeds=5)
-    options = parser.parse_args()
-    names = tool.chosen(all_names(options), options)
-    return tool.run_all(names, options, run_set, summary, shown)
+    options = tool.arguments(__doc__, seeds=5).parse_args()
+    return tool.run_all(all_names(options), options, run_set, summary, shown)
 
 
 def shown(row: dict[str, Any]) -> str:

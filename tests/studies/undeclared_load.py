@@ -10,46 +10,37 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Callable
 
 import independent_arm
 import numpy as np
-from independent_arm import DECLARED, DH, GRAVITY, Matrix, measured, robot, run, target, torques
+from independent_arm import DH, Matrix, load_torques, measured, run, targets
+from searched import fitted
 
 from robacc.effects.elastic import JointCompliance
-from robacc.effects.request import build, parse_requests
-from robacc.fitting.fit_result import Options
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load
-from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
 
 NOISE = 1e-5
 N = 80
 
 
-def poses(seed: int, rng: np.random.Generator, error: float, load: Callable[[list[Matrix]], float]) -> Measurements:
-    """Poses of an arm whose masses and centres of mass are not the file's."""
+def poses(seed: int, rng: np.random.Generator, error: float, mass: float, com: Matrix, link: int) -> Measurements:
+    """Poses of an arm with a load on a link, whose masses and centres of mass are not the file's."""
     compliance = np.zeros(6)
     compliance[1:3] = 10 ** rng.uniform(-6.3, -5.5, 2)
     rows = [
-        (*row, mass * max(0.2, 1 + error * rng.normal()), tuple(np.array(com) + 0.15 * error * rng.normal(size=3)))
-        for *row, mass, com in DH
+        (*row, own * max(0.2, 1 + error * rng.normal()), tuple(np.array(centre) + 0.15 * error * rng.normal(size=3)))
+        for *row, own, centre in DH
     ]
     independent_arm.DH, stated = tuple(rows), independent_arm.DH  # type: ignore[assignment]
     joints = run(N, seed)
-    torque = np.array([torques(q, load) for q in joints.q.T]).T
+    torque = np.array([load_torques(q, mass, com, link) for q in joints.q.T]).T
     independent_arm.DH = stated
-    position = np.array([target(q) for q in (joints.q + compliance[:, None] * torque).T]).T
-    return measured(joints, position, NOISE, seed)
+    return measured(joints, targets(joints.q + compliance[:, None] * torque), NOISE, seed)
 
 
 def judged(data: Measurements) -> UndeclaredLoad | None:
-    arm = Arm.of(robot())
-    springs = JointCompliance(("j2", "j3"), "uncertain")
-    result = fit(Model(arm, free=(*build(parse_requests(DECLARED), arm, data), springs)), data, Options())
-    return undeclared_load(result, data)
+    return undeclared_load(fitted(data, (JointCompliance(("j2", "j3"), "uncertain"),)), data)
 
 
 def loads(sets: int) -> None:
@@ -57,8 +48,7 @@ def loads(sets: int) -> None:
     for seed in range(sets):
         rng = np.random.default_rng(100 + seed)
         link, mass, com = int(rng.integers(1, 6)), float(rng.uniform(5, 40)), 0.15 * rng.normal(size=3)
-        place = np.append(com, 1.0)
-        result = judged(poses(seed, rng, 0.1, lambda f, m=mass, k=link, p=place: m * GRAVITY * float((f[k] @ p)[2])))
+        result = judged(poses(seed, rng, 0.1, mass, com, link))
         text = "nothing" if result is None else result.statement
         print(f"{seed}: {mass:.1f} kg on the link of j{link + 1}: {text}", flush=True)
         if result is not None and result.is_named:
@@ -71,7 +61,7 @@ def loads(sets: int) -> None:
 def wrong(sets: int) -> None:
     named = 0
     for seed in range(sets):
-        result = judged(poses(seed, np.random.default_rng(100 + seed), 0.2, lambda frames: 0.0))
+        result = judged(poses(seed, np.random.default_rng(100 + seed), 0.2, 0.0, np.zeros(3), 0))
         named += result is not None and result.is_named
         if result is not None:
             best = result.places[0]

@@ -49,14 +49,6 @@ def check(name: str, n: int, deflection: str = "equilibrium") -> None:
     assert result.document()["parameters"]
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow) for name in ("thermal_expansion", "frame_drift")]
-)
-def test_effects_of_the_whole_arm_beyond_one_block(name: str) -> None:
-    """The partial residual of an effect without joints took the regressors of the first 4,096 poses only."""
-    check(name, 4200)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("n", [5000, 20000])
 @pytest.mark.parametrize("name", tuple(REGISTRY))

@@ -1,0 +1,34 @@
+"""Homogeneous matrices ``(..., 4, 4)`` in plain NumPy: what tests compare the package's kinematics with."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+Matrix = np.ndarray
+
+
+def turn(axis: int, angle: float | Matrix) -> Matrix:
+    """Rotations about a coordinate axis, 0 to 2."""
+    angle = np.asarray(angle, dtype=float)
+    result = np.zeros((*angle.shape, 4, 4))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    result[..., axis, axis] = result[..., 3, 3] = 1.0
+    result[..., i, i] = result[..., j, j] = np.cos(angle)
+    result[..., j, i] = np.sin(angle)
+    result[..., i, j] = -result[..., j, i]
+    return result
+
+
+def shift(x: float | Matrix = 0.0, y: float | Matrix = 0.0, z: float | Matrix = 0.0) -> Matrix:
+    """Translations."""
+    place = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
+    result = np.tile(np.eye(4), (*place.shape[:-1], 1, 1))
+    result[..., :3, 3] = place
+    return result
+
+
+def frame(xyz: Sequence[float | Matrix], rpy: Sequence[float | Matrix]) -> Matrix:
+    """Translation and Rz(yaw) Ry(pitch) Rx(roll)."""
+    return shift(*xyz) @ turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])

@@ -206,8 +206,10 @@ def test_one_thread_or_two(command: str) -> None:
     one, two = (json.loads(text) for text in made)
     for stage, of in itertools.product(("nominal", "before", "after"), ("fitted", "held_out")):
         first, second = (found[stage][of]["position"] for found in (one, two))
-        figures = {key: value for key, value in first.items() if isinstance(value, float)}
-        assert {key: second[key] for key in figures} == pytest.approx(figures, rel=1e-9), (stage, of)
+        figures, others = (
+            {key: value for key, value in each.items() if isinstance(value, float)} for each in (first, second)
+        )
+        assert others == pytest.approx(figures, rel=1e-9), (stage, of)
     for first, second in zip(one["parameters"], two["parameters"], strict=True):
         assert first["name"] == second["name"]
         # A coefficient is as good as its standard deviation; of that, a billionth.

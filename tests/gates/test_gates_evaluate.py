@@ -326,6 +326,7 @@ def test_a_baseline_of_the_same_poses_is_compared_pose_by_pose() -> None:
         found = evaluate(f"key: position.rms, baseline: b{more}", slightly, b=base)
         assert found.outcome == outcome
         assert method in found.decision.method
+        assert found.decision.method.endswith(", paired") == (method == ", paired")
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])

@@ -46,7 +46,10 @@ def problems(text: str) -> list[str]:
     return [str(problem) for problem in caught.value.problems]
 
 
-@pytest.mark.parametrize("name", ["assembly", "machine_tending", "machining", "regression"])
+@pytest.mark.parametrize(
+    "name",
+    sorted({"assembly", "machine_tending", "machining", "regression", *(one.stem for one in EXAMPLES.glob("*.yaml"))}),
+)
 def test_examples_are_gates_whose_every_criterion_has_a_reason(name: str) -> None:
     gate = load_gate((EXAMPLES / f"{name}.yaml").read_text(encoding="utf-8"), f"{name}.yaml")
     assert gate.name.replace(" ", "_") == name

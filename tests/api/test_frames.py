@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,39 +24,32 @@ def columns() -> dict[str, list[Any]]:
     return {name: [row[name] if name in texts else float(row[name]) for row in rows] for name in rows[0]}
 
 
-def as_mapping(table: dict[str, list[Any]]) -> Any:
-    return {name: np.array(values) for name, values in table.items()}
-
-
-def as_arrow(table: dict[str, list[Any]]) -> Any:
-    return pytest.importorskip("pyarrow").table(table)
-
-
-def as_pandas(table: dict[str, list[Any]]) -> Any:
-    return pytest.importorskip("pandas").DataFrame(table)
-
-
-def as_polars(table: dict[str, list[Any]]) -> Any:
-    return pytest.importorskip("polars").DataFrame(table)
-
-
 class StreamOnly:
     """Table that speaks Arrow's stream interface only, as a database's relation does."""
 
     def __init__(self, table: Any) -> None:
-        self._table = table
+        self._table = pytest.importorskip("pyarrow").table(table)
 
     def __arrow_c_stream__(self, schema: Any = None) -> Any:
         return self._table.__arrow_c_stream__(schema)
 
 
-def as_stream(table: dict[str, list[Any]]) -> Any:
-    return StreamOnly(as_arrow(table))
+def as_mapping(table: dict[str, list[Any]]) -> Any:
+    return {name: np.array(values) for name, values in table.items()}
 
 
-@pytest.mark.parametrize("make", [as_mapping, as_arrow, as_pandas, as_polars, as_stream])
-def test_a_frame_gives_the_figures_of_its_file(make: Callable[[dict[str, list[Any]]], Any]) -> None:
-    results = (robacc.estimate(source, robot=ROBOT) for source in (SAMPLES / "poses.csv", make(columns())))
+FRAMES = {
+    "mapping": as_mapping,
+    "arrow": lambda table: pytest.importorskip("pyarrow").table(table),
+    "pandas": lambda table: pytest.importorskip("pandas").DataFrame(table),
+    "polars": lambda table: pytest.importorskip("polars").DataFrame(table),
+    "stream": StreamOnly,
+}
+
+
+@pytest.mark.parametrize("kind", FRAMES)
+def test_a_frame_gives_the_figures_of_its_file(kind: str) -> None:
+    results = (robacc.estimate(source, robot=ROBOT) for source in (SAMPLES / "poses.csv", FRAMES[kind](columns())))
     from_file, from_frame = (json.loads(result.to_json()) for result in results)
     record = from_frame["inputs"][0]
     assert (record["name"], len(record["sha256"])) == ("DataFrame", 64)

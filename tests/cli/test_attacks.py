@@ -139,14 +139,16 @@ def test_a_temperature_that_no_effect_depends_on_refuses_no_target(tmp_path: Pat
     data = robacc.simulate("sample_data/trace/truth.yaml", poses=40, seed=2, temperature=(23, 25)).data
     targets = robacc.simulate(ROBOT, poses=5, seed=3, motion=False).data
     frames = ("base_frame", "tool_frame", "joint_offset")
-    model = robacc.calibrate(data, robot=ROBOT, fit=frames).robot
-    result = robacc.correct(targets, model=model, temperature=22, most="100mm,30deg", strict_range=True)
+    plain, thermal = (
+        robacc.calibrate(data, robot=ROBOT, fit=fit).robot for fit in (frames, (*frames, "thermal_expansion"))
+    )
+    cold = {"temperature": 22, "most": "100mm,30deg", "strict_range": True}
+    result = robacc.correct(targets, model=plain, **cold)
     assert result.n_corrected == 5
     (warning,) = [text for text in result.warnings if "temperature" in text]
     assert warning.startswith("the targets are at 22 to 22 °C, the model was fitted at 23")
-    within = robacc.correct(targets, model=model, temperature=24, most="1m")
-    assert not any("°C" in text for text in within.warnings)
+    within = robacc.correct(targets, model=plain, temperature=24, most="1m")
+    assert "°C" not in "\n".join(within.warnings)
     np.testing.assert_array_equal(result.targets.q, within.targets.q)
-    thermal = robacc.calibrate(data, robot=ROBOT, fit=(*frames, "thermal_expansion")).robot
     with pytest.raises(InputError, match="temperature_c is outside the range"):
-        robacc.correct(targets, model=thermal, temperature=22, most="100mm,30deg", strict_range=True)
+        robacc.correct(targets, model=thermal, **cold)

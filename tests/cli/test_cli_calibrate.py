@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from functools import cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -70,19 +71,17 @@ def test_json_has_the_contract_keys(files: Path) -> None:
     found = document(files, GEOMETRY)
     assert (found["schema"], found["n_poses"]) == ("robacc.calibrate/2", 50)
     assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
-    for stage in ("nominal", "before", "after"):
-        for kind in ("fitted", "held_out"):
-            for quantity, unit in (("position", "m"), ("orientation", "rad")):
-                names = {f"{name}_{unit}" for name in ("rms", "mean_error", "p95", "max")}
-                assert set(found[stage][kind][quantity]) >= names
+    for stage, kind in product(("nominal", "before", "after"), ("fitted", "held_out")):
+        for quantity, unit in (("position", "m"), ("orientation", "rad")):
+            names = {f"{name}_{unit}" for name in ("rms", "mean_error", "p95", "max")}
+            assert set(found[stage][kind][quantity]) >= names
     for name, one in values(found).items():
         assert set(one) >= {"name", "value", "std", "unit"}
         assert (one["std"] is None) == ("why" in one), name
     assert "joint_offset.j1 is not distinguishable from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
     identifiability = found["identifiability"]
-    assert (
-        identifiability["n_identifiable"] == 4 * 6 + 6 - 1
-    )  # the axes of joints 2 and 3 are parallel: their rotation about y is idle
+    # The axes of joints 2 and 3 are parallel: their rotation about y is idle.
+    assert identifiability["n_identifiable"] == 4 * 6 + 6 - 1
     assert set(identifiability["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
     assert identifiability["condition_number"] > 1
     dropped = {one["name"] for one in identifiability["not_identifiable"]}
@@ -176,18 +175,15 @@ def test_tolerances_as_priors(files: Path) -> None:
 def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
     header = next(i for i, line in enumerate(lines) if not line.startswith("#"))
-    columns = lines[header].split(",")
-    row = lines[header + 7].split(",")
-    row[columns.index("x")] = str(float(row[columns.index("x")]) + 0.02)
+    x, row = lines[header].split(",").index("x"), lines[header + 7].split(",")
+    row[x] = str(float(row[x]) + 0.02)
     lines[header + 7] = ",".join(row)
     poses = tmp_path / "poses.csv"
     poses.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    arguments = ("calibrate", str(poses), "--robot", str(files / "arm.yaml"), "--fit", GEOMETRY, "--format", "json")
-    done = run(*arguments)
-    found = json.loads(done.stdout)
-    assert [one["line"] for one in found["outliers"]] == [header + 8]
+    arguments = ("calibrate", poses, "--robot", files / "arm.yaml", "--fit", GEOMETRY, "--format", "json")
+    done, every = run(*arguments), json.loads(output(*arguments, "--all-rows"))
+    assert [one["line"] for one in json.loads(done.stdout)["outliers"]] == [header + 8]
     assert f"outliers left out of the fit: 1 row, on line {header + 8}" in done.stderr
-    every = json.loads(run(*arguments, "--all-rows").stdout)
     assert every["outliers"] == []
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
 
@@ -201,25 +197,17 @@ def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
     assert in_order(one_line(screen), (*parts, "--full adds", "next: "))
     # Without --fit the effects of every arm are fitted, which these are.
     bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml")
-    assert one_line(bare) == one_line(screen).replace(
-        "joint_offset, link_geometry", "joint_offset, link_geometry (default; --fit changes them)"
-    )
-
-
-def test_without_frames_the_error_before_is_not_registered_either(files: Path) -> None:
-    found = document(files, "joint_offset")
-    before = found["nominal_unregistered"]["held_out"]["position"]["rms_m"]
-    assert f"\n{1e3 * before:.3g}" in output(*command(files, "joint_offset"))
-    assert all(cause["share"] <= (cause["error_without_m"] / before) ** 2 * 1.1 for cause in found["causes"])
+    told = "joint_offset, link_geometry (default; --fit changes them)"
+    assert one_line(bare) == one_line(screen).replace("joint_offset, link_geometry", told)
 
 
 def test_the_table(files: Path) -> None:
     table = output(*command(files, GEOMETRY, "--full"))
     parts = ("Calibration from 50 measured poses", "Before and after", "nominal, base and tool registered", "baseline")
     assert in_order(table, (*parts, "calibrated"))
-    assert missing(table, "Coefficients", "standard error", "joint_offset.j2", "condition number") == []
     # Without sigma columns the residual gives the row weights, so that chi-square tests nothing.
-    assert "chi-square" not in table
+    told = ("Coefficients", "standard error", "joint_offset.j2", "condition number", "chi-square")
+    assert missing(table, *told) == ["chi-square"]
     told = (
         "mm along each axis (standard deviation), estimated",
         "not distinguishable from fitted coefficients on these poses: joint_offset",
@@ -228,15 +216,21 @@ def test_the_table(files: Path) -> None:
     )
     assert missing(one_line(table), *told) == []
     assert "shrunk to nominal" not in output(*command(files, GEOMETRY, "--no-shrink", "--full"))
-    assert "shrunk to nominal" in one_line(
-        output(*command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--full"))
-    )
+    gear = command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--full")
+    assert "shrunk to nominal" in one_line(output(*gear))
 
 
 def test_a_file_of_its_own_judges(files: Path) -> None:
     found = document(files, GEOMETRY, "--holdout", str(files / "apart.csv"))
     assert found["n_folds"] == 0
     assert found["after"]["held_out"] != document(files, GEOMETRY)["after"]["held_out"]
+
+
+def test_without_frames_the_error_before_is_not_registered_either(files: Path) -> None:
+    found = document(files, "joint_offset")
+    before = found["nominal_unregistered"]["held_out"]["position"]["rms_m"]
+    assert f"\n{1e3 * before:.3g}" in output(*command(files, "joint_offset"))
+    assert all(cause["share"] <= (cause["error_without_m"] / before) ** 2 * 1.1 for cause in found["causes"])
 
 
 @pytest.mark.parametrize(
@@ -268,21 +262,20 @@ def few_poses(n: int) -> Measurements:
 
 
 def test_warnings_of_poses_too_few() -> None:
-    found = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY), shrink=False)
-    text = "\n".join(found.warnings)
+    robot, geometry = arm("puma560").robot, parse_requests(GEOMETRY)
+    found, drawn = (calibrate(robot, few_poses(14), geometry, shrink=shrink) for shrink in (False, True))
     told = (
         "more measured values than fitted coefficients: measure more poses",
         "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more poses",
     )
-    assert missing(text, *told) == []
-    assert found.leverage
-    assert found.leverage[0][1] == max(share for _, share in found.leverage)
-    assert all(0.5 < share <= 1 + 1e-9 for _, share in found.leverage)
-    drawn = calibrate(arm("puma560").robot, few_poses(14), parse_requests(GEOMETRY))
-    assert any("more measured values than fitted coefficients: measure more" in warning for warning in drawn.warnings)
-    tiny = calibrate(arm("puma560").robot, few_poses(5), parse_requests("base_frame"))
+    assert missing("\n".join(found.warnings), *told) == []
+    assert told[0] in "\n".join(drawn.warnings)
+    shares = [share for _, share in found.leverage]
+    assert shares[0] == max(shares)
+    assert all(0.5 < share <= 1 + 1e-9 for share in shares)
+    tiny = calibrate(robot, few_poses(5), parse_requests("base_frame"))
     assert tiny.after.held_out is None
-    assert any("too few to hold any out" in warning for warning in tiny.warnings)
+    assert "too few to hold any out" in "\n".join(tiny.warnings)
 
 
 def test_leverages_are_the_hat_matrix() -> None:
@@ -299,13 +292,10 @@ def test_leverages_are_the_hat_matrix() -> None:
 
 
 def test_correlations_are_those_of_the_covariance() -> None:
-    data = few_poses(30)
-    found = calibrate(arm("puma560").robot, data, parse_requests(GEOMETRY))
-    names, covariance = found.fit.names, found.fit.covariance
-    assert found.correlations
-    for pair in found.correlations:
-        i, j = names.index(pair.first), names.index(pair.second)
-        assert pair.value == pytest.approx(covariance[i, j] / np.sqrt(covariance[i, i] * covariance[j, j]))
-        assert abs(pair.value) > 0.9
-    sizes = [abs(pair.value) for pair in found.correlations]
-    assert sizes == sorted(sizes, reverse=True)
+    found = calibrate(arm("puma560").robot, few_poses(30), parse_requests(GEOMETRY))
+    sigma = np.sqrt(np.diag(found.fit.covariance))
+    pairs = [(found.fit.names.index(pair.first), found.fit.names.index(pair.second)) for pair in found.correlations]
+    sizes = [pair.value for pair in found.correlations]
+    assert sizes == pytest.approx([found.fit.covariance[i, j] / (sigma[i] * sigma[j]) for i, j in pairs])
+    assert min(map(abs, sizes)) > 0.9
+    assert sizes == sorted(sizes, key=abs, reverse=True)

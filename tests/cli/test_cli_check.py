@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 import re
 import shutil
+from collections.abc import Iterable
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 from commands import document, missing, one_line, output, refused, run
+
+from robacc.comparison.stored_results import errors_behind
+from robacc.gates.evaluate import figure_at
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
@@ -71,38 +76,30 @@ def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Pat
     assert one["n_poses"] == inside["n_commanded_poses"] == 60
 
 
-def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
-    from robacc.comparison.stored_results import errors_behind
-    from robacc.gates.evaluate import figure_at
+def carries_the_figures_of_its_own_errors(found: dict[str, Any], owners: Iterable[str]) -> None:
+    for owner in owners:
+        vectors, figure = errors_behind(found, owner).vectors, figure_at(found, f"{owner}.rms", 0.95)
+        assert figure.value == pytest.approx(float((vectors**2).sum(axis=0).mean() ** 0.5), rel=1e-6), owner
 
-    document = json.loads((stored / "calibrate.json").read_text())
-    for stage in ("nominal", "before", "after"):
-        for kind in ("fitted", "held_out"):
-            for quantity in ("position", "orientation"):
-                key = f"{stage}.{kind}.{quantity}.rms"
-                errors, found = errors_behind(document, f"{stage}.{kind}.{quantity}"), figure_at(document, key, 0.95)
-                assert found.value == pytest.approx(float((errors.vectors**2).sum(axis=0).mean() ** 0.5), rel=1e-6)
+
+def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
+    parts = (("nominal", "before", "after"), ("fitted", "held_out"), ("position", "orientation"))
+    found = json.loads((stored / "calibrate.json").read_text())
+    carries_the_figures_of_its_own_errors(found, map(".".join, product(*parts)))
 
 
 @pytest.mark.slow
 def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
-    import numpy as np
-
-    from robacc.comparison.stored_results import errors_behind
-    from robacc.gates.evaluate import figure_at
-
     lines = Path(POSES).read_text().splitlines()
-    x = lines[1].split(",").index("x")
-    cells = lines[8].split(",")
+    x, cells = lines[1].split(",").index("x"), lines[8].split(",")
     cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
     lines[8] = ",".join(cells)
     (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
     command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
     traced = document(*command, "--named-only")
-    assert np.sum(np.logical_not(traced["poses"]["used"])) == 1
-    for key in ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted"):
-        errors, found = errors_behind(traced, f"{key}.position"), figure_at(traced, f"{key}.position.rms", 0.95)
-        assert found.value == pytest.approx(float((errors.vectors**2).sum(axis=0).mean() ** 0.5))
+    assert traced["poses"]["used"].count(False) == 1
+    stages = ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted")
+    carries_the_figures_of_its_own_errors(traced, (f"{stage}.position" for stage in stages))
 
 
 def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, tmp_path: Path) -> None:
@@ -136,48 +133,40 @@ def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_p
     assert f"error: {tmp_path / 'odd.json'}, poses.group[0]: expected a whole number, found " in told
 
 
-def test_junit_and_output_are_written_whatever_the_outcome(tmp_path: Path) -> None:
+def test_junit_and_output_are_written_whatever_the_outcome(stored: Path, tmp_path: Path) -> None:
     path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
-    junit, output = tmp_path / "junit.xml", tmp_path / "summary.md"
-    done = run(*ESTIMATE, "--gate", path, "--junit", str(junit), "--format", "markdown", "-o", str(output))
-    assert (done.exit_code, done.stdout) == (4, "")
+    junit, summary = tmp_path / "junit.xml", tmp_path / "summary.md"
+    refused(*ESTIMATE, "--gate", path, "--junit", junit, "--format", "markdown", "-o", summary, status=4)
     (suite,) = ElementTree.parse(junit).getroot()
     assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
-    text = output.read_text(encoding="utf-8")
+    text = summary.read_text(encoding="utf-8")
     assert text.startswith("## robacc estimate\n")
     assert "Error of 60 measured poses" in text
+    annotations = run(*ESTIMATE, "--gate", path, "--format", "github")
+    assert annotations.exit_code == 4
+    levels = [line.partition(" ")[0] for line in annotations.stdout.splitlines()]
+    assert levels == ["::notice", "::error", "::warning", "::error"]
 
 
-def test_a_stored_results_summary_is_the_gate_alone(stored: Path, tmp_path: Path) -> None:
+def test_a_table_ends_with_the_gate_and_a_stored_results_summary_is_the_gate_alone(
+    stored: Path, tmp_path: Path
+) -> None:
     path = gate(tmp_path, PASSING)
+    table = output(*ESTIMATE, "--gate", path)
+    assert missing(table, "Error of 60 measured poses", "Gate g: PASS (1 pass)\n") == []
     summary = output("check", stored / "estimate.json", "--gate", path, "--format", "markdown")
     assert summary.startswith("## robacc check\n\n### ✅ Gate g: PASS (1 pass)\n")
     assert summary.endswith("- **position.rms**: pass. Reason: r\n")
 
 
-def test_annotations_alone_reach_standard_output(tmp_path: Path) -> None:
-    done = run(*ESTIMATE, "--gate", gate(tmp_path, PASSING, FAILING), "--format", "github")
-    assert done.exit_code == 4
-    lines = done.stdout.splitlines()
-    assert [line.partition(" ")[0] for line in lines] == ["::notice", "::error", "::error"]
-
-
-def test_a_table_ends_with_the_gate(tmp_path: Path) -> None:
-    table = output(*ESTIMATE, "--gate", gate(tmp_path, PASSING))
-    assert missing(table, "Error of 60 measured poses", "Gate g: PASS (1 pass)\n") == []
-
-
 def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
-    robot = str(ROOT / "sample_data" / "robot.yaml")
     tolerances = tmp_path / "t.yaml"
     tolerances.write_text("units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n")
-    command = ("predict", robot, "--samples", "50", "--tolerances", str(tolerances), "--gate")
-    bound = gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}")
-    done = run(*command, bound)
+    command = ("predict", ROBOT, "--samples", "50", "--tolerances", tolerances, "--gate")
+    done = run(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}"))
     assert done.exit_code == 5, done.stderr
     assert "the result has no interval for position.p95, which rule: bound needs" in one_line(done.stdout)
-    simple = gate(tmp_path, "{key: position.p95, limit: 5 mm, rule: simple, reason: r}", name="s.yaml")
-    output(*command, simple)
+    output(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, rule: simple, reason: r}"))
 
 
 def test_the_same_call_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -191,45 +180,36 @@ def test_the_same_call_gives_the_same_bytes(tmp_path: Path) -> None:
     assert made[0] == made[1]
 
 
-def copies(folder: Path) -> dict[str, str]:
-    for name in ("poses.csv", "robot.yaml"):
-        shutil.copy(ROOT / "sample_data" / name, folder / name)
-    (folder / "link.csv").symlink_to(folder / "poses.csv")
-    (folder / "base.json").write_text("{}")
-    gate(folder, "{key: position.rms, baseline: base.json, reason: r}", name="regression.yaml")
-    gate(folder, PASSING)
-    return {path.name: str(path) for path in folder.iterdir()}
+READ = ("{poses.csv}", "--robot", "{robot.yaml}")
+ESTIMATED = ("estimate", *READ)
 
 
 @pytest.mark.parametrize(
-    "options",
+    "words",
     [
-        ("--output", "poses.csv"),
-        ("--output", "robot.yaml"),
-        ("--output", "link.csv"),
-        ("--per-pose", "poses.csv"),
-        ("--gate", "gate.yaml", "--junit", "gate.yaml"),
-        ("--gate", "gate.yaml", "--junit", "poses.csv"),
+        (*ESTIMATED, "--output", "{poses.csv}"),
+        (*ESTIMATED, "--output", "{robot.yaml}"),
+        (*ESTIMATED, "--output", "{link.csv}"),
+        (*ESTIMATED, "--per-pose", "{poses.csv}"),
+        (*ESTIMATED, "--gate", "{gate.yaml}", "--junit", "{gate.yaml}"),
+        (*ESTIMATED, "--gate", "{gate.yaml}", "--junit", "{poses.csv}"),
+        (*ESTIMATED, "--gate", "{regression.yaml}", "--output", "{base.json}"),
+        ("calibrate", *READ, "--fit", "base_frame", "--write-model", "{robot.yaml}"),
+        ("check", "{base.json}", "--gate", "{gate.yaml}", "--output", "{base.json}"),
     ],
 )
-def test_nothing_that_is_read_is_overwritten(options: tuple[str, ...], tmp_path: Path) -> None:
-    files = copies(tmp_path)
-    before = {path: Path(path).read_bytes() for path in files.values()}
-    words = (files["poses.csv"], "--robot", files["robot.yaml"], *(files.get(one, one) for one in options))
-    told = f"error: {options[-2]} {files[options[-1]]} is also an input and would be overwritten; name another file"
-    assert refused("estimate", *words) == told
-    assert {path: Path(path).read_bytes() for path in files.values()} == before
-
-
-def test_a_model_a_baseline_and_a_report_are_guarded_too(stored: Path, tmp_path: Path) -> None:
-    files = copies(tmp_path)
-    fit = ("calibrate", files["poses.csv"], "--robot", files["robot.yaml"], "--fit", "base_frame")
-    model = refused(*fit, "--write-model", files["robot.yaml"])
-    assert f"--write-model {files['robot.yaml']} is also an input" in model
-    shutil.copy(stored / "estimate.json", files["base.json"])
-    baseline = refused(*ESTIMATE, "--gate", files["regression.yaml"], "--output", files["base.json"])
-    assert f"--output {files['base.json']} is also an input" in baseline
-    refused("check", files["base.json"], "--gate", files["gate.yaml"], "-o", files["base.json"])
+def test_nothing_that_is_read_is_overwritten(words: tuple[str, ...], stored: Path, tmp_path: Path) -> None:
+    for source in (POSES, ROBOT):
+        shutil.copy(source, tmp_path)
+    shutil.copy(stored / "estimate.json", tmp_path / "base.json")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "poses.csv")
+    gate(tmp_path, "{key: position.rms, baseline: base.json, reason: r}", name="regression.yaml")
+    gate(tmp_path, PASSING)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    call = [str(tmp_path / word.strip("{}")) if word.startswith("{") else word for word in words]
+    told = f"error: {call[-2]} {call[-1]} is also an input and would be overwritten; name another file"
+    assert refused(*call) == told
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 @pytest.mark.parametrize(
@@ -239,10 +219,7 @@ def test_a_model_a_baseline_and_a_report_are_guarded_too(stored: Path, tmp_path:
         (("--junit", "j.xml"), "error: --junit writes the outcome of a gate, so it needs --gate"),
     ],
 )
-def test_outputs_that_do_not_fit_the_call(
-    options: tuple[str, ...], message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_outputs_that_do_not_fit_the_call(options: tuple[str, ...], message: str) -> None:
     assert refused(*ESTIMATE, *options).startswith(message)
 
 

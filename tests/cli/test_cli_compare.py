@@ -73,19 +73,18 @@ def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) 
     assert found["pairing"] == [
         {"first": "good", "second": "poor", "paired": True, "n_shared": 60, "n_first": 60, "n_second": 60}
     ]
-    one, other = (json.loads(Path(path).read_text(encoding="utf-8")) for path in (good, poor))
+    one, other = (json.loads(Path(path).read_text(encoding="utf-8"))["position"] for path in (good, poor))
     rms = found["statistics"][0]
     assert (rms["key"], rms["unit"]) == ("position.rms", "m")
-    assert [value["value"] for value in rms["values"]] == [one["position"]["rms_m"], other["position"]["rms_m"]]
-    assert rms["values"][0]["lower"] == one["position"]["intervals"]["rms_m"]["lower"]
+    assert [value["value"] for value in rms["values"]] == [one["rms_m"], other["rms_m"]]
+    assert rms["values"][0]["lower"] == one["intervals"]["rms_m"]["lower"]
     difference = rms["differences"][0]
-    assert difference["value"] == pytest.approx(other["position"]["rms_m"] - one["position"]["rms_m"], rel=1e-12)
+    assert difference["value"] == pytest.approx(other["rms_m"] - one["rms_m"], rel=1e-12)
     assert (difference["paired"], difference["n_poses"]) == (True, 60)
     assert 0.0 < difference["lower"] < difference["value"] < difference["upper"]
     assert difference["p_value"] < 1e-6
-    assert {"position.p95", "position.max", "position.mean_x", "position.sd_z", "position.longest_sd"} <= {
-        row["key"] for row in found["statistics"]
-    }
+    keys = [row["key"].removeprefix("position.") for row in found["statistics"]]
+    assert missing(keys, "p95", "max", "mean_x", "sd_z", "longest_sd") == []
     ranking = found["ranking"]
     assert (ranking["by"], ranking["text"]) == ("position.rms", ["good is better than poor"])
     assert [one["name"] for one in ranking["order"]] == ["good", "poor"]
@@ -93,12 +92,9 @@ def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) 
 
 def test_equal_files_do_not_differ_and_warn_of_nothing(good: str, tmp_path: Path) -> None:
     copy = shutil.copy(good, tmp_path / "copy.json")
-    result = run(good, str(copy))
-    assert result.stderr == ""
-    assert "- good and copy do not differ significantly" in result.stdout
-    found = document(good, str(copy))
-    for row in found["statistics"]:
-        one = row["differences"][0]
+    result, found = run(good, copy), document(good, copy)
+    assert (result.stderr, "- good and copy do not differ significantly" in result.stdout) == ("", True)
+    for one in (row["differences"][0] for row in found["statistics"]):
         assert (one["value"], one["lower"], one["upper"], one["p_value"]) == (0.0, 0.0, 0.0, 1.0)
     assert [one["letters"] for one in found["ranking"]["order"]] == ["a", "a"]
 
@@ -122,27 +118,23 @@ def test_ranking_of_three_and_the_grade(three: tuple[str, str, str]) -> None:
     assert missing(table, scale, "each grade by itself is confirmed at 95 % confidence, not all together") == []
 
 
-def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(stored: Callable[..., str]) -> None:
-    near = stored("near", 5, 7.5e-5, n=40)
-    found = document(near, stored("good", 1, 5e-5), "--grade", "B")["grade"]["results"][0]
+MACHINING = str(ROOT / "configs" / "grades" / "machining.yaml")
+
+
+def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(good: str, stored: Callable[..., str]) -> None:
+    call = (stored("near", 5, 7.5e-5, n=40), good, "--grade", "B")
+    found = document(*call)["grade"]["results"][0]
     assert found["verdict"] == "met_not_demonstrated"
     assert 0.5 < found["probability"] < 0.95
     assert found["poses_to_demonstrate"] > 40
-    table = one_line(run(near, stored("good", 1, 5e-5), "--grade", "B").stdout)
-    assert "poses in total would probably confirm it" in table
+    assert "poses in total would probably confirm it" in one_line(run(*call).stdout)
 
 
-def test_a_scale_of_ones_own(good: str, poor: str, tmp_path: Path) -> None:
-    scale = tmp_path / "scale.yaml"
-    shutil.copy(ROOT / "configs" / "grades" / "machining.yaml", scale)
-    found = document(good, poor, "--grade", "medium", "--scale", str(scale))
+def test_scales(good: str, poor: str, stored: Callable[..., str]) -> None:
+    found = document(good, poor, "--grade", "medium", "--scale", MACHINING)
     assert (found["grade"]["statistic"], found["grade"]["demonstrated_by"]) == ("rms", ["good"])
     assert found["inputs"][-1]["kind"] == "scale"
-
-
-def test_results_of_different_scales_need_one_named(good: str, stored: Callable[..., str]) -> None:
-    scale = str(ROOT / "configs" / "grades" / "machining.yaml")
-    other = stored("machined", 1, 5e-5, "--scale", scale)
+    other = stored("machined", 1, 5e-5, "--scale", MACHINING)
     told = "graded on CAD/CAM 0.1 mm, 0.1 degree and machining; choose the scale with --scale"
     assert told in refused(good, other, "--grade", "B")
     told = "warning: made differently, grade scale: good: CAD/CAM 0.1 mm, 0.1 degree; machined: machining"
@@ -166,25 +158,24 @@ def test_what_was_made_differently_is_said(good: str, stored: Callable[..., str]
 
 
 def test_some_of_the_poses(good: str, stored: Callable[..., str]) -> None:
-    part = stored("part", 6, 5e-5, n=45)
-    result = run(good, part)
-    assert "share 45 of 60 poses; only these are compared" in result.stderr
+    told = run(good, stored("part", 6, 5e-5, n=45)).stderr
+    assert "share 45 of 60 poses; only these are compared" in told
 
 
 def test_baseline_by_name_or_path(good: str, poor: str) -> None:
-    for named in ("poor", poor):
-        found = document(good, poor, "--baseline", named)
-        assert (found["baseline"], found["statistics"][0]["differences"][0]["name"]) == ("poor", "good")
-        assert found["statistics"][0]["differences"][0]["value"] < 0.0
+    by_name, by_path = (document(good, poor, "--baseline", named) for named in ("poor", poor))
+    difference = by_name["statistics"][0]["differences"][0]
+    assert (by_name["baseline"], difference["name"], difference["value"] < 0.0) == ("poor", "good", True)
+    assert (by_path["baseline"], by_path["statistics"]) == ("poor", by_name["statistics"])
 
 
 def test_files_of_one_name_are_told_apart(good: str, poor: str, tmp_path: Path) -> None:
-    paths = []
-    for folder, path in (("one", good), ("two", poor)):
-        (tmp_path / folder).mkdir()
-        paths.append(str(shutil.copy(path, tmp_path / folder / "result.json")))
+    paths = [tmp_path / folder / "result.json" for folder in ("one", "two")]
+    for path, source in zip(paths, (good, poor), strict=True):
+        path.parent.mkdir()
+        shutil.copy(source, path)
     assert [one["name"] for one in document(*paths)["results"]] == ["one/result", "two/result"]
-    assert [one["name"] for one in document(good, good)["results"]][1].endswith("good (2)")
+    assert document(good, good)["results"][1]["name"].endswith("good (2)")
 
 
 def test_many_results_stand_in_rows(three: tuple[str, str, str], stored: Callable[..., str]) -> None:
@@ -204,24 +195,20 @@ def test_tables_fit_a_page(three: tuple[str, str, str]) -> None:
 def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An estimate, two calibrations and a prediction of one simulated arm."""
     folder = tmp_path_factory.mktemp("fits")
-    poses = str(folder / "poses.csv")
-    apart = str(folder / "holdout.csv")
+    poses, apart = (str(folder / f"{name}.csv") for name in ("poses", "holdout"))
     for path, seed in ((poses, "0"), (apart, "1")):
-        call = ("simulate", str(ROBOT), "--poses", "40", "--noise", "0.05mm", "--seed", seed, "--output", path)
-        output(*call)
-    fit = ("calibrate", poses, "--robot", str(ROBOT), "--folds", "2", "--fit")
+        output("simulate", ROBOT, "--poses", "40", "--noise", "0.05mm", "--seed", seed, "--output", path)
+    fit = ("calibrate", poses, "--robot", ROBOT, "--folds", "2", "--fit")
     calls = {
-        "estimate": ("estimate", poses, "--robot", str(ROBOT)),
+        "estimate": ("estimate", poses, "--robot", ROBOT),
         "frames": (*fit, "base_frame"),
         "offsets": (*fit, "base_frame,joint_offset[all]"),
         "apart": (*fit, "base_frame", "--holdout", apart),
-        "predict": ("predict", str(ROBOT), "--samples", "50"),
+        "predict": ("predict", ROBOT, "--samples", "50"),
     }
-    found = {}
     for name, call in calls.items():
-        found[name] = str(folder / f"{name}.json")
-        output(*call, "--format", "json", "--output", found[name])
-    return found
+        output(*call, "--format", "json", "--output", folder / f"{name}.json")
+    return {name: str(folder / f"{name}.json") for name in calls}
 
 
 @pytest.mark.slow
@@ -231,11 +218,10 @@ def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
     same = rows["nominal.held_out.position.rms"]["differences"][0]
     assert (same["value"], same["p_value"], same["method"]) == (0.0, 1.0, "the same at every pose")
     after = rows["position.rms"]["differences"][0]
-    assert after["paired"]
-    assert after["p_value"] is not None
-    one = json.loads(Path(fits["frames"]).read_text(encoding="utf-8"))
-    assert rows["position.rms"]["values"][0]["value"] == one["after"]["held_out"]["position"]["rms_m"]
-    assert rows["after.fitted.position.rms"]["values"][0]["value"] == one["after"]["fitted"]["position"]["rms_m"]
+    assert (after["paired"], after["p_value"] is None) == (True, False)
+    one = json.loads(Path(fits["frames"]).read_text(encoding="utf-8"))["after"]
+    figures = [rows[key]["values"][0]["value"] for key in ("position.rms", "after.fitted.position.rms")]
+    assert figures == [one[kind]["position"]["rms_m"] for kind in ("held_out", "fitted")]
     table = run(fits["frames"], fits["offsets"]).stdout
     assert re.search(r"Position rms, mm +frames +offsets", table)
     assert "final model, calibration poses" in table
@@ -266,21 +252,17 @@ def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:
     assert "position.rms" in [row["key"] for row in found["statistics"]]
 
 
-def test_a_prediction_has_a_grade_and_demonstrates_nothing(fits: dict[str, str]) -> None:
-    found = document(fits["estimate"], fits["predict"], "--grade", "D")
-    predicted = found["grade"]["results"][1]
+def test_a_prediction_demonstrates_nothing_and_is_not_ranked_with_an_arm(fits: dict[str, str]) -> None:
+    alone = document(fits["estimate"], fits["predict"], "--grade", "D")
+    predicted = alone["grade"]["results"][1]
     assert predicted["verdict"] in ("met_not_demonstrated", "not_met")
     assert (predicted["probability"], predicted["why"]) == (None, "predicted from tolerances, not measured")
-    assert found["statistics"][0]["differences"][0]["p_value"] is None
-
-
-def test_a_prediction_is_not_ranked_with_an_arm(fits: dict[str, str]) -> None:
+    assert alone["statistics"][0]["differences"][0]["p_value"] is None
+    assert [one["name"] for one in alone["ranking"]["order"]] == ["estimate"]
+    assert (alone["ranking"]["pairs"], len(alone["ranking"]["text"])) == ([], 1)
     found = document(fits["predict"], fits["estimate"], fits["frames"])["ranking"]
     assert {one["name"] for one in found["order"]} == {"estimate", "frames"}
     assert found["text"][-1] == "predict is a prediction, which is not ranked with measured arms"
-    alone = document(fits["predict"], fits["estimate"])["ranking"]
-    assert [one["name"] for one in alone["order"]] == ["estimate"]
-    assert (alone["pairs"], len(alone["text"])) == ([], 1)
     assert len(document(fits["predict"], fits["predict"])["ranking"]["order"]) == 2
 
 
@@ -305,18 +287,15 @@ def test_files_of_poses_are_estimated_first(fits: dict[str, str], tmp_path: Path
 
 
 def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
-    paths = []
-    for seed in ("1", "2"):
-        poses = str(tmp_path / f"arm{seed}.csv")
-        options = ("--cycles", 6, "--noise", "0.05mm", "--seed", seed, "--output", poses)
-        output("simulate", ROBOT, "--poses", 5, *options)
-        paths.append(str(tmp_path / f"arm{seed}.json"))
-        output("iso9283", poses, "--robot", ROBOT, "--format", "json", "--output", paths[-1])
+    poses, paths = tmp_path / "poses.csv", (tmp_path / "arm1.json", tmp_path / "arm2.json")
+    for seed, path in enumerate(paths, start=1):
+        output("simulate", ROBOT, "--poses", 5, "--cycles", 6, "--noise", "0.05mm", "--seed", seed, "-o", poses)
+        output("iso9283", poses, "--robot", ROBOT, "--output", path)
     found = document(*paths)
-    rows = {row["key"]: row for row in found["statistics"]}
+    difference = next(row for row in found["statistics"] if row["key"] == "iso9283.RP.max")["differences"][0]
     assert found["ranking"]["by"] == "iso9283.AP.max"
-    assert "Zou and Donner" in rows["iso9283.RP.max"]["differences"][0]["method"]
-    assert rows["iso9283.RP.max"]["differences"][0]["p_value"] is not None
+    assert "Zou and Donner" in difference["method"]
+    assert difference["p_value"] is not None
     assert re.search(r"\nRP +\d", run(*paths).stdout)
 
 

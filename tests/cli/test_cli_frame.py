@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import pty
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -71,22 +72,22 @@ def test_names_of_0_2_do_what_the_new_ones_do_with_one_note(old: str, new: str, 
     assert before.stderr == f"note: robacc {name} is now robacc {RENAMED[name][0]}; the old name works until 0.4\n"
 
 
-def test_unknown_command_names_the_nearest() -> None:
-    assert "Did you mean 'estimate'" in refused("estimat")
-
-
 @pytest.mark.parametrize(
-    "arguments", [["estimate"], ["estimate", "--nonsense", "x.csv"], ["estimate", "x", "--format", "y"]]
+    ("words", "told"),
+    [
+        ("estimat", "Did you mean 'estimate'"),
+        ("estimate", "Missing argument"),
+        ("estimate --nonsense x.csv", "--nonsense"),
+        ("estimate x --format y", "--format"),
+    ],
 )
-def test_wrong_usage_is_status_2(arguments: list[str]) -> None:
-    refused(*arguments)
+def test_wrong_usage_is_status_2(words: str, told: str) -> None:
+    assert told in refused(*words.split())
 
 
 def test_bad_input_is_status_3_with_a_line_on_standard_error() -> None:
-    result = commands.run("estimate", "nowhere.csv")
-    assert (result.exit_code, result.stdout) == (3, "")
-    assert result.stderr.startswith("error: nowhere.csv: ")
-    assert result.stderr.count("\n") == 1
+    done = commands.run("estimate", "nowhere.csv")
+    assert (done.exit_code, done.stdout, done.stderr) == (3, "", "error: nowhere.csv: the file does not exist\n")
 
 
 def test_every_problem_has_its_line_and_each_tip_stands_once(capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,21 +105,20 @@ def test_every_problem_has_its_line_and_each_tip_stands_once(capsys: pytest.Capt
     assert capsys.readouterr().err == "error: one and two do not go together\n"
 
 
-def raising(statement: str) -> str:
-    """Code that makes reading poses raise."""
-    return f"import robacc.poses.csv_file as m\ndef f(*a, **k):\n    {statement}\nm.read_poses = f"
-
-
-def test_a_defect_ends_in_a_traceback_and_status_1() -> None:
-    done = run("estimate", *SAMPLE, code=raising("raise ZeroDivisionError('here')"))
-    assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr.startswith("Traceback (most recent call last):")
-    assert done.stderr.endswith("ZeroDivisionError: here\n")
-
-
-def test_an_interrupt_ends_in_one_line_and_status_130() -> None:
-    done = run("estimate", *SAMPLE, code=raising("raise KeyboardInterrupt"))
-    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted; nothing was written\n")
+@pytest.mark.parametrize(
+    ("error", "status", "start", "end"),
+    [
+        ("ZeroDivisionError('here')", 1, "Traceback (most recent call last):", "ZeroDivisionError: here\n"),
+        ("KeyboardInterrupt", 130, "interrupted; nothing was written\n", ""),
+    ],
+)
+def test_a_defect_and_an_interrupt_have_their_status(error: str, status: int, start: str, end: str) -> None:
+    code = f"import robacc.poses.csv_file as m\ndef f(*a, **k):\n    raise {error}\nm.read_poses = f"
+    done = run("estimate", *SAMPLE, code=code)
+    assert (done.returncode, done.stdout) == (status, "")
+    assert done.stderr.startswith(start)
+    assert done.stderr.endswith(end)
+    assert status == 1 or done.stderr == start
 
 
 def test_a_reader_that_leaves_is_no_error_and_loses_no_warning(tmp_path: Path) -> None:
@@ -146,11 +146,10 @@ def test_warnings_stand_below_the_result(tmp_path: Path, n_files: int) -> None:
     shown = terminal("estimate", *map(str, paths), *SAMPLE[1:], NO_COLOR="1")
     # Several files have a line of progress, which is erased.
     assert n_files > 1 or "\033" not in shown
-    lines = shown.splitlines()
-    first = next(number for number, line in enumerate(lines) if line.startswith("warning: "))
-    assert "rms" in "\n".join(lines[:first])
-    assert all(line.startswith("warning: ") for line in lines[first:])
-    assert "temperatur_c" in "\n".join(lines[first:])
+    result, *warnings = re.split(r"^warning: ", shown, flags=re.MULTILINE)
+    assert "rms" in result
+    assert all(len(warning.splitlines()) == 1 for warning in warnings)
+    assert "temperatur_c" in "".join(warnings)
 
 
 def terminal(*arguments: str, **environment: str) -> str:
@@ -182,26 +181,21 @@ def terminal(*arguments: str, **environment: str) -> str:
 def test_colour_on_a_terminal_only_and_not_against_the_readers_wish() -> None:
     assert "\033[1m" in terminal("estimate", *SAMPLE, NO_COLOR="")
     assert "\033[31merror: " in terminal("estimate", "nowhere.csv", NO_COLOR="")
-    assert "\033" not in terminal("estimate", "nowhere.csv", NO_COLOR="1")
-    assert "\033" not in terminal("estimate", *SAMPLE, TERM="dumb", NO_COLOR="")
-    assert "\033" not in run("estimate", *SAMPLE, NO_COLOR="").stdout
+    plain = terminal("estimate", "nowhere.csv", NO_COLOR="1"), terminal("estimate", *SAMPLE, TERM="dumb", NO_COLOR="")
+    piped = run("estimate", *SAMPLE, NO_COLOR="").stdout
+    assert "\033" not in "".join((*plain, piped))
 
 
 def test_a_terminal_without_the_signs_is_no_reason_to_crash() -> None:
     done = run("estimate", *SAMPLE, PYTHONIOENCODING="ascii", PYTHONUTF8="0")
-    assert done.returncode == 0
-    assert "95 % interval" in done.stdout
+    assert (done.returncode, "95 % interval" in done.stdout) == (0, True)
 
 
-def test_completion_knows_commands_and_their_options() -> None:
-    def complete(words: str, number: int) -> list[str]:
-        done = run(
-            code="import sys; sys.argv = ['robacc']",
-            _ROBACC_COMPLETE="complete_bash",
-            COMP_WORDS=words,
-            COMP_CWORD=str(number),
-        )
-        return done.stdout.split()
-
-    assert complete("robacc est", 1) == ["estimate"]
-    assert "--align" in complete("robacc estimate --al", 2)
+@pytest.mark.parametrize(
+    ("words", "number", "found"), [("robacc est", 1, "estimate"), ("robacc estimate --al", 2, "--align")]
+)
+def test_completion_knows_commands_and_their_options(words: str, number: int, found: str) -> None:
+    asked = {"_ROBACC_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(number)}
+    completed = run(code="import sys; sys.argv = ['robacc']", **asked).stdout.split()
+    assert found in completed
+    assert number == 2 or completed == [found]

@@ -31,13 +31,19 @@ def tolerances(tmp_path: Path) -> Path:
     return path
 
 
+def test_a_robot_without_tolerances_is_bad_input() -> None:
+    told = "no parameter of sample arm has a tolerance, so no error can be predicted"
+    shown = refused("sample_data/robot.yaml", status=3)
+    assert missing(shown, told, "tip: give a tolerance file with --tolerances") == []
+
+
 def test_as_a_process() -> None:
     environment = os.environ | {"PYTHONPATH": str(PROJECT), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
     result = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True)
-    assert (result.returncode, result.stderr) == (0, "")
     # The same call gives the same bytes, in another process too.
-    assert result.stdout == run(PUMA, "--samples", "20", "--format", "json").stdout
+    same = run(PUMA, "--samples", "20", "--format", "json").stdout
+    assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
 
 
 def test_json_has_the_contracts_keys() -> None:
@@ -105,13 +111,12 @@ def test_per_pose_file(tmp_path: Path) -> None:
     found = document(PUMA, "--samples", "7", "--per-pose", str(target))
     rows = list(csv.DictReader(io.StringIO(target.read_text())))
     assert [row["pose"] for row in rows] == [f"sample {k}" for k in range(1, 8)]
-    covariances = np.array(found["position"]["covariance_m2"])
-    assert [float(row["v_xz_m2"]) for row in rows] == covariances[:, 0, 2].tolist()
-    assert [float(row["j1"]) for row in rows][found["position"]["worst"]["pose"]] == found["position"]["worst"]["q"][0]
-    np.testing.assert_allclose(
-        [float(row["rms_rad"]) for row in rows],
-        np.sqrt(np.trace(found["orientation"]["covariance_rad2"], axis1=1, axis2=2)),
-    )
+    v_xz, j1, rms = ([float(row[name]) for row in rows] for name in ("v_xz_m2", "j1", "rms_rad"))
+    assert v_xz == [covariance[0][2] for covariance in found["position"]["covariance_m2"]]
+    worst = found["position"]["worst"]
+    assert j1[worst["pose"]] == worst["q"][0]
+    traces = np.trace(found["orientation"]["covariance_rad2"], axis1=1, axis2=2)
+    np.testing.assert_allclose(rms, np.sqrt(traces))
 
 
 def test_poses_of_a_file_and_another_scale(tmp_path: Path, tolerances: Path) -> None:
@@ -144,11 +149,3 @@ def test_poses_of_a_file_and_another_scale(tmp_path: Path, tolerances: Path) -> 
 )
 def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> None:
     assert message in refused(PUMA, *arguments, status=status)
-
-
-def test_a_robot_without_tolerances_is_bad_input() -> None:
-    told = (
-        "no parameter of sample arm has a tolerance, so no error can be predicted",
-        "tip: give a tolerance file with --tolerances",
-    )
-    assert missing(refused("sample_data/robot.yaml", status=3), *told) == []

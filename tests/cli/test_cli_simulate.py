@@ -29,22 +29,15 @@ PUMA = ROOT / "configs" / "robots" / "puma560.yaml"
 SCARA = ROOT / "configs" / "robots" / "scara.yaml"
 
 
-def test_what_simulate_writes_reads_back_to_the_last_digit(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    output("simulate", TRUTH, "--poses", 30, "--seed", 4, "-o", path)
-    robot = read_robot(TRUTH)
-    data = read_poses(path, robot=KnownRobot(joint_names=robot.variable_names))
-    assert data.n == 30
-    np.testing.assert_array_equal(data.position, predict(robot, data).translation)
-    assert run("simulate", TRUTH, "--poses", 30, "--seed", 4).stdout == path.read_text(encoding="utf-8")
-
-
-def test_ordered_rows_say_how_the_joints_moved(tmp_path: Path) -> None:
+@pytest.mark.parametrize("motion", [(), ("--no-motion",)])
+def test_what_simulate_writes_reads_back_to_the_last_digit(motion: tuple[str, ...], tmp_path: Path) -> None:
+    path, call = tmp_path / "poses.csv", ("simulate", TRUTH, "--poses", 30, "--seed", 4, *motion)
+    output(*call, "-o", path)
     # The columns left out, the order of rows gives the same prediction: backlash of the third joint included.
-    path = tmp_path / "poses.csv"
-    output("simulate", TRUTH, "--poses", 30, "--seed", 4, "--no-motion", "-o", path)
-    data = read_poses(path, ordered=True)
+    data = read_poses(path, robot=KnownRobot(joint_names=read_robot(TRUTH).variable_names), ordered=bool(motion))
+    assert data.n == 30
     np.testing.assert_array_equal(data.position, predict(read_robot(TRUTH), data).translation)
+    assert output(*call) == path.read_text(encoding="utf-8")
 
 
 def test_options_become_columns() -> None:
@@ -58,22 +51,23 @@ def test_options_become_columns() -> None:
 
 
 def test_noise_comes_in_the_unit_behind_it() -> None:
-    def position(*options: object) -> list[str]:
-        return [line.split(",")[6] for line in run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[2:]]
+    none, zero, um, mm, m = (
+        [line.split(",")[6] for line in output("simulate", PUMA, "--poses", 3, *options).splitlines()[2:]]
+        for options in ((), *(("--noise", size) for size in ("0", "20um", "0.02mm", "2e-5m")))
+    )
+    assert none == zero != um == mm == m
 
-    assert position("--noise", "20um") == position("--noise", "0.02mm") == position("--noise", "2e-5m")
-    assert position("--noise", "0") == position()
-    assert position("--noise", "20um") != position()
 
-
-def test_the_file_says_what_noise_is_in_it() -> None:
-    def head(*options: object) -> str:
-        return run("simulate", PUMA, "--poses", 3, *options).stdout.splitlines()[0]
-
-    assert head().endswith(" with seed 0, no noise; nothing was measured.")
-    both = ("--noise", "20um", "--noise-orientation", "0.02mrad")
-    assert head(*both).endswith(", noise 0.02 mm and 0.02 mrad; nothing was measured.")
-    assert head(*both, "--position-only").endswith(", noise 0.02 mm; nothing was measured.")
+@pytest.mark.parametrize(
+    ("options", "end"),
+    [
+        ("", " with seed 0, no noise; nothing was measured."),
+        ("--noise 20um --noise-orientation 0.02mrad", ", noise 0.02 mm and 0.02 mrad; nothing was measured."),
+        ("--noise 20um --noise-orientation 0.02mrad --position-only", ", noise 0.02 mm; nothing was measured."),
+    ],
+)
+def test_the_file_says_what_noise_is_in_it(options: str, end: str) -> None:
+    assert output("simulate", PUMA, "--poses", 3, *options.split()).splitlines()[0].endswith(end)
 
 
 def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_path: Path) -> None:
@@ -129,20 +123,15 @@ def test_each_wrong_option_has_its_message(arguments: tuple[str, ...], message: 
     assert message in refused("simulate", PUMA, "--poses", 5, *arguments)
 
 
-def test_no_poses_is_wrong_usage_and_a_slide_without_limits_wrong_input(tmp_path: Path) -> None:
+def test_no_poses_is_wrong_usage_and_a_robot_that_lacks_something_is_named(tmp_path: Path) -> None:
     assert "Invalid value for '--poses'" in refused("simulate", PUMA, "--poses", 0)
-    path = tmp_path / "slide.yaml"
+    path = tmp_path / "robot.yaml"
     path.write_text(SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""), encoding="utf-8")
     assert "the prismatic joint j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
-
-
-def test_an_effect_that_lacks_its_circumstance_names_the_options(tmp_path: Path) -> None:
-    path = tmp_path / "drifting.yaml"
     entry = "effects: [{effect: frame_drift, values: {x: 1e-4}}]\n"
     path.write_text(PUMA.read_text(encoding="utf-8") + entry, encoding="utf-8")
-    message = refused("simulate", path, "--poses", 3)
     told = ("frame_drift needs the column time_s", "--time-step, --temperature and --payload add such columns")
-    assert missing(message, *told) == []
+    assert missing(refused("simulate", path, "--poses", 3), *told) == []
 
 
 def commands() -> list[str]:
@@ -239,8 +228,7 @@ def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> No
 
 def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) -> None:
     result = run("export", PUMA, "--urdf", "-")
-    assert result.stdout.startswith("<?xml")
-    assert result.stdout.rstrip().endswith("</robot>")
+    assert re.fullmatch(r"<\?xml.*</robot>\s*", result.stdout, re.DOTALL)
     assert "warning: a URDF cannot represent gear ratio" in result.stderr
     message = "--format json and --urdf - both write to standard output; name a file for --urdf"
     assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
@@ -115,11 +116,10 @@ def test_estimate_and_predict(name: str, tmp_path: Path) -> None:
     text, count, noise = CASES[name]
     files = made(tmp_path, text, count, noise)
     status, found = answers(files, "estimate")
-    assert status == 0
     # The noise is of each coordinate, so the error's RMS is sqrt(3) of it; a third is far beyond chance for 12 poses.
     sigma = {"0.02mm": 2e-5, "0.1um": 1e-7, "0.001um": 1e-9, "1m": 1.0, "0mm": 0.0}[noise]
-    rms = found["position"]["rms_m"]
-    assert rms == pytest.approx(math.sqrt(3) * sigma, rel=1.0 if count < 12 else 0.35, abs=1e-14)
+    rms = pytest.approx(math.sqrt(3) * sigma, rel=1.0 if count < 12 else 0.35, abs=1e-14)
+    assert (status, found["position"]["rms_m"]) == (0, rms)
     assert (answers(files, "predict")[0], answers(files, "iso9283")[0]) == (0, 0)
 
 
@@ -204,20 +204,19 @@ def test_one_thread_or_two(command: str) -> None:
     samples = PROJECT / "sample_data" / "trace"
     made = by_threads(command, samples / "poses.csv", "--robot", samples / "robot.yaml", *FITS[command])
     one, two = (json.loads(text) for text in made)
-    for stage in ("nominal", "before", "after"):
-        for of in ("fitted", "held_out"):
-            figures = [
-                {key: value for key, value in found[stage][of]["position"].items() if isinstance(value, float)}
-                for found in (one, two)
-            ]
-            assert figures[1] == pytest.approx(figures[0], rel=1e-9), (stage, of)
+    for stage, of in itertools.product(("nominal", "before", "after"), ("fitted", "held_out")):
+        first, second = (found[stage][of]["position"] for found in (one, two))
+        figures, others = (
+            {key: value for key, value in each.items() if isinstance(value, float)} for each in (first, second)
+        )
+        assert others == pytest.approx(figures, rel=1e-9), (stage, of)
     for first, second in zip(one["parameters"], two["parameters"], strict=True):
         assert first["name"] == second["name"]
         # A coefficient is as good as its standard deviation; of that, a billionth.
         assert second["value"] == pytest.approx(first["value"], rel=1e-9, abs=1e-9 * (first["std"] or 1e-3))
     if command == "trace":
-        assert one["verdict"] == two["verdict"]
-        assert [f["effect"] for f in one["findings"]] == [f["effect"] for f in two["findings"]]
+        first, second = ((found["verdict"], [f["effect"] for f in found["findings"]]) for found in (one, two))
+        assert first == second
 
 
 N = 20_000

@@ -118,13 +118,27 @@ def test_what_is_no_plain_file_is_written_to() -> None:
     assert Path(os.devnull).is_char_device()
 
 
-def test_content_decides_the_format(tmp_path: Path) -> None:
-    urdf = '<?xml version="1.0"?>\n<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
-    urdf += '<parent link="a"/><child link="b"/></joint></robot>'
-    assert read_robot(write(tmp_path / "robot.txt", urdf)).convention == "urdf"
-    assert read_robot(write(tmp_path / "robot.urdf", urdf), base_link="a", tip_link="b").tip_link == "b"
-    assert read_robot(write(tmp_path / "robot.cfg", MINIMAL)).convention == "standard"
-    assert read_robot(write(tmp_path / "bom.yaml", "\ufeff" + MINIMAL)).name == "arm"
+URDF = (
+    '<?xml version="1.0"?>\n<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="continuous">'
+    '<parent link="a"/><child link="b"/></joint></robot>'
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "links", "convention"),
+    [
+        ("robot.txt", URDF, {}, "urdf"),
+        ("robot.urdf", URDF, {"base_link": "a", "tip_link": "b"}, "urdf"),
+        ("robot.cfg", MINIMAL, {}, "standard"),
+        ("bom.yaml", "\ufeff" + MINIMAL, {}, "standard"),
+    ],
+)
+def test_content_decides_the_format(
+    tmp_path: Path, name: str, content: str, links: dict[str, str], convention: str
+) -> None:
+    robot = read_robot(write(tmp_path / name, content), **links)
+    assert (robot.convention, robot.name) == (convention, "r" if convention == "urdf" else "arm")
+    assert convention == "standard" or robot.tip_link == "b"
 
 
 @pytest.mark.parametrize(

@@ -65,11 +65,6 @@ def test_json_is_the_contracts_and_nothing_else() -> None:
     assert set(found["reach"]) == {"tool"}
 
 
-def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
-    words = ("configs/robots/ur10.yaml", "--format", "json")
-    assert (show(*words, "--output", tmp_path / "out.json"), (tmp_path / "out.json").read_text()) == ("", show(*words))
-
-
 def test_exit_statuses() -> None:
     assert "error: nothing.yaml: the file does not exist" in refused("nothing.yaml", status=3)
     assert "choose a chain of a URDF" in refused("configs/robots/ur10.yaml", "--tip-link", "x")
@@ -104,20 +99,18 @@ def test_reach_is_measured_from_the_robots_base_and_per_target() -> None:
 
 def test_a_slide_without_limits_has_no_reach() -> None:
     robot = read_robot(CONFIGS / "stanford.yaml")
-    joints = tuple(replace(joint, limits=None) for joint in robot.joints)
-    assert find_reach(replace(robot, joints=joints), Frame()).sampled is None
-    assert "reach    unknown: a prismatic joint has no limits" in drawn(replace(robot, joints=joints))
+    robot = replace(robot, joints=tuple(replace(joint, limits=None) for joint in robot.joints))
+    assert find_reach(robot, Frame()).sampled is None
+    assert "reach    unknown: a prismatic joint has no limits" in drawn(robot)
 
 
-def test_samples_fill_the_cube_more_evenly_than_chance() -> None:
-    for dimensions in (1, 2, 6, 12):
-        points = low_discrepancy(dimensions, 1000)
-        assert points.shape == (dimensions, 1000)
-        assert np.all((points >= 0) & (points < 1))
-        for line in points:
-            counts = np.histogram(line, bins=50, range=(0, 1))[0]
-            # Twenty a bin; chance alone would scatter by 4.4.
-            assert counts.std() < 2
+@pytest.mark.parametrize("dimensions", [1, 2, 6, 12])
+def test_samples_fill_the_cube_more_evenly_than_chance(dimensions: int) -> None:
+    points = low_discrepancy(dimensions, 1000)
+    assert points.shape == (dimensions, 1000)
+    assert np.all((points >= 0) & (points < 1))
+    # Twenty a bin; chance alone would scatter by 4.4.
+    assert max(np.histogram(line, bins=50, range=(0, 1))[0].std() for line in points) < 2
 
 
 def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
@@ -149,8 +142,12 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
 
 
 def test_names_are_not_cut_in_a_narrow_terminal() -> None:
-    robot = read_robot(CONFIGS / "ur10.yaml")
-    assert "shoulder_lift_joint" in drawn(robot, width=60)
+    assert "shoulder_lift_joint" in drawn(read_robot(CONFIGS / "ur10.yaml"), width=60)
+
+
+def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
+    words = ("configs/robots/ur10.yaml", "--format", "json")
+    assert (show(*words, "--output", tmp_path / "out.json"), (tmp_path / "out.json").read_text()) == ("", show(*words))
 
 
 BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}

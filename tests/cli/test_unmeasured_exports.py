@@ -52,33 +52,26 @@ def test_limits_leave_one_unit(export: tuple[str, np.ndarray], tmp_path: Path) -
 
 
 def test_correct_reads_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    out = tmp_path / "corrected.csv"
+    out, right = tmp_path / "corrected.csv", tmp_path / "expected.csv"
     found = document("correct", export[0], "--model", MODEL, "--nominal", ROBOT, "--units", "deg", "-o", out)
-    corrected = robacc.simulate(ROBOT, at=out).data.q
-    expected = robacc.correct(robacc.simulate(ROBOT, poses=8, seed=4).data, model=MODEL, nominal=ROBOT)
-    expected.write(tmp_path / "expected.csv")
-    np.testing.assert_allclose(corrected, robacc.simulate(ROBOT, at=tmp_path / "expected.csv").data.q, atol=5e-6)
-    (record,) = [file for file in found["inputs"] if file["kind"] == "targets"]
-    assert record["reading"] == {"units": "deg"}
+    robacc.correct(robacc.simulate(ROBOT, poses=8, seed=4).data, model=MODEL, nominal=ROBOT).write(right)
+    corrected, expected = (robacc.simulate(ROBOT, at=path).data.q for path in (out, right))
+    np.testing.assert_allclose(corrected, expected, atol=5e-6)
+    assert [file["reading"] for file in found["inputs"] if file["kind"] == "targets"] == [{"units": "deg"}]
 
 
-def test_simulate_visits_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    out = tmp_path / "simulated.csv"
-    found = document("simulate", ROBOT, "--at", export[0], "--units", "deg", "-o", out)
-    data = robacc.read_poses(out, robot=robacc.read_robot(ROBOT))
-    np.testing.assert_allclose(data.q, export[1], atol=2e-6)
-    assert found["inputs"][1]["reading"] == {"units": "deg"}
+def test_simulate_visits_them_and_plan_adds_to_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
+    out, options = tmp_path / "simulated.csv", ("--candidates", "200", "-o", tmp_path / "plan.csv")
+    visited = document("simulate", ROBOT, "--at", export[0], "--units", "deg", "-o", out)
+    np.testing.assert_allclose(robacc.read_poses(out, robot=robacc.read_robot(ROBOT)).q, export[1], atol=2e-6)
+    planned = document("plan", ROBOT, "--poses", "6", "--already", export[0], "--units", "deg", *options)
+    for found in (visited, planned):
+        assert [file.get("reading") for file in found["inputs"]] == [None, {"units": "deg"}]
 
 
-def test_plan_adds_to_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    options = ("--candidates", "200", "--already", export[0], "--units", "deg", "-o", tmp_path / "plan.csv")
-    found = document("plan", ROBOT, "--poses", "6", *options)
-    assert [file.get("reading") for file in found["inputs"]] == [None, {"units": "deg"}]
-
-
-def test_options_of_measurements_are_not_there(export: tuple[str, np.ndarray]) -> None:
-    for command in ("correct", "simulate", "plan"):
-        assert "--coverage" not in output(command, "--help")
+@pytest.mark.parametrize("command", ["correct", "simulate", "plan"])
+def test_options_of_measurements_are_not_there(command: str) -> None:
+    assert "--coverage" not in output(command, "--help")
 
 
 def test_a_program_states_its_own_units(tmp_path: Path) -> None:

@@ -50,38 +50,32 @@ def test_a_difference_is_that_of_the_statistics(statistic: str, paired: bool) ->
     a, b = errors(seed=1), errors(seed=2, scale=1.3e-4)
     delta = difference(statistic, sample(a), sample(b), paired=paired)
     assert delta.value == pytest.approx(by_hand(statistic, b) - by_hand(statistic, a), rel=1e-12, abs=1e-19)
-    assert delta.interval.lower is not None
-    assert delta.interval.upper is not None
     assert delta.interval.lower < delta.value < delta.interval.upper
     assert delta.paired is paired
 
 
 def test_means_of_lengths_by_scipys_t_tests() -> None:
     """Above 1000 poses there is no bootstrap, and the mean's tests are Student's and Welch's own."""
-    a, b = errors(1200, 1), errors(1200, 1) + errors(1200, 2, 3e-5) + 2e-6
-    first_lengths, second_lengths = (np.linalg.norm(v, axis=0) for v in (a, b))
-    delta = difference("mean_error", sample(a), sample(b), paired=True)
-    reference = stats.ttest_rel(second_lengths, first_lengths)
+    a = errors(1200, 1)
+    b, c = a + errors(1200, 2, 3e-5) + 2e-6, errors(1100, 3, 1.02e-4)
+    lengths = [np.linalg.norm(v, axis=0) for v in (a, b, c)]
+    paired = difference("mean_error", sample(a), sample(b), paired=True)
+    reference = stats.ttest_rel(lengths[1], lengths[0])
     interval = reference.confidence_interval(0.95)
-    assert delta.p_value == pytest.approx(reference.pvalue, rel=1e-9)
-    assert (delta.interval.lower, delta.interval.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
-    b = errors(1100, 3, 1.02e-4)
-    second_lengths = np.linalg.norm(b, axis=0)
-    delta = difference("mean_error", sample(a), sample(b), paired=False)
-    reference = stats.ttest_ind(second_lengths, first_lengths, equal_var=False)
-    assert delta.p_value == pytest.approx(reference.pvalue, rel=1e-9)
+    assert paired.p_value == pytest.approx(reference.pvalue, rel=1e-9)
+    assert (paired.interval.lower, paired.interval.upper) == pytest.approx((interval.low, interval.high), rel=1e-9)
+    apart = difference("mean_error", sample(a), sample(c), paired=False)
+    assert apart.p_value == pytest.approx(stats.ttest_ind(lengths[2], lengths[0], equal_var=False).pvalue, rel=1e-9)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "sd_x"])
 def test_standard_error_by_the_jackknife(statistic: str) -> None:
-    a, b = errors(1500, 1), errors(1500, 2)
+    a, b, n = errors(1500, 1), errors(1500, 2), 1500
     delta = difference(statistic, sample(a), sample(b), paired=True)
-    n = a.shape[1]
     left_out = np.array(
         [by_hand(statistic, np.delete(b, i, 1)) - by_hand(statistic, np.delete(a, i, 1)) for i in range(n)]
     )
     error = math.sqrt((n - 1) / n * np.sum(np.square(left_out - left_out.mean())))
-    assert delta.interval.upper is not None
     # The influence is the jackknife's limit; at 1500 poses they agree to some parts in a thousand.
     assert delta.interval.upper - delta.value == pytest.approx(stats.t.ppf(0.975, n - 1) * error, rel=5e-3)
 
@@ -89,11 +83,9 @@ def test_standard_error_by_the_jackknife(statistic: str) -> None:
 @pytest.mark.parametrize("statistic", ["rms", "p95", "sd_x"])
 def test_pairs_cancel_what_they_share(statistic: str) -> None:
     a = errors(100, 1)
-    b = a + errors(100, 2, 5e-6)
-    paired_delta, unpaired_delta = (
-        difference(statistic, sample(a), sample(b), paired=paired) for paired in (True, False)
-    )
-    assert width(paired_delta) < 0.4 * width(unpaired_delta)
+    both = sample(a), sample(a + errors(100, 2, 5e-6))
+    paired, unpaired = (width(difference(statistic, *both, paired=paired)) for paired in (True, False))
+    assert paired < 0.4 * unpaired
 
 
 def figure(value: float, lower: float, upper: float, confidence: float) -> EstimatedValue:
@@ -126,31 +118,29 @@ def test_p_value_and_interval_say_the_same(statistic: str, n: int, shift: float)
     for seed in range(4):
         a, b = errors(n, seed), errors(n, seed + 100, shift * 1e-4)
         delta = difference(statistic, sample(a), sample(b), paired=False)
-        assert delta.interval.lower is not None
-        assert delta.interval.upper is not None
-        assert delta.p_value is not None
         assert (delta.p_value < 0.05) == (not delta.interval.lower <= 0.0 <= delta.interval.upper)
 
 
 def test_order_turns_the_sign() -> None:
-    a, b = errors(1200, 1), errors(1200, 2)
-    forward = difference("rms", sample(a), sample(b), paired=False)
-    reverse = difference("rms", sample(b), sample(a), paired=False)
-    assert (forward.value, forward.interval.lower, forward.p_value) == pytest.approx(
-        (-reverse.value, -(reverse.interval.upper or 0.0), reverse.p_value)
-    )
+    a, b = sample(errors(1200, 1)), sample(errors(1200, 2))
+    forward, reverse = difference("rms", a, b, paired=False), difference("rms", b, a, paired=False)
+    turned = (-reverse.value, -reverse.interval.upper, reverse.p_value)
+    assert (forward.value, forward.interval.lower, forward.p_value) == pytest.approx(turned)
 
 
-def test_too_few_poses_are_said() -> None:
-    few = difference("p95", sample(errors(29)), sample(errors(50)), paired=False)
-    assert (few.interval.lower, few.p_value) == (None, None)
-    assert few.interval.why == "29 poses: too few to compare 95th percentiles; at least 30 are needed"
-    assert difference("p95", sample(errors(30)), sample(errors(50)), paired=False).p_value is not None
-    single = difference("rms", sample(errors(1)), sample(errors(50)), paired=False)
-    assert single.interval.why == "one commanded pose shows no scatter between poses"
-    assert single.value == pytest.approx(by_hand("rms", errors(50)) - by_hand("rms", errors(1)))
-    sd = difference("sd_x", sample(errors(9)), sample(errors(9, 1)), paired=True)
-    assert sd.interval.why == "fewer than 10 poses: too few to compare standard deviations"
+@pytest.mark.parametrize(
+    ("statistic", "n", "m", "paired", "why"),
+    [
+        ("p95", 29, 50, False, "29 poses: too few to compare 95th percentiles; at least 30 are needed"),
+        ("p95", 30, 50, False, None),
+        ("rms", 1, 50, False, "one commanded pose shows no scatter between poses"),
+        ("sd_x", 9, 9, True, "fewer than 10 poses: too few to compare standard deviations"),
+    ],
+)
+def test_too_few_poses_are_said(statistic: str, n: int, m: int, paired: bool, why: str | None) -> None:
+    delta = difference(statistic, sample(errors(n)), sample(errors(m, 1)), paired=paired)
+    assert delta.value == pytest.approx(by_hand(statistic, errors(m, 1)) - by_hand(statistic, errors(n)))
+    assert (delta.interval.why, delta.p_value is None, delta.interval.lower is None) == (why, bool(why), bool(why))
 
 
 def coverage(statistic: str, n: int, m: int, correlation: float, ratio: float, runs: int) -> float:
@@ -198,24 +188,17 @@ def test_coverage_of_the_95th_percentile(n: int, m: int, correlation: float, rat
 def test_differences_from_intervals() -> None:
     """Gaussian limits give Gaussian limits: the standard errors 3 and 4 put together are 5."""
     z = stats.norm.ppf(0.975)
-    delta = from_intervals(
-        figure(10.0, 10 - 3 * z, 10 + 3 * z, 0.95),
-        figure(20.0, 20 - 4 * z, 20 + 4 * z, 0.95),
-        0.95,
-    )
+    delta = from_intervals(figure(10.0, 10 - 3 * z, 10 + 3 * z, 0.95), figure(20.0, 20 - 4 * z, 20 + 4 * z, 0.95), 0.95)
     assert (delta.value, delta.interval.lower, delta.interval.upper) == pytest.approx((10.0, 10 - 5 * z, 10 + 5 * z))
     assert delta.p_value == pytest.approx(2 * stats.norm.sf(2.0))
-    missing = from_intervals(EstimatedValue(1.0, None), figure(2.0, 1.0, 3.0, 0.95), 0.95)
-    assert (missing.value, missing.p_value, missing.interval.why) == (
-        1.0,
-        None,
-        "the results have no interval for this figure",
-    )
-    mixed = from_intervals(figure(1.0, 0.5, 1.5, 0.9), figure(2.0, 1.0, 3.0, 0.95), 0.95)
-    assert mixed.interval.why == "the intervals of the results have different confidences, 0.9 and 0.95"
-    same = from_intervals(figure(1.0, 1.0, 1.0, 0.95), figure(1.0, 1.0, 1.0, 0.95), 0.95)
-    assert same.p_value == 1.0
-    assert from_intervals(figure(1.0, 1.0, 1.0, 0.95), figure(2.0, 2.0, 2.0, 0.95), 0.95).p_value == 0.0
+    sharp, broad = figure(1.0, 1.0, 1.0, 0.95), figure(2.0, 1.0, 3.0, 0.95)
+    assert [from_intervals(sharp, figure(x, x, x, 0.95), 0.95).p_value for x in (1.0, 2.0)] == [1.0, 0.0]
+    for first, why in (
+        (EstimatedValue(1.0, None), "the results have no interval for this figure"),
+        (figure(1.0, 0.5, 1.5, 0.9), "the intervals of the results have different confidences, 0.9 and 0.95"),
+    ):
+        found = from_intervals(first, broad, 0.95)
+        assert (found.value, found.p_value, found.interval.why) == (1.0, None, why)
 
 
 def test_holm_by_the_papers_rule() -> None:
@@ -252,43 +235,39 @@ def matched(first: ErrorSet, second: ErrorSet) -> tuple[bool, int]:
 
 def test_the_same_poses_are_found() -> None:
     base = poses(20)
-    q, place = np.asarray(base.q), np.asarray(base.commanded)
-    other = RNG(4).uniform(-2, 2, (6, 20))
-    assert matched(base, base) == (True, 20)
-    assert matched(base, poses(20, q=q + 1e-9)) == (True, 20)
-    # An arm of another kind sent to the same places, to within what its joints were rounded to.
-    assert matched(base, poses(20, q=other[:5], commanded=place + 3e-5)) == (True, 20)
-    assert matched(base, poses(20, q=other, commanded=place + 1.0)) == (False, 20)
-    # One arm's poses in another order, and some of them.
-    order = RNG(1).permutation(20)
-    assert matched(base, poses(20, q[:, order], place[:, order])) == (True, 20)
-    assert matched(base, poses(12, q[:, :12], place[:, :12])) == (True, 12)
-    assert matched(base, poses(5, q[:, :5], place[:, :5])) == (False, 20)
+    q, place, other, order = base.q, base.commanded, RNG(4).uniform(-2, 2, (6, 20)), RNG(1).permutation(20)
+    for second, is_same, n in (
+        (base, True, 20),
+        (poses(20, q=q + 1e-9), True, 20),
+        # An arm of another kind sent to the same places, to within what its joints were rounded to.
+        (poses(20, q=other[:5], commanded=place + 3e-5), True, 20),
+        (poses(20, q=other, commanded=place + 1.0), False, 20),
+        # One arm's poses in another order, and some of them.
+        (poses(20, q[:, order], place[:, order]), True, 20),
+        (poses(12, q[:, :12], place[:, :12]), True, 12),
+        (poses(5, q[:, :5], place[:, :5]), False, 20),
+    ):
+        assert matched(base, second) == (is_same, n)
 
 
 def test_pairs_belong_together_whatever_the_order() -> None:
     base, order = poses(30), RNG(1).permutation(30)
-    shuffled = poses(30, np.asarray(base.q)[:, order], vectors=errors(30)[:, order])
-    pair = pair_poses(base, shuffled)
-    assert pair is not None
-    gained = difference("rms", *pair, paired=True)
+    gained = difference(
+        "rms", *pair_poses(base, poses(30, base.q[:, order], vectors=errors(30)[:, order])), paired=True
+    )
     assert (gained.value, gained.p_value) == (pytest.approx(0.0, abs=1e-18), 1.0)
 
 
 def test_ids_name_poses_where_joints_are_not_known() -> None:
-    names = np.array([f"p{i}" for i in range(10)])
-    place = np.asarray(poses(10).commanded)
+    names, place = np.array([f"p{i}" for i in range(10)]), poses(10).commanded
     first = poses(10, None, place, names)
-    order = np.arange(10)[::-1]
-    assert matched(first, poses(10, None, place[:, order], names[order])) == (True, 10)
+    assert matched(first, poses(10, None, place[:, ::-1], names[::-1])) == (True, 10)
     # The same ids of other places are other poses.
-    assert matched(first, poses(10, None, place[:, order], names)) == (False, 10)
+    assert matched(first, poses(10, None, place[:, ::-1], names)) == (False, 10)
     assert matched(poses(10, None, None), poses(10, None, None)) == (False, 10)
-
-
-def test_ids_that_the_joints_contradict_do_not_join_poses() -> None:
-    base = poses(20, pose=np.array([f"P{i % 4}" for i in range(20)]))
-    assert matched(base, base) == (True, 20)
+    # Ids that the joints contradict do not join poses.
+    contradicted = poses(20, pose=np.array([f"P{i % 4}" for i in range(20)]))
+    assert matched(contradicted, contradicted) == (True, 20)
 
 
 def test_targets_must_be_the_same() -> None:
@@ -350,57 +329,51 @@ def test_ranking_says_which_differences_are_real() -> None:
 
 def test_differences_are_to_the_baseline() -> None:
     a, b = made("a", 1), made("b", 2)
-    to_first, to_second = compare([a, b]), compare([a, b], baseline="b")
-    assert to_first.rows[0].differences[0] is None
-    assert to_second.rows[0].differences[1] is None
-    first, second = to_first.rows[0].differences[1], to_second.rows[0].differences[0]
-    assert first is not None
-    assert second is not None
+    (none, first), (second, also_none) = (compare([a, b], baseline=name).rows[0].differences for name in ("a", "b"))
+    assert none is also_none is None
     assert first.value == pytest.approx(-second.value)
 
 
 def test_equal_results_are_one_result_twice() -> None:
     comparison = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
-    assert comparison.warnings == ()
-    for row in comparison.rows:
-        delta = row.differences[1]
-        assert delta is not None
+    for delta in (row.differences[1] for row in comparison.rows):
         assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
-    assert comparison.ranking.sentences() == ("a and b do not differ significantly",)
+    told = comparison.warnings, comparison.ranking.sentences()
+    assert told == ((), ("a and b do not differ significantly",))
 
 
 def test_largest_errors_and_predictions_are_not_tested() -> None:
     comparison = compare([made("a", 1), made("b", 2)])
     largest = next(row for row in comparison.rows if row.key == "position.max").differences[1]
-    assert largest is not None
     assert (largest.p_value, largest.interval.why) == (None, "no test exists for the largest of all errors")
     comparison = compare([made("a", 1), made("p", 2, command="predict")])
     delta = comparison.rows[0].differences[1]
-    assert delta is not None
     assert delta.p_value is None
-    assert delta.interval.why is not None
     assert delta.interval.why.startswith("a prediction describes robots yet to be built")
     assert comparison.ranking.groups == ()
     assert comparison.ranking.sentences() == ("p is a prediction, which is not ranked with measured arms",)
 
 
 def test_what_was_made_differently_is_warned_of() -> None:
-    comparison = compare([made("a", 1), made("b", 2, provenance={"frame": "base"}, frame="base")])
-    assert comparison.warnings == (
-        "made differently, frame: a: tool; b: base "
-        "(lengths are compared; components are not, because their axes differ)",
-    )
-    assert "position.mean_x" not in [row.key for row in comparison.rows]
-    assert "position.mean_x" in [row.key for row in compare([made("a", 1), made("b", 2)]).rows]
-    other = made("b", 2, errors={"position": poses(50, None, None)})
-    assert compare([made("a", 1), other]).warnings == (
-        "made differently, poses: a and b have different poses, so their difference cannot be paired",
-    )
-    q = np.asarray(poses(50).q)[:, :40]
-    part = made("b", 2, errors={"position": poses(40, q, q[:3])})
-    assert compare([made("a", 1), part]).warnings == (
-        "made differently, poses: a and b share 40 of 50 poses; only these are compared",
-    )
+    a, q = made("a", 1), poses(50).q[:, :40]
+    framed = made("b", 2, provenance={"frame": "base"}, frame="base")
+    for other, told in (
+        (
+            framed,
+            "frame: a: tool; b: base (lengths are compared; components are not, because their axes differ)",
+        ),
+        (
+            made("b", 2, errors={"position": poses(50, None, None)}),
+            "poses: a and b have different poses, so their difference cannot be paired",
+        ),
+        (
+            made("b", 2, errors={"position": poses(40, q, q[:3])}),
+            "poses: a and b share 40 of 50 poses; only these are compared",
+        ),
+    ):
+        assert compare([a, other]).warnings == (f"made differently, {told}",)
+    keys = [[row.key for row in compare([a, other]).rows] for other in (framed, made("b", 2))]
+    assert ["position.mean_x" in found for found in keys] == [False, True]
 
 
 @pytest.mark.parametrize(

@@ -100,15 +100,9 @@ def model_poses(robot: Robot, q: Array) -> Array:
     return Arm.of(robot).chain.forward(q).matrices()
 
 
-def errors(first: Array, second: Array) -> tuple[float, float]:
-    position = float(np.max(np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)))
-    return position, float(np.max(np.abs(first[:, :3, :3] - second[:, :3, :3])))
-
-
 def assert_same(first: Array, second: Array, limit: float = MICROMETRE) -> None:
-    position, rotation = errors(first, second)
-    assert position < limit
-    assert rotation < limit
+    assert np.max(np.linalg.norm(first[:, :3, 3] - second[:, :3, 3], axis=1)) < limit
+    assert np.max(np.abs(first[:, :3, :3] - second[:, :3, :3])) < limit
 
 
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
@@ -201,23 +195,20 @@ def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
     assert exported.remaining.position_max < MICROMETRE
 
 
-def test_calibration_conf_is_read() -> None:
+def test_calibration_conf_is_read_and_comes_back() -> None:
     text = CONF.read_text(encoding="ascii")
     robot = parse_controller_file(text, "calibration.conf", "ur10e")
     q = samples(robot)
-    assert_same(model_poses(robot, q), ur_poses(text, UR10E, q))
+    poses = ur_poses(text, UR10E, q)
+    assert_same(model_poses(robot, q), poses)
     # Its joint frames stand where the nominal arm has them, not hundreds of metres away.
     assert max(abs(joint.parameters[axis]) for joint in robot.joints for axis in "xyz") < 0.7
-
-
-def test_calibration_conf_comes_back() -> None:
-    text = CONF.read_text(encoding="ascii")
-    robot = parse_controller_file(text, "calibration.conf", "ur10e")
-    exported = export_model(robot, "ur-calibration", template=text)
-    q = samples(robot)
-    assert_same(ur_poses(exported.text, UR10E, q), ur_poses(text, UR10E, q))
-    kept = [line for line in text.splitlines() if not line.startswith("delta_")]
-    assert [line for line in exported.text.splitlines() if not line.startswith("delta_")] == kept
+    again = export_model(robot, "ur-calibration", template=text).text
+    assert_same(ur_poses(again, UR10E, q), poses)
+    kept, written = ([line for line in one.splitlines() if not line.startswith("delta_")] for one in (text, again))
+    assert written == kept
+    with pytest.raises(UsageError, match="does not say which arm it belongs to; name the arm, one of ur3"):
+        parse_controller_file(text, "calibration.conf")
 
 
 def link_poses(text: str, q: Array) -> Array:
@@ -257,12 +248,10 @@ def test_the_hash_of_the_arm_is_kept() -> None:
 def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: str) -> None:
     path = ROOT / "configs" / "robots" / "puma560.yaml"
     rigid = parse_robot(path.read_text(encoding="utf-8"), path.name)
-    entry = {"effect": "joint_compliance", "joints": ["j2", "j3"], "values": {"j2": 2e-5, "j3": 3e-5}}
-    names = rigid.variable_names
-    entry = {**entry, "joints": [names[1], names[2]], "values": {names[1]: 2e-5, names[2]: 3e-5}}
+    _, second, third, *_ = rigid.variable_names
+    entry = {"effect": "joint_compliance", "joints": [second, third], "values": {second: 2e-5, third: 3e-5}}
     model = dataclasses.replace(rigid, effects=(entry,))
-    exported = export_model(model, form)
-    cut_off = remaining_error(model, rigid)
+    exported, cut_off = export_model(model, form), remaining_error(model, rigid)
     assert exported.refitted == ("joint_compliance",)
     assert 0 < exported.remaining.position_rms < 0.8 * cut_off.position_rms
     assert exported.remaining.position_max >= exported.remaining.position_rms
@@ -355,17 +344,16 @@ def test_joint_offsets_are_those_of_the_model() -> None:
 
 
 def test_arms_that_do_not_fit_a_format_are_refused() -> None:
-    puma = parse_robot(ROBOTS[2].read_text(encoding="utf-8"), "x")
-    with pytest.raises(UsageError, match="arms of Universal Robots"):
-        export_model(perturbed(ROOT / "configs" / "robots" / "puma560.yaml"), "ur-calibration")
-    with pytest.raises(UsageError, match="revolute joints only"):
-        export_model(perturbed(ROOT / "configs" / "robots" / "scara.yaml"), "xarm")
-    with pytest.raises(UsageError, match="needs the nominal model"):
-        export_model(puma, "joint-offsets")
-    first = puma.joints[0]
-    follower = Joint("follower", "revolute", dict(first.parameters), mimic=Mimic(first.name))
-    with pytest.raises(UsageError, match="follower follows other joints"):
-        export_model(dataclasses.replace(puma, joints=(*puma.joints, follower)), "json")
+    puma, scara = (perturbed(ROOT / "configs" / "robots" / f"{name}.yaml") for name in ("puma560", "scara"))
+    follower = Joint("follower", "revolute", dict(puma.joints[0].parameters), mimic=Mimic(puma.joints[0].name))
+    for robot, form, message in (
+        (puma, "ur-calibration", "arms of Universal Robots"),
+        (scara, "xarm", "revolute joints only"),
+        (puma, "joint-offsets", "needs the nominal model"),
+        (dataclasses.replace(puma, joints=(*puma.joints, follower)), "json", "follower follows other joints"),
+    ):
+        with pytest.raises(UsageError, match=message):
+            export_model(robot, form)
 
 
 @pytest.mark.parametrize(
@@ -384,9 +372,3 @@ def test_arms_that_do_not_fit_a_format_are_refused() -> None:
 def test_bad_files_are_refused(text: str, arm: str | None, message: str) -> None:
     with pytest.raises(InputError, match=message):
         parse_controller_file(text, "file", arm)
-
-
-def test_calibration_conf_needs_its_arm() -> None:
-    text = CONF.read_text(encoding="ascii")
-    with pytest.raises(UsageError, match="does not say which arm it belongs to; name the arm, one of ur3"):
-        parse_controller_file(text, "calibration.conf")

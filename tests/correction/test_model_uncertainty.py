@@ -56,10 +56,8 @@ def test_nominal_robot_comes_back_from_the_model() -> None:
     own = robacc.correct(targets, model=result.robot)
     given = robacc.correct(targets, model=result.robot, nominal=ROBOT)
     np.testing.assert_allclose(own.targets.q, given.targets.q, atol=1e-9)
-    assert not own.doubts
-    limit = own.document()["limit"]
-    assert limit["source"] == "model"
-    assert limit["position_m"] == pytest.approx(2 * model_fit(result.robot).largest_correction[0])  # type: ignore[union-attr]
+    limit, largest = own.document()["limit"], model_fit(result.robot).largest_correction[0]
+    assert (own.doubts, limit["source"], limit["position_m"]) == ((), "model", pytest.approx(2 * largest))
 
 
 @pytest.mark.slow
@@ -101,16 +99,11 @@ def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None
 
 
 def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> None:
-    result = calibrated(1)
     model = tmp_path / "model.yaml"
-    result.write_model(model)
+    calibrated(1).write_model(model)
     prediction = robacc.predict(model, samples=200)
-    assert {share.name for share in prediction.budget} == {
-        "coefficients",
-        "repeatability",
-        "unexplained",
-        "extrapolation",
-    }
+    names = {share.name for share in prediction.budget}
+    assert names == {"coefficients", "repeatability", "unexplained", "extrapolation"}
     assert sum(share.position for share in prediction.budget) == pytest.approx(1.0)
     assert prediction.position.rms < 1e-4
     assert prediction.grade.grade in "AB"
@@ -119,9 +112,9 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     assert sum(int(row.split(",")[3]) for row in rows[1:]) == 200
     measured = robacc.simulate(TRUTH, poses=80, seed=55, noise="0.03mm", noise_orientation="0.03mrad").data
     # The poses state no noise, which is larger than the model's error: the fit knows that of its own poses.
-    bare = robacc.predict(model, against=measured)
-    assert bare.coverage[0].noise_source == "fit"
-    assert 0.85 < bare.coverage[0].share <= 1.0
+    bare = robacc.predict(model, against=measured).coverage[0]
+    assert bare.noise_source == "fit"
+    assert 0.85 < bare.share <= 1.0
     assert robacc.predict(model, against=measured, noise="0.001mm,0.001mrad").coverage[0].share < 0.5
     against = robacc.predict(model, against=measured, noise="0.03mm,0.03mrad")
     position, orientation = against.coverage
@@ -129,40 +122,30 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     # Two standard errors of a share of 80 poses are 5 %, and the errors of one fit belong together.
     assert 0.85 < position.share <= 1.0
     document = against.payload()["coverage"]
-    assert document["position"] == {
-        "n_poses": 80,
-        "n_inside": position.n_inside,
-        "share": position.share,
-        "noise_source": "given",
-    }
-    assert list(document["registered"]) == []
+    told = {"n_poses": 80, "n_inside": position.n_inside, "share": position.share, "noise_source": "given"}
+    assert (document["position"], list(document["registered"])) == (told, [])
     with pytest.raises(robacc.InputError, match="tolerance"):
         robacc.predict(ROBOT)
 
 
-def test_warranty_map_is_in_the_result_and_drawn(tmp_path: Path) -> None:
-
+def test_warranty_map_is_in_the_result_and_drawn() -> None:
     prediction = robacc.predict(calibrated(1).robot, samples=120)
-    voxels = json.loads(prediction.to_json())["warranty_map"]
+    document = json.loads(prediction.to_json())
+    voxels = document["warranty_map"]
     csv = [row.split(",") for row in prediction.map_csv(voxels["voxel_m"]).splitlines()[1:]]
     assert ([row[-1] for row in csv], [int(row[3]) for row in csv]) == (voxels["grade"], voxels["configurations"])
     # The grade of a voxel is that of its worst configuration.
-    centre, edge = np.array(voxels["centre_m"]).T, voxels["voxel_m"]
-    poses = predict(dataclasses.replace(prediction.robot, effects=()), prediction_poses(prediction)).translation
-    bound = prediction.position.pose_radius95
-    for i in range(centre.shape[1]):
-        inside = np.all(np.abs(poses - centre[:, [i]]) < 0.5 * edge, axis=0)
-        assert np.count_nonzero(inside) == voxels["configurations"][i]
-        assert bound[inside].max() == pytest.approx(voxels["bound95_m"][i], rel=1e-9)
-    chart = chart_of(json.loads(prediction.to_json()), "warranty")
+    q = prediction.configurations.q
+    sampled = robacc.Measurements(position=np.zeros((3, q.shape[1])), q=q)
+    poses = predict(dataclasses.replace(prediction.robot, effects=()), sampled).translation
+    for centre, n, bound in zip(voxels["centre_m"], voxels["configurations"], voxels["bound95_m"], strict=True):
+        inside = np.all(np.abs(poses - np.array(centre)[:, None]) < 0.5 * voxels["voxel_m"], axis=0)
+        assert np.count_nonzero(inside) == n
+        assert prediction.position.pose_radius95[inside].max() == pytest.approx(bound, rel=1e-9)
+    chart = chart_of(document, "warranty")
     assert sum(len(trace["x"]) for trace in chart.scene["traces"]) == len(voxels["grade"])
     assert f"of {len(voxels['grade'])} voxels" in chart.caption
     assert "grade" in as_part(chart, "x")
-
-
-def prediction_poses(prediction: robacc.Predicted) -> robacc.Measurements:
-    q = prediction.configurations.q
-    return robacc.Measurements(position=np.zeros((3, q.shape[1])), q=q)
 
 
 def test_errors_of_the_measurement_do_not_hide_errors_of_the_arm() -> None:
@@ -206,25 +189,22 @@ def differences(robot: Robot, record: ModelFit, poses: robacc.Measurements) -> n
 def test_records_that_were_changed_are_refused() -> None:
     robot = calibrated(1).robot
     for key, value in (("covariance", ["1", "2 3"]), ("coefficients", None), ("effects", [{"effect": "wrong"}])):
-        changed = dataclasses.replace(robot, fit={**robot.fit, key: value})
         with pytest.raises(robacc.InputError, match="fit"):
-            robacc.predict(changed)
-    missing = dataclasses.replace(robot, fit={k: v for k, v in robot.fit.items() if k != "noise"})
+            robacc.predict(dataclasses.replace(robot, fit={**robot.fit, key: value}))
+    without = dataclasses.replace(robot, fit={k: v for k, v in robot.fit.items() if k != "noise"})
     with pytest.raises(robacc.InputError, match="'noise' is missing"):
-        robacc.correct(robacc.simulate(ROBOT, poses=3).data, model=missing)
+        robacc.correct(robacc.simulate(ROBOT, poses=3).data, model=without)
 
 
 def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
     model = calibrated(1).robot
     fit = model_fit(model)
-    targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
     narrow = dataclasses.replace(fit, ranges={**fit.ranges, "j1": (-1.0, 1.0)})
     model = dataclasses.replace(model, fit=narrow.entry())
-    result = robacc.correct(targets, model=model)
-    outside = np.abs(targets.q[0]) > 1.1
-    causes = [None if refusal is None else refusal.cause.value for refusal in result.targets.refusals]
-    assert {causes[i] for i in np.flatnonzero(outside)} == {"out_of_range"}
-    allowed = robacc.correct(targets, model=model, beyond_range=True)
+    targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
+    result, allowed = (robacc.correct(targets, model=model, beyond_range=beyond) for beyond in (False, True))
+    outside = np.flatnonzero(np.abs(targets.q[0]) > 1.1)
+    assert {result.targets.refusals[i].cause.value for i in outside} == {"out_of_range"}
     assert allowed.n_corrected > result.n_corrected
 
 
@@ -239,28 +219,28 @@ def measured(robot: Robot, targets: robacc.Measurements, seed: int) -> robacc.Me
 def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() -> None:
     truth, model = robacc.read_robot(TRUTH), calibrated(2).robot
     targets = robacc.simulate(ROBOT, poses=40, seed=7, motion=False).data
-    correction = robacc.correct(targets, model=model, beyond_range=True)
-    chosen = np.flatnonzero(correction.targets.is_corrected)
-    nominal = targets.subset(chosen)
-    corrected = dataclasses.replace(nominal, q=correction.targets.q[:, chosen])
-    wanted = correction.targets.wanted.poses
-    pose = {
-        "commanded_position": wanted.translation[:, chosen],
-        "commanded_rotation": wanted.rotation[..., chosen],
-    }
-    before = dataclasses.replace(measured(truth, nominal, 1), **pose)
-    after = dataclasses.replace(measured(truth, corrected, 2), **pose)
+    correction = robacc.correct(targets, model=model, beyond_range=True).targets
+    chosen = np.flatnonzero(correction.is_corrected)
+    nominal, wanted = targets.subset(chosen), correction.wanted.poses
+    corrected = dataclasses.replace(nominal, q=correction.q[:, chosen])
+    before, after, again = (
+        dataclasses.replace(
+            measured(truth, visited, seed),
+            commanded_position=wanted.translation[:, chosen],
+            commanded_rotation=wanted.rotation[..., chosen],
+        )
+        for seed, visited in ((1, nominal), (2, corrected), (3, nominal))
+    )
     result = robacc.compare_paired(before, after, model=model, noise="0.02mm")
     assert (result.loaded.verdict, result.loaded.slope) == ("loaded", pytest.approx(1.0, abs=0.03))
     assert result.gain.low > 0.0
     assert result.metrics_after.rms < 0.1 * result.metrics_before.rms
     assert result.promise.kept
     # The robot drove to the nominal targets again.
-    again = dataclasses.replace(measured(truth, nominal, 3), **pose, q=corrected.q)
+    again = dataclasses.replace(again, q=corrected.q)
     result = robacc.compare_paired(before, again, model=model, noise="0.02mm")
-    assert result.loaded.verdict == "not loaded"
+    assert (result.loaded.verdict, result.promise.kept) == ("not loaded", False)
     assert any("no sign that the correction was loaded" in warning for warning in result.warnings)
-    assert not result.promise.kept
     # Half of it, and no model: the plan is then the error before.
     half = 0.5 * (before.position + after.position)
     result = robacc.compare_paired(before, dataclasses.replace(after, position=half))
@@ -268,50 +248,50 @@ def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() 
     assert result.promise is None
 
 
-@cache
-def without_stated_noise() -> Robot:
+def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word() -> None:
     """A model whose poses do not show their noise: it is part of the unexplained error."""
     data = robacc.simulate(TRUTH, poses=60, seed=4, noise="0.03mm", position_only=True).data
-    return robacc.calibrate(data, robot=ROBOT, fit=FIT, folds=4, shrink=False).robot
-
-
-def test_noise_that_the_unexplained_error_contains_is_not_ignored_without_a_word() -> None:
-    model = without_stated_noise()
-    fit = model_fit(model)
-    assert not fit.noise_is_separate
+    model = robacc.calibrate(data, robot=ROBOT, fit=FIT, folds=4, shrink=False).robot
+    assert not model_fit(model).noise_is_separate
     targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
     before, after = (measured(robacc.read_robot(TRUTH), targets, seed) for seed in (1, 2))
-    results = {noise: robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
-               for noise in (None, "0.001mm", "2mm")}  # fmt: skip
-    promises = {noise: result.document()["promise"] for noise, result in results.items()}
-    assert not any("is not added" in warning for warning in results[None].warnings)
-    for noise in ("0.001mm", "2mm"):
-        assert any(f"`noise` of {noise[:-2]} mm is not added" in warning for warning in results[noise].warnings)
-        assert (promises[noise]["noise"]["treatment"], promises[noise]["noise"]["source"]) == ("contained", "given")
+    promises = {}
+    for noise, told in (
+        (None, None),
+        ("0.001mm", "`noise` of 0.001 mm is not added"),
+        ("2mm", "`noise` of 2 mm is not added"),
+    ):
+        result = robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
+        promises[noise] = result.document()["promise"]
+        warnings = "\n".join(result.warnings)
+        assert told in warnings if told else "is not added" not in warnings
+        if noise:
+            stated = promises[noise]["noise"]
+            assert (stated["treatment"], stated["source"]) == ("contained", "given")
     # Smaller than the unexplained error: nothing changes. Larger: the remaining error is at least the noise.
     assert promises["0.001mm"]["chi_square"] == promises[None]["chi_square"]
     assert promises["2mm"]["promised_rms_m"] == pytest.approx(np.sqrt(3) * 2e-3, rel=0.01)
     # The noise of the file counts alike.
     stated = dataclasses.replace(after, sigma_position=np.full((3, after.n), 2e-3))
     result = robacc.compare_paired(before, stated, model=model, nominal=ROBOT)
-    assert result.document()["promise"]["noise"]["source"] == "file"
-    assert result.document()["promise"]["chi_square"] == pytest.approx(promises["2mm"]["chi_square"])
+    promise = result.document()["promise"]
+    assert (promise["noise"]["source"], promise["chi_square"]) == ("file", pytest.approx(promises["2mm"]["chi_square"]))
     assert any("the noise of `after` of 2 mm is not added" in warning for warning in result.warnings)
 
 
 def test_noise_of_a_model_that_knows_it_is_added() -> None:
     model = calibrated(2).robot
     fit = model_fit(model)
-    assert fit.noise_is_separate
-    assert fit.noise == pytest.approx((0.03e-3, 0.03e-3))  # as the poses stated it, without what is unexplained
+    # As the poses stated it, without what is unexplained.
+    assert (fit.noise_is_separate, fit.noise) == (True, pytest.approx((0.03e-3, 0.03e-3)))
     targets = robacc.simulate(ROBOT, poses=30, seed=7, motion=False).data
     before, after = (measured(robacc.read_robot(TRUTH), targets, seed) for seed in (1, 2))
-    squares = []
-    for noise in (1e-5, 1e-3):
-        result = robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise)
-        assert not any("is not added" in warning for warning in result.warnings)
-        squares.append(result.promise.promised_rms**2)
-    assert squares[1] - squares[0] == pytest.approx(3e-6 - 3e-10, rel=1e-6)
+    small, large = (
+        robacc.compare_paired(before, after, model=model, nominal=ROBOT, noise=noise) for noise in (1e-5, 1e-3)
+    )
+    assert "is not added" not in "\n".join((*small.warnings, *large.warnings))
+    added = large.promise.promised_rms**2 - small.promise.promised_rms**2
+    assert added == pytest.approx(3e-6 - 3e-10, rel=1e-6)
     bare = dataclasses.replace(fit, unexplained=0.0 * fit.unexplained, repeatability={})
     certain = dataclasses.replace(model, fit=bare.entry())
     with pytest.raises(robacc.UsageError, match="`noise` must be more than 0"):
@@ -364,14 +344,11 @@ def test_promise_is_kept_as_often_as_it_claims() -> None:
 
 def test_approaches_that_no_file_states_are_not_held_against_measurements() -> None:
     """Directions were drawn at random, so that a model with backlash did not agree with its own arm."""
-    targets = robacc.simulate(ROBOT, poses=30, seed=7).data
-    stated = measured(robacc.read_robot(TRUTH), targets, 1)
+    stated = measured(robacc.read_robot(TRUTH), robacc.simulate(ROBOT, poses=30, seed=7).data, 1)
     unstated = dataclasses.replace(stated, direction=None, speed=None)
     model = calibrated(2).robot
-    record = model_fit(model)
-    assert record is not None
-    assert coverage(model, record, stated, 0)[0].n_poses == 30
+    assert coverage(model, model_fit(model), stated, 0)[0].n_poses == 30
     with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
-        coverage(model, record, unstated, 0)
+        coverage(model, model_fit(model), unstated, 0)
     with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
         robacc.compare_paired(unstated, unstated, model=model, nominal=ROBOT, noise="0.02mm")

@@ -74,15 +74,11 @@ def test_a_short_key_finds_the_value_with_its_unit() -> None:
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 def test_bounds_are_those_of_the_result_itself(statistic: str) -> None:
     document = estimate()
-    recomputed = figure_at(document, f"position.{statistic}", 0.95)
-    assert recomputed.curve is not None
-    stored = document["position"]["intervals"][f"{statistic}_m"]
-    assert recomputed.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
     without = copy.deepcopy(document)
     del without["position"]["errors_m"]
-    from_stored = figure_at(without, f"position.{statistic}", 0.95)
-    assert from_stored.curve is not None
-    assert from_stored.curve.bound(0.95) == pytest.approx(stored["upper_bound"], rel=1e-12)
+    recomputed, from_stored = (figure_at(one, f"position.{statistic}", 0.95) for one in (document, without))
+    bound = document["position"]["intervals"][f"{statistic}_m"]["upper_bound"]
+    assert [one.curve.bound(0.95) for one in (recomputed, from_stored)] == pytest.approx([bound, bound], rel=1e-12)
     # Order statistics make steps, of which three bounds show little.
     near = 0.15 if statistic == "p95" else 0.08
     for limit in (0.95 * recomputed.value, recomputed.value, 1.08 * recomputed.value):
@@ -102,15 +98,12 @@ def test_the_text_of_a_method_decides_nothing(n: int, statistic: str) -> None:
 
 
 def test_repetitions_of_a_pose_count_once() -> None:
-    once = errors(n=20)
-    document = estimate(np.tile(once, 5))
+    document = estimate(np.tile(errors(n=20), 5))
+    ungrouped = figure_at(document, "position.rms", 0.95).curve.bound(0.95)
     document["poses"]["group"] = np.tile(np.arange(20), 5)
     grouped = figure_at(document, "position.rms", 0.95)
     assert grouped.n == 20
-    ungrouped = figure_at(estimate(np.tile(once, 5)), "position.rms", 0.95)
-    assert grouped.curve is not None
-    assert ungrouped.curve is not None
-    assert (grouped.curve.bound(0.95) or 0) > 1.02 * (ungrouped.curve.bound(0.95) or 1)
+    assert grouped.curve.bound(0.95) > 1.02 * ungrouped
 
 
 def stage(after: Any, used: Any = None, **more: Any) -> dict[str, Any]:
@@ -155,49 +148,58 @@ def test_errors_are_the_rows_that_a_stages_metrics_are_of() -> None:
     document = stage(after, np.arange(30) != 7)
     for place, factor in (("after.held_out", 1.1), ("after.fitted", 1.0), ("nominal.held_out", 3.0)):
         rows = errors_behind(document, f"{place}.position")
-        assert rows is not None
         np.testing.assert_allclose(rows.vectors, factor * after)
         stage_figure = figure_at(document, f"{place}.position.rms", 0.95)
         assert stage_figure.value == pytest.approx(np.sqrt(np.mean(np.sum(rows.vectors**2, axis=0))))
-    apart = {"line": range(5), "group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
-    holdout = errors_behind({**document, "poses_apart": apart}, "after.held_out.position")
-    assert holdout is not None
-    assert holdout.vectors.shape == (3, 5)
     assert errors_behind(document, "after.fitted.orientation") is None
+    apart = {"line": range(5), "group": np.arange(5), "errors_m": {"after": np.ones((5, 3))}, "commanded_m": None}
+    document["poses_apart"] = apart
+    assert errors_behind(document, "after.held_out.position").vectors.shape == (3, 5)
     apart["line"] = range(4)
     with pytest.raises(NoValueError, match=r"^the result's lists do not belong together: poses_apart\.errors_m\.after"):
-        figure_at({**document, "poses_apart": apart}, "after.held_out.position.rms", 0.95)
+        figure_at(document, "after.held_out.position.rms", 0.95)
 
 
 def test_a_welcome_verdict_needs_poses_held_out_and_says_where_noise_is_not_known() -> None:
     document = stage(errors(size=1e-4))
     document["after"]["held_out"] = None
     undecided = evaluate("key: verdict, limit: explained", document)
-    assert undecided.outcome == "inconclusive"
-    assert undecided.decision.why == "the result has no held-out poses to confirm the verdict"
+    why = "the result has no held-out poses to confirm the verdict"
+    assert (undecided.outcome, undecided.decision.why) == ("inconclusive", why)
     assert evaluate("key: verdict, limit: clean", document).outcome == "fail"
     guessed = stage(errors(size=1e-4), noise={"position_m": 2e-5, "orientation_rad": None, "source": "residual"})
     passed = evaluate("key: verdict, limit: explained", guessed)
-    assert passed.outcome == "pass"
-    (warning,) = passed.warnings
-    assert "add a limit on after.held_out.position.p95" in warning
+    assert (passed.outcome, len(passed.warnings)) == ("pass", 1)
+    assert "add a limit on after.held_out.position.p95" in passed.warnings[0]
 
 
-def test_outcomes_of_quantities_words_and_gains() -> None:
-    document = stage(errors(size=1e-4))
-    assert evaluate("key: after.held_out.position.rms, limit: 1 mm", document).outcome == "pass"
-    assert evaluate("key: after.held_out.position.rms, limit: 0.01 mm", document).outcome == "fail"
-    assert evaluate("key: verdict, limit: [clean, explained]", document).outcome == "pass"
-    assert evaluate("key: verdict, limit: clean", document).outcome == "fail"
-    assert evaluate("key: unexplained.structured, limit: false", document).outcome == "pass"
-    assert evaluate("key: verdict, limit: explained", document).warnings == ()
-    assert evaluate("key: gain, at_least: 0.5 mm", document).outcome == "pass"
-    assert evaluate("key: gain, at_least: 0.9 mm", document).outcome == "inconclusive"
-    assert evaluate("key: gain, at_least: 1.3 mm", document).outcome == "fail"
-    gain = evaluate("key: gain, at_least: 1 mm", document)
+@pytest.mark.parametrize(
+    ("entry", "outcome"),
+    [
+        ("key: after.held_out.position.rms, limit: 1 mm", "pass"),
+        ("key: after.held_out.position.rms, limit: 0.01 mm", "fail"),
+        ("key: verdict, limit: [clean, explained]", "pass"),
+        ("key: verdict, limit: explained", "pass"),
+        ("key: verdict, limit: clean", "fail"),
+        ("key: unexplained.structured, limit: false", "pass"),
+        ("key: gain, at_least: 0.5 mm", "pass"),
+        ("key: gain, at_least: 0.9 mm", "inconclusive"),
+        ("key: gain, at_least: 1.3 mm", "fail"),
+        ("key: n_poses, at_least: 80", "pass"),
+        ("key: n_poses, at_least: 81", "fail"),
+        ("key: nominal.fitted.position.rms, limit: 1 mm", "pass"),
+    ],
+)
+def test_outcomes_of_quantities_words_and_gains(entry: str, outcome: str) -> None:
+    found = evaluate(entry, stage(errors(size=1e-4)))
+    assert found.outcome == outcome
+    # The instrument is too coarse for the smallest limit.
+    assert bool(found.warnings) == ("0.01 mm" in entry)
+
+
+def test_probability_of_a_gain_at_its_value_is_a_half() -> None:
+    gain = evaluate("key: gain, at_least: 1 mm", stage(errors(size=1e-4)))
     assert gain.decision.probability == pytest.approx(0.5)
-    assert evaluate("key: n_poses, at_least: 80", document).outcome == "pass"
-    assert evaluate("key: n_poses, at_least: 81", document).outcome == "fail"
 
 
 @pytest.mark.parametrize(
@@ -219,11 +221,13 @@ def test_what_the_result_lacks_is_never_a_pass(key: str, limit: str, why: str) -
 
 
 def test_a_missing_number_says_the_results_own_reason() -> None:
-    document = {"command": "iso9283", "iso9283": {"RP": {"max_m": None, "why": "one cycle"}}}
-    with pytest.raises(NoValueError, match=r"^the result has no iso9283\.RP\.max: one cycle$"):
-        value_at(document, "iso9283.RP.max")
-    with pytest.raises(NoValueError, match=r"^the result has no keys within verdict$"):
-        value_at({"command": "x", "verdict": "a"}, "verdict.a")
+    document = {"command": "iso9283", "iso9283": {"RP": {"max_m": None, "why": "one cycle"}}, "verdict": "a"}
+    for key, why in (
+        ("iso9283.RP.max", r"^the result has no iso9283\.RP\.max: one cycle$"),
+        ("verdict.a", r"^the result has no keys within verdict$"),
+    ):
+        with pytest.raises(NoValueError, match=why):
+            value_at(document, key)
     for value in ("x", {}):
         with pytest.raises(NoValueError, match=r"^the result's position\.rms is not a number$"):
             figure_at({"position": {"rms_m": value}}, "position.rms", 0.95)
@@ -240,16 +244,17 @@ def test_an_iso_criterion_has_its_interval_beside_it() -> None:
             "AP": {"max_m": 2e-5, "intervals": {"max_m": {"confidence": 0.95, "why": "no such interval"}}},
         },
     }
-    assert evaluate("key: iso9283.RP.max, limit: 0.036 mm", document).outcome == "pass"
-    assert evaluate("key: iso9283.RP.max, limit: 0.034 mm", document).outcome == "inconclusive"
-    wrong = evaluate("key: iso9283.RP.max, limit: 1 deg", document)
-    assert wrong.decision.why == (
-        "the limit has the dimension angle, but iso9283.RP.max of the result has the dimension length"
-    )
-    # No share of poses is read into the largest of a few commanded poses.
-    none = evaluate("key: iso9283.AP.max, limit: 0.036 mm", document)
-    assert (none.outcome, none.decision.why, none.is_by_share) == ("inconclusive", "no such interval", False)
-    assert evaluate("key: iso9283.AP.max, limit: 0.036 mm, rule: simple", document).outcome == "pass"
+    wrong = "the limit has the dimension angle, but iso9283.RP.max of the result has the dimension length"
+    for entry, outcome, why in (
+        ("RP.max, limit: 0.036 mm", "pass", None),
+        ("RP.max, limit: 0.034 mm", "inconclusive", None),
+        ("RP.max, limit: 1 deg", "not_evaluated", wrong),
+        ("AP.max, limit: 0.036 mm", "inconclusive", "no such interval"),
+        ("AP.max, limit: 0.036 mm, rule: simple", "pass", None),
+    ):
+        found = evaluate(f"key: iso9283.{entry}", document)
+        # No share of poses is read into the largest of a few commanded poses.
+        assert (found.outcome, found.decision.why, found.is_by_share) == (outcome, why, False)
 
 
 def test_the_largest_error_takes_59_poses() -> None:
@@ -265,83 +270,63 @@ def test_the_largest_error_takes_59_poses() -> None:
 @pytest.mark.slow
 def test_grades_are_met_by_every_bound() -> None:
     document = estimate(errors(size=0.4e-3), errors(1, 1e-4))
-    p95, bound = (
-        document["position"]["p95_m"],
-        document["position"]["intervals"]["p95_m"]["upper_bound"],
-    )
+    p95, bound = document["position"]["p95_m"], document["position"]["intervals"]["p95_m"]["upper_bound"]
     assert 0.5e-3 < p95 < bound < 1e-3  # grade D, and demonstrated
     assert document["grade"]["demonstrated_grade"] == "D"
-    met = evaluate("key: grade, limit: D", document)
-    assert (met.outcome, met.word) == ("pass", "D")
-    assert evaluate("key: grade, limit: E", document).outcome == "pass"
-    assert evaluate("key: grade, limit: A", document).outcome == "fail"
-    missed = evaluate("key: grade, limit: C", document)
-    assert missed.outcome in ("fail", "inconclusive")
-    assert missed.decision.probability == pytest.approx(
-        evaluate("key: position.p95, limit: 0.5 mm", document).decision.probability
-    )
-    assert evaluate("key: grade, limit: Z", document).decision.why == (
-        "the scale CAD/CAM 0.1 mm, 0.1 degree has no grade Z; its grades are A, B, C, D, E"
-    )
+    found = {grade: evaluate(f"key: grade, limit: {grade}", document) for grade in "ACDEZ"}
+    assert (found["D"].outcome, found["D"].word) == ("pass", "D")
+    assert (found["E"].outcome, found["A"].outcome) == ("pass", "fail")
+    assert found["C"].outcome in ("fail", "inconclusive")
+    alone = evaluate("key: position.p95, limit: 0.5 mm", document)
+    assert found["C"].decision.probability == pytest.approx(alone.decision.probability)
+    why = "the scale CAD/CAM 0.1 mm, 0.1 degree has no grade Z; its grades are A, B, C, D, E"
+    assert found["Z"].decision.why == why
     turned = estimate(errors(size=0.4e-3), errors(1, 0.2))
     assert evaluate("key: grade, limit: D", turned).outcome == "fail"
-    bare = {**document, "grade": {"grade": "A"}}
-    assert (
-        evaluate("key: grade, limit: A", bare).decision.why == "the result's grade does not list the steps of its scale"
-    )
-
-
-def test_inconclusive_grades_say_how_many_poses() -> None:
-    document = estimate(errors(size=0.41e-3, n=12), errors(1, 1e-4, 12))
-    limit = 1.02 * document["position"]["p95_m"]
-    document["grade"]["steps"][2]["position_m"] = limit
-    undecided = evaluate("key: grade, limit: C", document)
+    bare = evaluate("key: grade, limit: A", {**document, "grade": {"grade": "A"}})
+    assert bare.decision.why == "the result's grade does not list the steps of its scale"
+    few = estimate(errors(size=0.41e-3, n=12), errors(1, 1e-4, 12))
+    few["grade"]["steps"][2]["position_m"] = 1.02 * few["position"]["p95_m"]
+    undecided = evaluate("key: grade, limit: C", few)
     assert undecided.outcome == "inconclusive"
-    assert undecided.decision.poses_to_decide is not None
     assert undecided.decision.poses_to_decide > 59
 
 
-def test_instrument_uncertainty_above_a_quarter_of_the_limit_is_warned_of() -> None:
+def test_what_makes_a_figure_too_optimistic_is_warned_of() -> None:
     document = stage(errors(size=1e-5))
     ok = evaluate("key: after.held_out.position.rms, limit: 0.161 mm", document)
-    assert ok.instrument_ratio == pytest.approx(4e-5 / 0.161e-3)
-    assert ok.warnings == ()
+    assert (ok.instrument_ratio, ok.warnings) == (pytest.approx(4e-5 / 0.161e-3), ())
     coarse = evaluate("name: c, key: after.held_out.position.rms, limit: 0.1 mm", document)
-    assert coarse.outcome == "pass"
-    assert coarse.warnings == (
-        "c: the instrument's expanded uncertainty (k = 2) is 40 % of the limit, more than the recommended 25 %",
+    assert (coarse.outcome, coarse.warnings) == (
+        "pass",
+        ("c: the instrument's expanded uncertainty (k = 2) is 40 % of the limit, more than the recommended 25 %",),
+    )
+    fitted = evaluate("name: c, key: after.fitted.position.rms, limit: 1 mm", document)
+    assert fitted.warnings == (
+        "c: after.fitted.position.rms is computed on the calibration poses and is too optimistic; use "
+        "after.held_out.position.rms",
     )
     document["noise"]["source"] = "residual"
     assert evaluate("key: after.held_out.position.rms, limit: 0.1 mm", document).instrument_ratio is None
 
 
-def test_figures_of_fitted_poses_are_warned_of() -> None:
-    document = stage(errors(size=1e-4))
-    (warning,) = evaluate("name: c, key: after.fitted.position.rms, limit: 1 mm", document).warnings
-    assert warning == (
-        "c: after.fitted.position.rms is computed on the calibration poses and is too optimistic; use "
-        "after.held_out.position.rms"
-    )
-    assert not evaluate("key: nominal.fitted.position.rms, limit: 1 mm", document).warnings
-
-
 def test_a_baseline_of_the_same_poses_is_compared_pose_by_pose() -> None:
-    base = errors()
-    shared = {"b": estimate(base)}
-    same = evaluate("key: position.rms, baseline: b", estimate(base), **shared)
+    base, slightly = estimate(errors()), estimate(1.01 * errors())
+    same = evaluate("key: position.rms, baseline: b", base, b=base)
     assert (same.outcome, same.value, same.decision.probability) == ("pass", 0.0, 1.0)
-    slightly = estimate(1.01 * base)
-    worse = evaluate("key: position.rms, baseline: b", slightly, **shared)
-    assert worse.outcome == "fail"  # one percent, but of every pose
-    assert worse.value == pytest.approx(0.01 * shared["b"]["position"]["rms_m"])
-    assert (worse.decision.method or "").endswith(", paired")
-    assert worse.baseline_value == shared["b"]["position"]["rms_m"]
-    apart = evaluate("key: position.rms, baseline: b, paired: false", slightly, **shared)
-    assert apart.outcome == "pass"  # within the noise of two samples
-    assert "variance estimates recovery" in (apart.decision.method or "")
-    assert evaluate("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound", slightly, **shared).outcome == "pass"
-    shown = evaluate("key: position.rms, baseline: b, limit: 0.05 mm, rule: bound, paired: false", slightly, **shared)
-    assert shown.outcome == "inconclusive"
+    worse = evaluate("key: position.rms, baseline: b", slightly, b=base)
+    assert worse.value == pytest.approx(0.01 * base["position"]["rms_m"])
+    assert worse.baseline_value == base["position"]["rms_m"]
+    for more, outcome, method in (
+        ("", "fail", ", paired"),  # one percent, but of every pose
+        (", paired: false", "pass", "variance estimates recovery"),  # within the noise of two samples
+        (", limit: 0.05 mm, rule: bound", "pass", ", paired"),
+        (", limit: 0.05 mm, rule: bound, paired: false", "inconclusive", "variance estimates recovery"),
+    ):
+        found = evaluate(f"key: position.rms, baseline: b{more}", slightly, b=base)
+        assert found.outcome == outcome
+        assert method in found.decision.method
+        assert found.decision.method.endswith(", paired") == (method == ", paired")
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
@@ -368,43 +353,41 @@ def test_bounds_of_a_paired_difference_are_those_of_an_independent_bootstrap(sta
 def test_which_poses_are_the_same() -> None:
     base, other = estimate(errors(0)), estimate(errors(5))
     other["inputs"] = [{"name": "q.csv", "sha256": "def", "kind": "poses"}]
-    entry = "key: position.rms, baseline: b"
-    again = evaluate(entry, other, b=base)
-    assert (again.decision.method or "").endswith("paired")  # other measurements of the same commanded poses
     moved = copy.deepcopy(other)
     moved["poses"]["commanded_m"] = moved["poses"]["commanded_m"] + 1e-3
-    assert not (evaluate(entry, moved, b=base).decision.method or "").endswith("paired")
-    assert (evaluate(f"{entry}, paired: true", moved, b=base).decision.method or "").endswith("paired")
+    entry = "key: position.rms, baseline: b"
+    # Other measurements of the same commanded poses; of others; of others that are said to be the same.
+    calls = ((entry, other), (entry, moved), (f"{entry}, paired: true", moved))
+    methods = [evaluate(*call, b=base).decision.method for call in calls]
+    assert [method.endswith("paired") for method in methods] == [True, False, True]
     joints = np.random.default_rng(2).uniform(-2.0, 2.0, (N, 6))
     forward, backward = copy.deepcopy(base), estimate(errors(0)[:, ::-1])
     forward["poses"]["q"], backward["poses"]["q"], backward["inputs"] = joints, joints[::-1], other["inputs"]
     backward["poses"]["commanded_m"] = backward["poses"]["commanded_m"][::-1]
     same = evaluate(entry, backward, b=forward)  # the same poses in another order
     assert (same.decision.method, same.decision.probability) == ("the same at every pose", 1.0)
-    shorter = estimate(errors(0, n=70))
+    shorter, bare = estimate(errors(0, n=70)), {"command": "estimate", "position": {"rms_m": 1e-3}}
     shorter["inputs"] = moved["inputs"]
-    assert evaluate(f"{entry}, paired: true", shorter, b=base).decision.why == (
-        "paired: true needs the same poses, but the result has 70 and the baseline has 80"
-    )
-    bare = {"command": "estimate", "position": {"rms_m": 1e-3}}
-    assert evaluate(f"{entry}, paired: true", bare, b=base).decision.why == (
-        "paired: true needs the error of every pose, which the result or the baseline does not list"
-    )
+    assert [evaluate(f"{entry}, paired: true", one, b=base).decision.why for one in (shorter, bare)] == [
+        "paired: true needs the same poses, but the result has 70 and the baseline has 80",
+        "paired: true needs the error of every pose, which the result or the baseline does not list",
+    ]
 
 
 def test_what_a_baseline_lacks_is_not_evaluated() -> None:
-    evaluation = evaluate("key: position.rms, baseline: b", estimate(), b={"command": "predict"})
-    assert (evaluation.outcome, evaluation.decision.why) == (
-        "not_evaluated",
-        "in the baseline, a result of robacc predict has no position",
-    )
-    assert (
-        evaluate("key: gain, baseline: b", estimate(), b={}).decision.why == "a result of robacc estimate has no gain"
-    )
-    units = evaluate(
-        "key: iso9283.RP.max, baseline: b", {"iso9283": {"RP": {"max_m": 1.0}}}, b={"iso9283": {"RP": {"max": 1.0}}}
-    )
-    assert units.decision.why == "iso9283.RP.max has different units in the result and in the baseline"
+    ours, theirs = ({"iso9283": {"RP": {key: 1.0}}} for key in ("max_m", "max"))
+    for key, document, baseline, why in (
+        (
+            "position.rms",
+            estimate(),
+            {"command": "predict"},
+            "in the baseline, a result of robacc predict has no position",
+        ),
+        ("gain", estimate(), {}, "a result of robacc estimate has no gain"),
+        ("iso9283.RP.max", ours, theirs, "iso9283.RP.max has different units in the result and in the baseline"),
+    ):
+        found = evaluate(f"key: {key}, baseline: b", document, b=baseline)
+        assert (found.outcome, found.decision.why) == ("not_evaluated", why)
 
 
 def test_a_difference_of_largest_errors_has_only_the_simple_rule() -> None:

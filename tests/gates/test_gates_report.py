@@ -8,6 +8,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import pytest
+from commands import missing
 
 from robacc.documents.gate import gate_document
 from robacc.gates.evaluate import CriterionEvaluation, Decision, GateOutcome, Outcome
@@ -20,31 +21,25 @@ from robacc.render.views.gate import junit as suites
 
 def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:
     condition = {"limit": 1e-3, "at_least": False, "rule": "bound", "baseline": None, "kind": "length", "accepted": ()}
-    condition |= {key: more.pop(key) for key in list(more) if key in condition}
+    condition |= {"key": "position.rms", "confidence": 0.95, "share": 0.95, "paired": None}
     decision = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
-    decision |= {key: more.pop(key) for key in list(more) if key in (*decision, "poses_to_decide", "poses_if_true")}
-    criterion = GateCriterion(
-        name=name,
-        key=more.pop("key", "position.rms"),
-        confidence=0.95,
-        share=0.95,
-        paired=None,
-        reason=reason,
-        **condition,
-    )
+    decision |= {"poses_to_decide": None, "poses_if_true": None}
     given = {"value": 0.8e-3, "word": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
-    return CriterionEvaluation(criterion, Decision(outcome, **decision), condition["kind"], **{**given, **more})
+    for part in (condition, decision, given):
+        part |= {key: more[key] for key in more if key in part}
+    criterion = GateCriterion(name=name, reason=reason, **condition)
+    return CriterionEvaluation(criterion, Decision(outcome, **decision), condition["kind"], **given)
+
+
+def stored(*arguments: Any, **more: Any) -> dict[str, Any]:
+    """A criterion as in the JSON document."""
+    found: dict[str, Any] = gate(evaluation(*arguments, **more))["criteria"][0]
+    return found
 
 
 def gate(*evaluations: CriterionEvaluation, name: str = "g") -> dict[str, Any]:
     """The outcome of a gate as in the JSON document."""
     return gate_document(GateOutcome(Gate(name, tuple(item.criterion for item in evaluations)), evaluations))
-
-
-def stored(item: CriterionEvaluation) -> dict[str, Any]:
-    """The criterion as in the JSON document."""
-    found: dict[str, Any] = gate(item)["criteria"][0]
-    return found
 
 
 ALL = gate(
@@ -55,61 +50,70 @@ ALL = gate(
 )
 
 
-def test_a_criterion_in_one_sentence() -> None:
-    assert sentence(ALL["criteria"][0]) == (
-        "position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 % confidence), expected at most 1 mm; "
-        "margin 0.100 mm; conforms with probability 99.1 %"
-    )
-    assert sentence(ALL["criteria"][2]).endswith(
-        "; 900 poses in total would decide it with a probability of 90 %, 400 if the measured value is the true one"
-    )
-    visits = evaluation("inconclusive", key="iso9283.RP.max", poses_to_decide=900)
-    assert sentence(stored(visits)).endswith("; 900 visits in total would decide it with a probability of 90 %")
-    assert "position.rms missing" in sentence(ALL["criteria"][3])
-    against = evaluation(
-        baseline="b.json", limit=0.0, value=-1e-4, baseline_value=9e-4, lower_bound=-2e-4, upper_bound=0.0
-    )
-    assert sentence(stored(against)).startswith(
-        "position.rms 0.800 mm, 0.100 mm less than the 0.900 mm in b.json (-0.200 mm to 0 mm for the difference, "
-        "each bound at 95 % confidence), expected no more than in b.json"
-    )
-    assert "0.900 mm, same as the 0.900 mm in b.json" in sentence(
-        stored(evaluation(baseline="b.json", value=0.0, baseline_value=9e-4))
-    )
-    near = evaluation("inconclusive", poses_to_decide=None, poses_if_true=None)
-    assert sentence(stored(near)).endswith("the value is too close to the limit for any number of poses to decide")
-
-
-def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
-    few = evaluation("inconclusive", why="5 poses: too few", lower_bound=None, upper_bound=None, margin=None)
-    assert sentence(stored(few)).endswith("; 5 poses: too few")
-    assert "too close" not in sentence(stored(evaluation("inconclusive", n=None)))
+AGAINST = {"baseline": "b.json", "baseline_value": 9e-4}
+NO_BOUNDS = {"lower_bound": None, "upper_bound": None, "margin": None}
 
 
 @pytest.mark.parametrize(
-    ("size", "at_least", "baseline", "text"),
+    ("criterion", "text"),
     [
-        (1e-3, False, None, "at most 1 mm"),
-        (2.5e-4, True, None, "at least 0.25 mm"),
-        (0.0, False, "b", "no more than in b"),
-        (0.0, True, "b", "no less than in b"),
-        (5e-5, False, "b", "at most 0.05 mm more than in b"),
-        (-5e-5, False, "b", "at least 0.05 mm less than in b"),
-        (-5e-5, True, "b", "at most 0.05 mm less than in b"),
-        (5e-5, True, "b", "at least 0.05 mm more than in b"),
+        (
+            ALL["criteria"][0],
+            "^position.rms 0.800 mm (0.700 mm to 0.900 mm, each bound at 95 % confidence), expected at most 1 mm; "
+            "margin 0.100 mm; conforms with probability 99.1 %$",
+        ),
+        (
+            ALL["criteria"][2],
+            "; 900 poses in total would decide it with a probability of 90 %, 400 if the measured value is the true "
+            "one$",
+        ),
+        (
+            stored("inconclusive", key="iso9283.RP.max", poses_to_decide=900),
+            "; 900 visits in total would decide it with a probability of 90 %$",
+        ),
+        (ALL["criteria"][3], "position.rms missing"),
+        (
+            stored(limit=0.0, value=-1e-4, lower_bound=-2e-4, upper_bound=0.0, **AGAINST),
+            "^position.rms 0.800 mm, 0.100 mm less than the 0.900 mm in b.json (-0.200 mm to 0 mm for the difference, "
+            "each bound at 95 % confidence), expected no more than in b.json",
+        ),
+        (stored(value=0.0, **AGAINST), "0.900 mm, same as the 0.900 mm in b.json"),
+        (stored("inconclusive"), "the value is too close to the limit for any number of poses to decide$"),
+        (stored("inconclusive", why="5 poses: too few", **NO_BOUNDS), "; 5 poses: too few$"),
     ],
 )
-def test_limits_in_words(size: float, at_least: bool, baseline: str | None, text: str) -> None:
-    assert limit(stored(evaluation(limit=size, at_least=at_least, baseline=baseline))) == text
+def test_a_criterion_in_one_sentence(criterion: dict[str, Any], text: str) -> None:
+    # ^ and $ are the ends of the sentence.
+    assert text in f"^{sentence(criterion)}$"
 
 
-def test_limits_that_are_words_and_probabilities_that_are_no_certainty() -> None:
-    assert limit(stored(evaluation(kind="grade", accepted=("C",)))) == "C or better"
-    assert limit(stored(evaluation(kind="word", accepted=("clean", "explained")))) == "clean or explained"
-    assert [probability(stored(evaluation(probability=p))) for p in (1.0, 0.9995, 0.5, 0.0005, 0.0, None)] == [
-        *("> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %"),
-        None,
-    ]
+def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
+    assert "too close" not in sentence(stored("inconclusive", n=None))
+
+
+@pytest.mark.parametrize(
+    ("condition", "text"),
+    [
+        ({"limit": 1e-3}, "at most 1 mm"),
+        ({"limit": 2.5e-4, "at_least": True}, "at least 0.25 mm"),
+        ({"limit": 0.0, "baseline": "b"}, "no more than in b"),
+        ({"limit": 0.0, "baseline": "b", "at_least": True}, "no less than in b"),
+        ({"limit": 5e-5, "baseline": "b"}, "at most 0.05 mm more than in b"),
+        ({"limit": -5e-5, "baseline": "b"}, "at least 0.05 mm less than in b"),
+        ({"limit": -5e-5, "baseline": "b", "at_least": True}, "at most 0.05 mm less than in b"),
+        ({"limit": 5e-5, "baseline": "b", "at_least": True}, "at least 0.05 mm more than in b"),
+        ({"kind": "grade", "accepted": ("C",)}, "C or better"),
+        ({"kind": "word", "accepted": ("clean", "explained")}, "clean or explained"),
+    ],
+)
+def test_limits_in_words(condition: dict[str, Any], text: str) -> None:
+    assert limit(stored(**condition)) == text
+
+
+def test_probabilities_are_no_certainty() -> None:
+    chances = (1.0, 0.9995, 0.5, 0.0005, 0.0, None)
+    told = ["> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %", None]
+    assert [probability(stored(probability=chance)) for chance in chances] == told
     assert title(ALL) == "Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)"
 
 
@@ -117,55 +121,38 @@ def test_a_terminal_shows_each_criterion_within_80_columns() -> None:
     stream = io.StringIO()
     draw(gate_view(ALL), stream)
     lines = stream.getvalue().splitlines()
-    assert lines[0] == title(ALL)
-    assert [line for line in lines if re.match(r"\S", line)][1:] == [
-        *("pass           first", "fail           second", "inconclusive   third", "not evaluated  fourth")
-    ]
+    rows = ["pass           first", "fail           second", "inconclusive   third", "not evaluated  fourth"]
+    assert [line for line in lines if re.match(r"\S", line)] == [title(ALL), *rows]
     assert lines.count("               Reason: because") == 4
     assert max(map(len, lines)) <= 80
 
 
 def test_markdown_holds_the_gate_the_warnings_and_the_whole_result() -> None:
     text = markdown("estimate", "Error of 60 poses\n\n``` in it\n", ALL, ("a | b",))
-    assert text.startswith(
-        "## robacc estimate\n\n### ❌ Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)\n"
-    )
+    assert text.startswith(f"## robacc estimate\n\n### ❌ {title(ALL)}\n")
     rows = [line for line in text.splitlines() if line.startswith("| ")]
     assert {len(re.findall(r"(?<!\\)\|", row)) for row in rows} == {9}
     assert rows[2].startswith("| ✅ | first | position.rms | 0.800 mm | at most 1 mm |")
-    assert "> **Warning:** a \\| b\n" in text
-    assert "````text\nError of 60 poses\n\n``` in it\n````" in text
-    assert "<details>" in text
-    plain = markdown("estimate", "Error\n", None, ())
-    assert plain == "## robacc estimate\n\n```text\nError\n```\n"
-
-
-def test_markdown_of_a_name_with_signs_stays_one_cell() -> None:
-    text = markdown("check", "", gate(evaluation(name="a|b <x> *c* `d` [e]")), ())
-    assert "| a\\|b \\<x\\> \\*c\\* \\`d\\` \\[e\\] |" in text
-
-
-def unescaped(text: str) -> str:
-    """What the runner of GitHub Actions shows (actions/runner, ActionCommand.cs)."""
-    for code, sign in (("%3A", ":"), ("%2C", ","), ("%0A", "\n"), ("%0D", "\r"), ("%25", "%")):
-        text = text.replace(code, sign)
-    return text
+    whole = "````text\nError of 60 poses\n\n``` in it\n````"
+    assert missing(text, "> **Warning:** a \\| b\n", whole, "<details>") == []
+    assert markdown("estimate", "Error\n", None, ()) == "## robacc estimate\n\n```text\nError\n```\n"
+    odd = markdown("check", "", gate(evaluation(name="a|b <x> *c* `d` [e]")), ())
+    assert "| a\\|b \\<x\\> \\*c\\* \\`d\\` \\[e\\] |" in odd
 
 
 def test_annotations_are_one_line_each_and_say_what_was_meant() -> None:
     odd = gate(evaluation("fail", "50 %: a, b", "first\r\nsecond :: %0A"), name="g::h")
     lines = github_annotations("estimate", "", odd, ("look\nout",)).splitlines()
     assert [line.partition(" ")[0] for line in lines] == ["::warning", "::error", "::error"]
-    match = re.fullmatch(r"::error title=([^:,]*)::(.*)", lines[1])
-    assert match is not None
-    assert unescaped(match[1]) == "g::h: 50 %: a, b"
-    assert unescaped(match[2]).endswith("Reason for the limit: first\r\nsecond :: %0A")
+    # What the runner of GitHub Actions shows (actions/runner, ActionCommand.cs).
+    shown = re.fullmatch(r"::error title=([^:,]*)::(.*)", lines[1]).groups()
+    for code, sign in (("%3A", ":"), ("%2C", ","), ("%0A", "\n"), ("%0D", "\r"), ("%25", "%")):
+        shown = [part.replace(code, sign) for part in shown]
+    assert shown[0] == "g::h: 50 %: a, b"
+    assert shown[1].endswith("Reason for the limit: first\r\nsecond :: %0A")
     assert lines[0] == "::warning title=robacc estimate::look%0Aout"
-
-
-def test_annotations_have_the_level_of_each_outcome() -> None:
-    lines = github_annotations("check", "", ALL, ()).splitlines()
-    assert [line.partition(" ")[0] for line in lines] == ["::notice", "::error", "::warning", "::warning", "::error"]
+    levels = [line.partition(" ")[0] for line in github_annotations("check", "", ALL, ()).splitlines()]
+    assert levels == ["::notice", "::error", "::warning", "::warning", "::error"]
     first = github_annotations("estimate", "Error of 60\nof poses.csv\n\nmore\n", None, ())
     assert first == "::notice title=robacc estimate::Error of 60%0Aof poses.csv\n"
 
@@ -244,16 +231,6 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
     assert text == junit(outcome)
 
 
-def test_junit_has_the_start_and_the_elapsed_time_shared_by_the_cases() -> None:
-    text = junit(ALL, started=86400.0 * 365, seconds=6.0)
-    root = ElementTree.fromstring(text.encode())
-    assert faults(root) == []
-    (suite,) = root
-    assert (suite.get("timestamp"), suite.get("time")) == ("1971-01-01T00:00:00", "6.000")
-    cases = suite.findall("testcase")
-    assert [case.get("time") for case in cases] == [f"{6 / len(cases):.3f}"] * len(cases)
-
-
 def test_the_schemas_rules_see_faults() -> None:
     good = junit(ALL)
     for wrong, fault in (
@@ -264,14 +241,16 @@ def test_the_schemas_rules_see_faults() -> None:
         (re.sub(r' type="\w+"', "", good), "failure without type"),
         (good.replace("<testsuites>", "<testsuites>text"), "text in testsuites"),
     ):
-        found = faults(ElementTree.fromstring(wrong.encode()))
-        assert fault in found
+        assert fault in faults(ElementTree.fromstring(wrong.encode()))
 
 
-def test_junit_carries_the_numbers_and_the_reason() -> None:
-    suite = ElementTree.fromstring(junit(ALL).encode())[0]
+def test_junit_carries_the_numbers_the_reason_and_the_time() -> None:
+    root = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
+    assert faults(root) == []
+    (suite,) = root
+    assert (suite.get("timestamp"), suite.get("time")) == ("1971-01-01T00:00:00", "6.000")
+    assert [case.get("time") for case in suite.findall("testcase")] == ["1.500"] * 4
     failure = suite.find("testcase[@name='second']/failure")
-    assert failure is not None
-    assert failure.get("message", "").startswith("fail: position.rms 0.800 mm (0.700 mm to 1.20 mm")
+    assert failure.get("message").startswith("fail: position.rms 0.800 mm (0.700 mm to 1.20 mm")
     assert failure.text == "Reason for the limit: because"
     assert suite.find("testcase[@name='first']/*") is None

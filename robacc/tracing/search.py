@@ -36,7 +36,7 @@ from robacc.error_model.covariance import (
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.terms import TERMS, Linearised, Rows, with_terms
+from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.visits import random_rows
@@ -343,7 +343,7 @@ class _Search:
             *(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in moved),
             *(term for _, term, _ in whole),
         ]
-        count, extended = len(bound.terms), with_terms(bound, added)
+        count, extended = len(bound.terms), dataclasses.replace(bound, terms=(*bound.terms, *added))
         theta = np.concatenate((state.theta, np.zeros(len(added))))
         components = self.regressors.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)

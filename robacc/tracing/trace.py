@@ -12,8 +12,7 @@ import numpy as np
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.effects.base import Effect
 from robacc.effects.request import CONSTANTS
-from robacc.error_model.field import correction_of_position
-from robacc.error_model.structure import DirectionalNoise, with_error_structure
+from robacc.error_model.structure import DirectionalNoise, correction_of_position, with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load

@@ -20,13 +20,12 @@ from robacc.fitting.masses import choose_form
 from robacc.fitting.parameters import Correlation, correlations, high_leverage
 from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
-from robacc.fitting.solver import fit
+from robacc.fitting.solver import fit, refit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
-from robacc.tracing.refitting import refit
 from robacc.tracing.search import search
 
 

@@ -21,13 +21,12 @@ from robacc.effects.step import is_step
 from robacc.error_model.covariance import ACCEPTED
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.solver import fit
+from robacc.fitting.solver import SEARCH, fit
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.statistics.distributions import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
 from robacc.tracing.candidates import Candidate
-from robacc.tracing.refitting import SEARCH
-from robacc.tracing.search import SearchResult
+from robacc.tracing.search import Alternative, SearchResult
 
 # Poses to measure next: poses at which two rival effects predict most differently (T-optimal discrimination).
 #
@@ -58,15 +57,16 @@ def advise(
     declared: Fit,
     effects: Sequence[Effect],
     finding: Effect,
-    rival: Effect,
+    alternative: Alternative,
     data: Measurements,
     noise: float,
     seed: int,
 ) -> Advice | None:
-    """Return poses inside the joint limits (or the measured range) at which ``finding`` and ``rival`` differ most.
+    """Return poses inside the joint limits (or the measured range) at which a finding and its alternative differ most.
 
     Both models are fitted to all poses. Circumstances other than the joints are sampled from the measured rows.
     """
+    rival = effect_class(alternative.effect).from_settings(alternative.joints, alternative.settings)
     others = [effect for effect in effects if effect is not finding]
     try:
         first = fit(declared.model.with_free(*others, finding), data, SEARCH)
@@ -87,11 +87,6 @@ def advise(
     chosen = _choose_poses(trial.q, difference)
     q = tuple(tuple(float(value) for value in trial.q[:, i]) for i in chosen)
     return Advice(f"to distinguish {finding} from {rival}, measure:", q, tuple(float(difference[i]) for i in chosen))
-
-
-def rival_effect(name: str, joints: tuple[str, ...], settings: dict[str, object]) -> Effect:
-    """Return the effect that an alternative describes."""
-    return effect_class(name).from_settings(joints, settings)
 
 
 def _trial_poses(declared: Fit, data: Measurements, seed: int) -> Measurements:
@@ -171,9 +166,8 @@ def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
         log_prior: Log prior probability of the candidate at its most probable size.
     """
     needed = ACCEPTED - log_prior
-    statistic = float(rank)
     # The evidence grows with the statistic by (1 - q / t^2) / 2: Newton steps from above converge.
-    statistic += 2.0 * needed + rank
+    statistic = 2.0 * (needed + rank)
     for _ in range(50):
         evidence = 0.5 * (statistic - rank) - 0.5 * rank * math.log(statistic / rank)
         statistic += (needed - evidence) / (0.5 * (1.0 - rank / statistic))
@@ -182,7 +176,7 @@ def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
 
 def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     """Return the limit of every named candidate given the findings, except forms of mixed units."""
-    reduced, _, square = found.evidence.conditioned(found.final_columns)
+    reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
     dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
     present = {effect.key() for effect in found.effects}
     weight = 1.0 / found.noise.independent(found.state.linear.rows.stated).T
@@ -191,8 +185,7 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
         if candidate.key in present:
             continue
         own = found.evidence.columns[:, columns]
-        new = own.T @ own - reduced[:, columns].T @ reduced[:, columns]
-        values, vectors = visible(new, np.einsum("nq,nq->q", own, own))
+        values, vectors = visible(found.evidence.new(reduced, columns, columns), np.einsum("nq,nq->q", own, own))
         effect, size, rms = candidate.effect, None, None
         if values[0] > 0 and dof > 0:
             needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
@@ -216,11 +209,11 @@ def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
 
 def _forms(found: SearchResult) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
     """Yield forms with coefficients of a common unit, except forms that contain another form; steps in the middle."""
-    candidates, places = found.pool.all[: len(found.evidence.places)], found.evidence.places
     named = [c for c in found.pool.named if len({term.unit for term in c.terms}) == 1]
     names = {candidate.key: {term.name for term in candidate.terms} for candidate in named}
     steps: dict[tuple[object, ...], list[tuple[Candidate, NDArray[np.int64]]]] = {}
-    for candidate, columns in zip(candidates, places, strict=True):
+    for number, columns in found.evidence.places.items():
+        candidate = found.pool.all[number]
         if (own := names.get(candidate.key)) is not None:
             if not any(other < own for other in names.values()):
                 yield candidate, columns

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from robacc.accuracy.stages import Gain, Residuals, Stage, before_and_after, paired_gain
+from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, paired_gain
 from robacc.chain import BLOCK
 from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
 from robacc.effects.base import Effect
@@ -38,65 +38,6 @@ from robacc.fitting.warnings import (
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
-
-# Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
-
-
-class HeldOutResult(Protocol):
-    """Result of a trace or a calibration, a dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def residuals(self) -> Residuals:
-        """Residuals of all poses, and of those that folds held out."""
-
-    @property
-    def holdout(self) -> Residuals | None:
-        """Residuals of validation poses; None without them."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences for readers of the result."""
-
-
-Result = TypeVar("Result", bound=HeldOutResult)
-
-
-def with_directional_weights(
-    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
-    data: Measurements,
-    holdout: Measurements | None,
-) -> Result:
-    """Return the result of ``run``, with weights by direction if the noise differs.
-
-    An error that the model lacks may be larger along a direction, too. With less weight there, the model would be worse
-    on other poses; then equal weights stay.
-
-    Args:
-        run: Function of the poses, which returns a result and the directional noise that it shows.
-        data: Measured poses.
-        holdout: Poses that are held out in place of folds of ``data``.
-    """
-    result, noise = run(data)
-    if noise is None:
-        return result
-    before = _held_out(result)
-    if before is not None and data.position_variance is None:
-        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
-        after = _held_out(weighted)
-        if (
-            after is not None
-            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
-        ):
-            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
-    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
-
-
-def _held_out(result: HeldOutResult) -> Array | None:
-    """Return the residuals ``(3 or 6, N)`` of held-out poses; None if there are none."""
-    return result.residuals.held_out_after if result.holdout is None else result.holdout.after
-
 
 # Causes of the error: every effect in a fit, declared or found, with what it does at the target.
 #
@@ -199,7 +140,7 @@ _OVERFIT_RATIO = 1.5
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judged(BeforeAfter):
     """A fitted robot with its error before and after."""
 
     robot: Robot
@@ -208,14 +149,6 @@ class Judged:
     noise: LackOfFit
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant given the noise."""
-    nominal_unregistered: Stage
-    """The nominal model as it stands in the robot file."""
-    nominal: Stage
-    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
-    before: Stage
-    """Baseline: `calibrate` fits base and tool in it if they are among its effects, `trace` the declared effects."""
-    after: Stage
-    gain: Gain | None
     parameters: tuple[FittedParameter, ...]
     """Coefficients; standard errors come from the data alone, and include the uncertainty of the masses."""
     covariance: ParameterCovariance
@@ -229,10 +162,6 @@ class Judged:
     n_folds: int
     """Number of groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."""
     warnings: tuple[str, ...]
-    residuals: Residuals
-    """Residuals of all poses, outliers included."""
-    holdout: Residuals | None
-    """Residuals of the validation poses ``holdout``; None without them."""
 
 
 def judge(
@@ -263,15 +192,11 @@ def judge(
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
+        **vars(stages),
         robot=apply_fit(fit),
         fit=fit,
         noise=noise,
         repeatability=structure.repeatability,
-        nominal_unregistered=stages.nominal_unregistered,
-        nominal=stages.nominal,
-        before=stages.before,
-        after=stages.after,
-        gain=stages.gain,
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
         causes=causes(fit, data, (nominal.fitted_inliers or nominal.fitted).position.rms, found),
@@ -281,18 +206,21 @@ def judge(
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, without_findings, noise, rounding, data),
-            *_held_out_warnings(without_findings, stages.after, data, how.validation),
+            *_warnings(fit, without_findings, noise, rounding, stages.after, data, how.validation),
         ),
-        residuals=stages.residuals,
-        holdout=stages.holdout,
     )
 
 
 def _warnings(
-    fit: Fit, without_findings: Fit, noise: LackOfFit, rounding: Rounding | None, data: Measurements
+    fit: Fit,
+    without_findings: Fit,
+    noise: LackOfFit,
+    rounding: Rounding | None,
+    after: Stage,
+    data: Measurements,
+    validation: Measurements | None,
 ) -> Iterator[str]:
-    """Yield what limits the figures: convergence, poses, outliers, noise, weakly identifiable coefficients."""
+    """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out."""
     yield from convergence_warning(fit)
     yield from mass_warning(fit)
     yield from data.warnings
@@ -310,12 +238,6 @@ def _warnings(
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
     yield from condition_warning(without_findings)
-
-
-def _held_out_warnings(
-    without_findings: Fit, after: Stage, data: Measurements, validation: Measurements | None
-) -> Iterator[str]:
-    """Yield why held-out errors are much larger than those of the fitted poses, or that there are none."""
     if after.held_out is None:
         yield no_held_out_warning(data)
         return
@@ -326,8 +248,47 @@ def _held_out_warnings(
                 "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more "
                 "poses"
             )
-        return
-    moved = moved_frames(without_findings, validation)
-    warning = larger_error_warning(fitted, held_out) if moved is None else moved
-    if warning is not None:
-        yield warning
+    elif (moved := moved_frames(without_findings, validation)) is not None:
+        yield moved
+    elif (larger := larger_error_warning(fitted, held_out)) is not None:
+        yield larger
+
+
+# Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
+
+
+Result = TypeVar("Result", bound=Judged)
+
+
+def with_directional_weights(
+    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
+    data: Measurements,
+    holdout: Measurements | None,
+) -> Result:
+    """Return the result of ``run``, with weights by direction if the noise differs.
+
+    An error that the model lacks may be larger along a direction, too. With less weight there, the model would be worse
+    on other poses; then equal weights stay.
+
+    Args:
+        run: Function of the poses, which returns a result and the directional noise that it shows.
+        data: Measured poses.
+        holdout: Poses that are held out in place of folds of ``data``.
+    """
+    result, noise = run(data)
+    if noise is None:
+        return result
+
+    def held_out(judged: Result) -> Array | None:
+        return judged.residuals.held_out_after if judged.holdout is None else judged.holdout.after
+
+    before = held_out(result)
+    if before is not None and data.position_variance is None:
+        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
+        after = held_out(weighted)
+        if (
+            after is not None
+            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
+        ):
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
+    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))

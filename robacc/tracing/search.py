@@ -45,8 +45,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, Model
 from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
-from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Pool
-from robacc.tracing.evidence import Evidence, Scores
+from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Evidence, Pool, Scores
 
 MOST_FINDINGS = 12
 """Largest number of findings."""
@@ -137,11 +136,9 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Ranked):
     """An effect in the final model, with its scores and those of its rivals given all other effects."""
 
-    effect: Effect
-    ranked: Ranked
     alternatives: tuple[Alternative, ...] = ()
     """Rivals within :data:`ACCEPTED`, nearest first: at most one form of each effect and joint."""
     aliases: tuple[float, ...] = ()
@@ -173,11 +170,6 @@ class SearchResult:
         """Return the identified effects."""
         return tuple(identified.effect for identified in self.identified)
 
-    @property
-    def final_columns(self) -> NDArray[np.int64]:
-        """Return the numbers of all columns of the final model."""
-        return np.arange(len(self.state.theta))
-
 
 def search(
     model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda done, count: None
@@ -195,7 +187,8 @@ class _Search:
         rows = random_rows(data, MOST_COMPONENTS // (3 if data.rotation is None else 6))
         self.data = data if rows.size == data.n else data.subset(rows)
         names = {effect.name for effect in model.free}
-        self.model = _registered(model, self.data, names)
+        robot = register_frames(model.arm.robot, self.data, "base_frame" in names, "tool_frame" in names)
+        self.model = dataclasses.replace(model, arm=Arm.of(robot))
         self.regressors = Rows.of(self.model.arm, self.data)
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
         self.progress, self.moves = progress, 0
@@ -234,18 +227,17 @@ class _Search:
         """Return the fit of the declared effects beside independent noise; rows far off have less weight."""
         bound = self._bound([])
         theta, prior = np.zeros(len(bound.terms)), self._prior_std(bound, [])
+        kinds = [slice(0, 3), slice(3, 6)][: self.regressors.stated.shape[1] // 3]
         residual = residuals(self.data, bound.poses(theta))
-        components = self.regressors.stated.shape[1]
-        kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-        log_std = np.array([math.log(max(float(np.sqrt(np.mean(np.square(kind)))), math.exp(LEAST))) for kind in kinds])
+        rms = [np.sqrt(np.mean(np.square(residual[kind]))) for kind in kinds]
+        log_std = np.log(np.maximum(rms, math.exp(LEAST)))
         noise = CovarianceParameters(log_std, np.ones(self.data.n))
         state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
         free = min(0.9, theta.size / residual.size)
         for _ in range(12):
             moved = self._step(state)
             residual = residuals(self.data, state.bound.poses(state.theta))
-            kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-            lengths = [np.sqrt(np.sum(np.square(kind), axis=0)) for kind in kinds]
+            lengths = [np.sqrt(np.sum(np.square(residual[kind]), axis=0)) for kind in kinds]
             # The median of the length of three normal components is 1.54 standard deviations.
             medians = [float(np.median(length)) / 1.54 for length in lengths]
             stds = np.maximum(medians, math.exp(LEAST)) / math.sqrt(1.0 - free)
@@ -333,7 +325,8 @@ class _Search:
         column = 0
         for candidate in candidates:
             for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
-                if (part := _plain(term)) is None:
+                part = term.parts[0]
+                if len(term.parts) > 1 or part.loads is not None or part.motion < 0:
                     whole.append((column, term, size))
                 else:
                     moved.setdefault(part.motion, []).append((column, np.asarray(part.factor) * size))
@@ -371,17 +364,12 @@ class _Search:
         else:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
-        scored = tuple(pool[number] for number in numbers.tolist())
-        evidence = Evidence(white, white.apply(self._columns(state, scored)), scored)
-        owners = np.array(state.bound.owners, dtype=np.int64)
-        declared, columns = len(self.model.free), np.arange(owners.size)
-        flat = evidence.effective(owners < declared)
-        without = [evidence.scores(columns[owners != declared + k], flat) for k in range(len(state.chosen))]
-        return (
-            evidence,
-            evidence.scores(columns, flat).spread(numbers, len(pool)),
-            [scores.spread(numbers, len(pool)) for scores in without],
-        )
+        scored = [pool[number] for number in numbers.tolist()]
+        evidence = Evidence(white, white.apply(self._columns(state, scored)), pool, numbers.tolist())
+        owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
+        columns, flat = np.arange(owners.size), evidence.effective(owners < 0)
+        without = [evidence.scores(columns[owners != k], flat) for k in range(len(state.chosen))]
+        return evidence, evidence.scores(columns, flat), without
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -460,36 +448,31 @@ class _Search:
         visited: Collection[frozenset[tuple[object, ...]]],
     ) -> tuple[str, list[Candidate], list[float], str, Scores] | None:
         """Return the move that gains most to effects not yet visited; None if none gains."""
-        for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
+        best = self._best(scores, state.chosen)
+        moves: list[tuple[float, str, int | None, int | None]] = []  # Gain, action, effect and candidate.
+        if best is not None and len(state.chosen) < MOST_FINDINGS:
+            moves.append((float(scores.log_odds[best]) - ACCEPTED, "add", None, best))
+        for k, beside in enumerate(without):
+            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
+            moves.append((ACCEPTED - own, "drop", k, None))
+            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
+            if rival is not None:
+                moves.append((float(beside.log_odds[rival]) - own, "swap", k, rival))
+        for gain, action, at, number in sorted(moves, key=lambda move: -move[0]):
             if gain <= (_SWAPS if action == "swap" else 0.0):
                 continue
             chosen, scales = list(state.chosen), list(state.scales)
-            beside = scores if k is None else without[k]
-            if k is not None:
-                del chosen[k], scales[k]
+            beside, place, names = scores, len(chosen), []
+            if at is not None:
+                beside, place, names = without[at], at, [str(chosen.pop(at).effect)]
+                del scales[at]
             if number is not None:
-                at = len(chosen) if k is None else k
-                chosen.insert(at, self.pool.all[number])
-                scales.insert(at, float(beside.scale[number]))
+                chosen.insert(place, self.pool.all[number])
+                scales.insert(place, float(beside.scale[number]))
+                names.append(str(self.pool.all[number].effect))
             if frozenset(candidate.key for candidate in chosen) not in visited:
-                names = [str(state.chosen[k].effect)] if k is not None else []
-                names += [str(self.pool.all[number].effect)] if number is not None else []
                 return action, chosen, scales, " -> ".join(names), beside
         return None
-
-    def _moves(
-        self, state: State, scores: Scores, without: Sequence[Scores]
-    ) -> Iterator[tuple[float, str, int | None, int | None]]:
-        """Yield the best addition, and dropping and swapping each effect: gain, action, effect and candidate."""
-        best = self._best(scores, state.chosen)
-        if best is not None and len(state.chosen) < MOST_FINDINGS:
-            yield float(scores.log_odds[best]) - ACCEPTED, "add", None, best
-        for k, beside in enumerate(without):
-            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
-            yield ACCEPTED - own, "drop", k, None
-            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
-            if rival is not None:
-                yield float(beside.log_odds[rival]) - own, "swap", k, rival
 
     def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> int | None:
         """Return the number of the best candidate that is no form of an effect in the model."""
@@ -561,11 +544,10 @@ class _Search:
 
     def _result(self, state: State) -> SearchResult:
         evidence, scores, without = self._scores(state)
-        owners, declared = np.array(state.bound.owners), len(self.model.free)
-        identified = []
-        for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
-            kept = np.flatnonzero(owners != declared + k)
-            identified.append(self._identified(candidate, beside, evidence, kept, state.chosen))
+        identified = [
+            self._identified(candidate, beside, state.chosen)
+            for candidate, beside in zip(state.chosen, without, strict=True)
+        ]
         return SearchResult(
             model=self.model,
             identified=(*identified, *self._corrections(state)),
@@ -578,14 +560,7 @@ class _Search:
             state=state,
         )
 
-    def _identified(
-        self,
-        candidate: Candidate,
-        scores: Scores,
-        evidence: Evidence,
-        kept: NDArray[np.int64],
-        chosen: Sequence[Candidate],
-    ) -> Identified:
+    def _identified(self, candidate: Candidate, scores: Scores, chosen: Sequence[Candidate]) -> Identified:
         own = self.pool.number(candidate)
         alternatives: dict[tuple[object, ...], Alternative] = {}
         aliases: list[float] = []
@@ -601,16 +576,14 @@ class _Search:
                 if searched_order(effect) is not None and self._are_separable(rival, candidate):
                     aliases.append(orders_of(effect)[0])
             elif not any(rival.effect_name in (other.effect_name, *alternatives) for other in chosen):
-                similarity = evidence.similarity(kept, own, number)
                 alternatives[rival.effect_name] = Alternative(
-                    effect.name, effect.joints, similarity, behind, effect.settings()
+                    effect.name, effect.joints, scores.similarity(own, number), behind, effect.settings()
                 )
         return Identified(
-            candidate.effect,
-            self._rank(scores, own),
-            tuple(alternatives.values()),
-            tuple(aliases[:_MOST_ALIASES]),
-            (min(at), max(at)) if is_step(candidate.effect) and at else None,
+            **vars(self._rank(scores, own)),
+            alternatives=tuple(alternatives.values()),
+            aliases=tuple(aliases[:_MOST_ALIASES]),
+            places=(min(at), max(at)) if is_step(candidate.effect) and at else None,
         )
 
     def _corrections(self, state: State) -> Iterator[Identified]:
@@ -629,7 +602,7 @@ class _Search:
                 evidence = gain(dataclasses.replace(state.noise, terms={**terms, "profile": without}))
                 if evidence - price > ACCEPTED:
                     effect = profile(joint, PROFILE_ORDERS)
-                    yield Identified(effect, Ranked(effect, evidence, -price, 0.0))
+                    yield Identified(effect, evidence, -price, 0.0)
         if "smooth" in terms:
             assert self.data.q is not None
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
@@ -637,18 +610,4 @@ class _Search:
             evidence = gain(state.noise.without("smooth"))
             correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
-            yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
-
-
-def _plain(term: Term) -> Part | None:
-    """Return the one part of a term that moves one motion by a regressor, without a load; else None."""
-    part = term.parts[0]
-    return part if len(term.parts) == 1 and part.loads is None and part.motion >= 0 else None
-
-
-def _registered(model: Model, data: Measurements, names: set[str]) -> Model:
-    """Return the model with its free base and tool registered."""
-    if not names & {"base_frame", "tool_frame"}:
-        return model
-    robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-    return dataclasses.replace(model, arm=Arm.of(robot))
+            yield Identified(correction, evidence, -price, 0.0)

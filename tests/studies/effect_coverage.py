@@ -34,9 +34,8 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
-from robacc.tracing.findings import Finding
 from robacc.tracing.search import search
-from robacc.tracing.trace import trace
+from robacc.tracing.trace import Finding, trace
 
 NOISE = 1e-5
 ARM = Arm.of(robot())

@@ -20,9 +20,8 @@ from robacc.effects.specification import entry_of
 from robacc.error_model.covariance import ACCEPTED, Whitened
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.tracing.candidates import Candidate
+from robacc.tracing.candidates import Candidate, Evidence
 from robacc.tracing.detection import DetectionLimit, decisive_test, detection_limits
-from robacc.tracing.evidence import Evidence
 from robacc.tracing.search import SearchResult, search
 from robacc.tracing.trace import trace
 

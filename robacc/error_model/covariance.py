@@ -59,13 +59,11 @@ class CovarianceParameters:
 
     def own_variance(self, components: int) -> Array:
         """Return ``(N, M)`` variances of the noise beyond what the file states."""
-        variance: Array = np.square(self.std[self.kinds(components)]) * np.square(self.factor)[:, None]
-        return variance
+        return np.asarray(np.square(self.std[self.kinds(components)]) * np.square(self.factor)[:, None])
 
     def by_kind(self, values: Array) -> Array:
         """Return the sums of ``values`` ``(N, M)`` over the rows and the components of each standard deviation."""
-        sums: Array = np.bincount(self.kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
-        return sums
+        return np.bincount(self.kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
 
     @property
     def packed(self) -> Array:
@@ -115,8 +113,7 @@ class Whitened:
     @property
     def coefficients(self) -> Array:
         """Return the posterior mean ``(P,)`` in units of the prior's standard deviations."""
-        mean: Array = solve_triangular(self.triangle, self.reduced, lower=True, trans="T")
-        return mean
+        return np.asarray(solve_triangular(self.triangle, self.reduced, lower=True, trans="T"))
 
     def weighted_residual(self, components: int, kept: NDArray[np.int64] | None = None) -> Array:
         """Return P y ``(N, M)``, with some of the columns if ``kept`` names them."""
@@ -305,8 +302,7 @@ def scatter_covariance(noise: CovarianceParameters, linear: Linearised) -> Array
     if "scatter" not in noise.terms:
         return np.zeros((len(linear.y), linear.y.shape[1], linear.y.shape[1]))
     moved = linear.joints * np.exp(noise.terms["scatter"])[:, None, None]
-    result: Array = np.einsum("jan,jbn->nab", moved, moved)
-    return result
+    return np.asarray(np.einsum("jan,jbn->nab", moved, moved))
 
 
 def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:

@@ -124,7 +124,6 @@ class ErrorStructure:
     fit: Fit
     options: Options
     """Options of the fit, with the scatter of the joints."""
-    noise: CovarianceParameters
     parts: Mapping[ErrorPart, float]
     """Root mean square of each part of the remaining error at the target, m."""
     repeatability: Repeatability | None
@@ -186,7 +185,6 @@ def with_error_structure(
     return ErrorStructure(
         _with_covariance(fitted, with_places, linear, rows, is_weighted),
         options,
-        noise,
         parts,
         _repeatability(fitted, noise, linear, parts, source) if "scatter" in parts else None,
         directional,

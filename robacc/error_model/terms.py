@@ -418,5 +418,4 @@ def _shares(log_order: float) -> tuple[Array, Array]:
 
 def _by_order(waves: Array, weight: Array) -> Array:
     """Return ``(N, N)`` sum over the orders n of ``weight[n] cos(n (a - b))`` from cosines and sines ``(2 K, N)``."""
-    kernel: Array = (waves.T * np.concatenate((weight, weight))) @ waves
-    return kernel
+    return np.asarray((waves.T * np.concatenate((weight, weight))) @ waves)

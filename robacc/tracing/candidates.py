@@ -37,12 +37,13 @@ from robacc.effects.step import (
     possible_places,
     step_forms,
 )
-from robacc.error_model.covariance import Whitened
+from robacc.error_model.covariance import ACCEPTED, Whitened
 from robacc.errors import UsageError
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+from robacc.statistics.distributions import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
 
 TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or place is up against."""
@@ -131,11 +132,10 @@ def named_candidates(
         if cls.traits.is_empirical or (only is not None and name not in only):
             continue
         reason = cls.missing(arm, data)
+        if (partly := reason or cls.missing_form(arm, data)) is not None:
+            missing[name] = partly
         if reason is not None:
-            missing[name] = reason
             continue
-        if (reason := cls.missing_form(arm, data)) is not None:
-            missing[name] = reason
         forms = [
             effect
             for effect in cls.candidates(arm, data)
@@ -189,8 +189,7 @@ class OrderGrid:
         gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
         at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > _LEAST_GAIN))
-        peaks: Array = self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]]
-        return peaks
+        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]])
 
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
@@ -445,3 +444,60 @@ class Evidence:
             gain[group.numbers] = explained[each, best] / square
 
         return Scores(self, reduced, products, log_bayes + self._log_prior, log_bayes, scale, gain)
+
+
+# The test that the evidence amounts to.
+#
+# An effect of coefficients c whose columns have, given the present model, the new part G (whitened Gram matrix) raises
+# the statistic t^2 by c' G c over the noise variance. A search accepts q coefficients from the t^2 on at which the
+# evidence at the best prior size, (t^2 - q)/2 - q/2 log(t^2/q), exceeds the prior odds and :data:`ACCEPTED`; an effect
+# has its detection limit where the noise takes it there with probability 1/2.
+
+_LEAST_NEW = 1e-6
+"""Share of its squared length below which the new part of a direction counts as explained by the present model."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisiveTest:
+    """F test at the level that the accepted odds are worth."""
+
+    level: float
+    dof: tuple[float, float]
+    """Degrees of freedom of the effect and of the residual."""
+
+    @property
+    def noncentrality_at_limit(self) -> float:
+        """Return the noncentrality at which an effect is found with probability 1/2; infinite without any dof."""
+        return math.inf if self.dof[1] <= 0.0 else needed_noncentrality(0.5, self.level, *self.dof)
+
+    def power(self, noncentrality: float) -> float:
+        """Return the probability that an effect is found."""
+        if self.dof[1] <= 0.0:
+            return 0.0
+        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality)
+
+
+def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
+    """Return the test that decides about a candidate with ``rank`` new directions.
+
+    Args:
+        rank: Number of new directions.
+        dof: Degrees of freedom of the residual without the effect.
+        log_prior: Log prior probability of the candidate at its most probable size.
+    """
+    needed = ACCEPTED - log_prior
+    # The evidence grows with the statistic by (1 - q / t^2) / 2: Newton steps from above converge.
+    statistic = 2.0 * (needed + rank)
+    for _ in range(50):
+        evidence = 0.5 * (statistic - rank) - 0.5 * rank * math.log(statistic / rank)
+        statistic += (needed - evidence) / (0.5 * (1.0 - rank / statistic))
+    return DecisiveTest(max(chi2_sf(statistic, float(rank)), 1e-300), (float(rank), float(round(dof) - rank)))
+
+
+def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return ``(Q,)`` eigenvalues, ascending, and ``(Q, Q)`` eigenvectors of a new part; 0 for explained directions.
+
+    ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    return np.where(values > _LEAST_NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors

@@ -79,11 +79,23 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         found: Effects that were not declared.
     """
     columns = fit.identifiability.columns
-    moved = _position_gram(fit, data)
+    # The mean over the inliers of J'J, J the derivative of the position.
+    rows, moved = np.flatnonzero(fit.inliers), np.zeros((columns.size, columns.size))
+    for start in range(0, rows.size, BLOCK):
+        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
+        moved += sum(component @ component.T for component in jacobian) / rows.size
     inverse = posterior(fit.gram, fit.precision)
     covariance = fit.covariance[np.ix_(columns, columns)]
+    # The identifiable coefficients of each effect, those of a constant effect by joint.
+    groups: dict[tuple[int, str | None], list[int]] = {}
+    for index, column in enumerate(columns.tolist()):
+        number, names = fit.owners[column], fit.names[column].split(".")
+        effect = fit.model.free[number]
+        by_joint = effect.joints if effect.traits.is_constant else ()
+        if not effect.traits.is_frame:
+            groups.setdefault((number, next((name for name in by_joint if name in names), None)), []).append(index)
     listed = []
-    for (number, joint), indices in _groups(fit).items():
+    for (number, joint), indices in groups.items():
         effect = fit.model.free[number]
         values = fit.theta[columns[indices]]
         own = np.ix_(indices, indices)
@@ -106,31 +118,6 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
             )
         )
     return tuple(sorted(listed, key=lambda cause: -cause.left))
-
-
-def _groups(fit: Fit) -> dict[tuple[int, str | None], list[int]]:
-    """Return the identifiable coefficients of each effect, those of a constant effect by joint."""
-    groups: dict[tuple[int, str | None], list[int]] = {}
-    for index, column in enumerate(fit.identifiability.columns.tolist()):
-        number = fit.owners[column]
-        effect = fit.model.free[number]
-        if effect.traits.is_frame:
-            continue
-        joint = next((name for name in effect.joints if name in fit.names[column].split(".")), None)
-        groups.setdefault((number, joint if effect.traits.is_constant else None), []).append(index)
-    return groups
-
-
-def _position_gram(fit: Fit, data: Measurements) -> Array:
-    """Return ``(K, K)`` the mean over the inliers of J'J, J the derivative of the position."""
-    rows, columns = np.flatnonzero(fit.inliers), fit.identifiability.columns
-    total = np.zeros((columns.size, columns.size))
-    for start in range(0, rows.size, BLOCK):
-        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
-        for component in jacobian:
-            total += component @ component.T
-    result: Array = total / max(rows.size, 1)
-    return result
 
 
 Progress = Callable[[str, int, int], None]
@@ -159,6 +146,8 @@ class Judged(BeforeAfter):
     made."""
     rounding: Rounding | None
     """Evident rounding of the recorded joints; None without one."""
+    directional: DirectionalNoise | None
+    """Noise that is much larger along one direction than along others; None if it is not."""
     n_folds: int
     """Number of groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."""
     warnings: tuple[str, ...]
@@ -202,6 +191,7 @@ def judge(
         causes=causes(fit, data, (nominal.fitted_inliers or nominal.fitted).position.rms, found),
         deflection=deflection,
         rounding=rounding,
+        directional=structure.directional,
         n_folds=0 if ends is None else how.folds,
         warnings=(
             *mistakes,
@@ -261,7 +251,7 @@ Result = TypeVar("Result", bound=Judged)
 
 
 def with_directional_weights(
-    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
+    run: Callable[[Measurements], Result],
     data: Measurements,
     holdout: Measurements | None,
 ) -> Result:
@@ -271,12 +261,12 @@ def with_directional_weights(
     on other poses; then equal weights stay.
 
     Args:
-        run: Function of the poses, which returns a result and the directional noise that it shows.
+        run: Function of the poses, which returns a result with the directional noise that it shows.
         data: Measured poses.
         holdout: Poses that are held out in place of folds of ``data``.
     """
-    result, noise = run(data)
-    if noise is None:
+    result = run(data)
+    if (noise := result.directional) is None:
         return result
 
     def held_out(judged: Result) -> Array | None:
@@ -284,7 +274,7 @@ def with_directional_weights(
 
     before = held_out(result)
     if before is not None and data.position_variance is None:
-        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
+        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
         after = held_out(weighted)
         if (
             after is not None

@@ -40,12 +40,21 @@ from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, Model
 from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
-from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Evidence, Pool, Scores
+from robacc.tracing.candidates import (
+    PROFILE_ORDERS,
+    Candidate,
+    EffectName,
+    Evidence,
+    Pool,
+    Scores,
+    decisive_test,
+    visible,
+)
 
 MOST_FINDINGS = 12
 """Largest number of findings."""
@@ -205,7 +214,22 @@ class _Search:
             ends += self._search_from(even)
         best = max(ends, key=self._log_posterior)
         self._fit(best, rounds=20)
-        return self._result(best)
+        evidence, scores, without = self._scores(best)
+        identified = [
+            self._identified(candidate, beside, best.chosen)
+            for candidate, beside in zip(best.chosen, without, strict=True)
+        ]
+        return SearchResult(
+            model=self.model,
+            identified=(*identified, *self._corrections(best)),
+            noise=best.noise,
+            steps=tuple(best.steps),
+            next=tuple(r for r in self._ranked(scores).values() if r.effect not in [c.effect for c in best.chosen]),
+            settled=self.settled,
+            evidence=evidence,
+            pool=self.pool,
+            state=best,
+        )
 
     # -- fits
 
@@ -279,23 +303,19 @@ class _Search:
                 break
         state.noise = with_gross_errors(state.noise, state.linear)
 
-    def _with_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
-        """Replace the effects of a state; coefficients that it had are the start of the new fit."""
-        earlier = {
-            (state.chosen[owner - len(self.model.free)].key if owner >= len(self.model.free) else owner, name): value
-            for owner, name, value in zip(state.bound.owners, state.bound.names, state.theta.tolist(), strict=True)
-        }
-        declared = len(self.model.free)
-        state.chosen, state.scales = chosen, scales
-        state.bound = self._bound(chosen)
-        state.theta = np.array(
-            [
-                earlier.get((chosen[owner - declared].key if owner >= declared else owner, name), 0.0)
-                for owner, name in zip(state.bound.owners, state.bound.names, strict=True)
-            ]
-        )
+    def _fit_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
+        """Replace the effects of a state and fit it; coefficients that it had are the start of the new fit."""
+        values = dict(zip(self._coefficients(state), state.theta.tolist(), strict=True))
+        state.chosen, state.scales, state.bound = chosen, scales, self._bound(chosen)
+        state.theta = np.array([values.get(coefficient, 0.0) for coefficient in self._coefficients(state)])
         prior = self._prior_std(state.bound, scales)
         state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
+        self._fit(state)
+
+    def _coefficients(self, state: State) -> list[tuple[object, str]]:
+        """Return the effect and the name of each coefficient."""
+        keys = [*range(len(self.model.free)), *(candidate.key for candidate in state.chosen)]
+        return [(keys[owner], name) for owner, name in zip(state.bound.owners, state.bound.names, strict=True)]
 
     # -- scores
 
@@ -409,8 +429,7 @@ class _Search:
             other = state.copy()
             chosen, scales = list(state.chosen), list(state.scales)
             del chosen[k], scales[k]
-            self._with_effects(other, chosen, scales)
-            self._fit(other)
+            self._fit_effects(other, chosen, scales)
             if any(least_gain(other.noise, other.linear, name) > own for name in TERMS):
                 return True
         return False
@@ -436,8 +455,7 @@ class _Search:
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             self._log(state, action, names, beside)
-            self._with_effects(state, chosen, scales)
-            self._fit(state)
+            self._fit_effects(state, chosen, scales)
         self.settled = False
 
     def _best_move(
@@ -482,11 +500,10 @@ class _Search:
                 return None
             if candidate is not_itself or any(self._is_form_of(candidate, other) for other in others):
                 continue
-            if candidate.effect.rejects_implausible:
-                values = (scores.fitted(number) * candidate.sizes).tolist()
-                if candidate.effect.implausible(candidate.terms, values) is not None:
-                    continue
-            return int(number)
+            effect, multiples = candidate.effect, scores.fitted(number)
+            implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
+            if implausible is None or not effect.rejects_implausible:
+                return int(number)
         return None
 
     def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:
@@ -511,17 +528,15 @@ class _Search:
     def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
         self.moves += 1
         self.progress(self.moves, len(state.chosen))
-        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores))))
+        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores).values())))
 
-    def _ranked(self, scores: Scores) -> list[Ranked]:
+    def _ranked(self, scores: Scores) -> dict[EffectName, Ranked]:
         """Return the best form of each effect on each joint, best first."""
-        best: dict[tuple[object, ...], Ranked] = {}
+        best: dict[EffectName, Ranked] = {}
         for number in scores.ranking().tolist():
-            if not math.isfinite(scores.log_odds[number]):
-                break
-            if (name := self.pool.all[number].effect_name) not in best:
+            if (name := self.pool.all[number].effect_name) not in best and math.isfinite(scores.log_odds[number]):
                 best[name] = self._rank(scores, number)
-        return list(best.values())
+        return best
 
     def _rank(self, scores: Scores, number: int) -> Ranked:
         candidate = self.pool.all[number]
@@ -541,24 +556,6 @@ class _Search:
         return state
 
     # -- result
-
-    def _result(self, state: State) -> SearchResult:
-        evidence, scores, without = self._scores(state)
-        identified = [
-            self._identified(candidate, beside, state.chosen)
-            for candidate, beside in zip(state.chosen, without, strict=True)
-        ]
-        return SearchResult(
-            model=self.model,
-            identified=(*identified, *self._corrections(state)),
-            noise=state.noise,
-            steps=tuple(state.steps),
-            next=tuple(r for r in self._ranked(scores) if r.effect not in [c.effect for c in state.chosen]),
-            settled=self.settled,
-            evidence=evidence,
-            pool=self.pool,
-            state=state,
-        )
 
     def _identified(self, candidate: Candidate, scores: Scores, chosen: Sequence[Candidate]) -> Identified:
         own = self.pool.number(candidate)
@@ -611,3 +608,65 @@ class _Search:
             correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
             yield Identified(correction, evidence, -price, 0.0)
+
+
+# Detection limits of effects on the measured poses.
+
+_LARGEST = 300.0
+"""Largest limit, in multiples of the usual size; an effect that needs more has no detection limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class DetectionLimit:
+    """Smallest size of one form of an effect that these poses show with probability 1/2."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    limit: float | None
+    """Size in ``unit``. With several coefficients: the length of their vector in its least visible direction, such as
+    the amplitude of a periodic error whatever its phase. None if no plausible size is found."""
+    unit: str
+    rms: float | None
+    """Displacement of the target by an effect of that size, root mean square over the poses, m."""
+
+
+def detection_limits(found: SearchResult) -> list[DetectionLimit]:
+    """Return the limit of every named candidate given the findings, except forms of mixed units."""
+    reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
+    dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
+    present = {effect.key() for effect in found.effects}
+    weight = 1.0 / found.noise.independent(found.state.linear.rows.stated).T
+    result = []
+    for candidate, columns in _forms(found):
+        if candidate.key in present:
+            continue
+        own = found.evidence.columns[:, columns]
+        values, vectors = visible(found.evidence.new(reduced, columns, columns), np.einsum("nq,nq->q", own, own))
+        effect, size, rms = candidate.effect, None, None
+        if values[0] > 0 and dof > 0:
+            needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
+            multiple = math.sqrt(needed * square / dof / float(values[0]))
+            size = multiple * float(candidate.sizes[0]) if multiple <= _LARGEST else None
+            if size is not None:
+                moved = (own @ vectors[:, 0]).reshape(weight.shape)[:3] / weight[:3]
+                rms = multiple * rms_length(moved)
+        result.append(DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms))
+    return result
+
+
+def _forms(found: SearchResult) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
+    """Yield forms with coefficients of a common unit, except forms that contain another form; steps in the middle."""
+    named = [c for c in found.pool.named if len({term.unit for term in c.terms}) == 1]
+    names = {candidate.key: {term.name for term in candidate.terms} for candidate in named}
+    steps: dict[tuple[object, ...], list[tuple[Candidate, NDArray[np.int64]]]] = {}
+    for number, columns in found.evidence.places.items():
+        candidate = found.pool.all[number]
+        if (own := names.get(candidate.key)) is not None:
+            if not any(other < own for other in names.values()):
+                yield candidate, columns
+        elif is_step(candidate.effect) and len({term.unit for term in candidate.terms}) == 1:
+            form = (candidate.effect.joints, *(term.name for term in candidate.terms))
+            steps.setdefault(form, []).append((candidate, columns))
+    for same in steps.values():
+        yield same[len(same) // 2]

@@ -23,7 +23,6 @@ from robacc.effects.request import CONSTANTS
 from robacc.effects.step import place_of, place_text
 from robacc.error_model.covariance import ACCEPTED
 from robacc.error_model.structure import (
-    DirectionalNoise,
     ErrorStructure,
     Repeatability,
     correction_of_position,
@@ -38,14 +37,21 @@ from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
-from robacc.fitting.solver import fit, refit
+from robacc.fitting.solver import SEARCH, fit, refit
 from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.detection import Advice, DetectionLimit, advise, detection_limits
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
-from robacc.tracing.search import Alternative, Identified, SearchResult, SearchStep, search
+from robacc.tracing.search import (
+    Alternative,
+    DetectionLimit,
+    Identified,
+    SearchResult,
+    SearchStep,
+    detection_limits,
+    search,
+)
 
 # Harmonics of a joint's periodic error, each with its amplitude and phase.
 
@@ -470,6 +476,94 @@ def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability
     return float(min(max(share, 0.0), 1.0))
 
 
+# Poses to measure next: poses at which two rival effects predict most differently (T-optimal discrimination).
+#
+# Source of the criterion: A. C. Atkinson and V. V. Fedorov, "The design of experiments for discriminating between two
+# rival models", Biometrika 62, 1975.
+
+_TRIAL_POSES = 600
+"""Random poses among which those of largest difference are sought."""
+_ADVISED = 4
+_ELIGIBLE_SHARE = 0.6
+"""Share of the largest difference from which a pose is eligible."""
+_LEAST_DIFFERENCE = 0.5
+"""Share of the noise below which a difference is not worth a pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """Poses that distinguish two effects."""
+
+    text: str
+    q: tuple[tuple[float, ...], ...]
+    """Joint variables of each pose, rad or m."""
+    difference: tuple[float, ...]
+    """Distance between the two effects' predicted targets at each pose, m."""
+
+
+def advise(
+    declared: Fit,
+    effects: Sequence[Effect],
+    finding: Effect,
+    alternative: Alternative,
+    data: Measurements,
+    noise: float,
+    seed: int,
+) -> Advice | None:
+    """Return poses inside the joint limits (or the measured range) at which a finding and its alternative differ most.
+
+    Both models are fitted to all poses. Circumstances other than the joints are sampled from the measured rows.
+    """
+    rival = effect_class(alternative.effect).from_settings(alternative.joints, alternative.settings)
+    others = [effect for effect in effects if effect is not finding]
+    try:
+        first = fit(declared.model.with_free(*others, finding), data, SEARCH)
+        second = fit(declared.model.with_free(*others, rival), data, SEARCH)
+        trial = _trial_poses(declared, data, seed)
+        predicted = [fitted.model.bind(trial).poses(fitted.theta).translation for fitted in (first, second)]
+    except RobaccError:
+        return None
+    difference = np.linalg.norm(predicted[0] - predicted[1], axis=0)
+    if difference.max() < _LEAST_DIFFERENCE * noise:
+        return Advice(
+            f"{finding} and {rival} are not distinguishable at any pose within the joint limits: they differ by "
+            f"at most {difference.max() * 1e3:.2g} mm; measure other data (another payload, an indicator on the base)",
+            (),
+            (),
+        )
+    assert trial.q is not None
+    chosen = _choose_poses(trial.q, difference)
+    q = tuple(tuple(float(value) for value in trial.q[:, i]) for i in chosen)
+    return Advice(f"to distinguish {finding} from {rival}, measure:", q, tuple(float(difference[i]) for i in chosen))
+
+
+def _trial_poses(declared: Fit, data: Measurements, seed: int) -> Measurements:
+    """Return random poses within limits, with the circumstances of randomly chosen measured rows."""
+    assert data.q is not None
+    generator = np.random.default_rng(seed)
+    rows = generator.integers(0, data.n, _TRIAL_POSES)
+    low, high = data.q.min(axis=1), data.q.max(axis=1)
+    for i, joint in enumerate(declared.model.arm.robot.variables):
+        if joint.limits is not None:
+            low[i], high[i] = joint.limits
+    q = low[:, None] + (high - low)[:, None] * generator.random((data.q.shape[0], _TRIAL_POSES))
+    return dataclasses.replace(data.subset(rows), q=q)
+
+
+def _choose_poses(q: Array, difference: Array) -> list[int]:
+    """Return the pose of largest difference, then eligible poses that are far from those already chosen."""
+    ranges = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
+    eligible = np.flatnonzero(difference >= _ELIGIBLE_SHARE * difference.max())
+    chosen = [int(np.argmax(difference))]
+    while len(chosen) < min(_ADVISED, eligible.size):
+        gaps = np.min(
+            [np.linalg.norm((q[:, eligible] - q[:, [i]]) / ranges, axis=0) for i in chosen],
+            axis=0,
+        )
+        chosen.append(int(eligible[np.argmax(gaps)]))
+    return chosen
+
+
 # The trace: search, fits, and the result.
 
 
@@ -521,17 +615,14 @@ def trace(
         UsageError: the data lack a quantity that a declared effect needs.
     """
 
-    def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
-        how = HoldOut.of(weighted, holdout, n_folds, seed)
-        return _trace(model, weighted, how, empirical, seed, progress)
+    def run(weighted: Measurements) -> Trace:
+        return _trace(model, weighted, HoldOut.of(weighted, holdout, n_folds, seed), empirical, seed, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
-def _trace(
-    model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress
-) -> tuple[Trace, DirectionalNoise | None]:
-    """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
+def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress) -> Trace:
+    """Return the result of :func:`trace` with weights as the poses have them."""
     stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
     model = with_gravity_direction(model, data)
 
@@ -575,7 +666,7 @@ def _trace(
             poses = advise(declared, effects, effect, rival, data, noise.noise.position, seed)
             advice += [] if poses is None else [poses]
     unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
-    result = Trace(
+    return Trace(
         **vars(judged if findings else dataclasses.replace(judged, gain=None)),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
@@ -590,7 +681,6 @@ def _trace(
         detection=tuple(detection_limits(found)),
         next_poses=tuple(advice),
     )
-    return result, structured.directional
 
 
 def _fitted(

@@ -24,14 +24,11 @@ from robacc.fitting.visits import places, places_warning
 from robacc.fitting.warnings import (
     LackOfFit,
     condition_warning,
-    convergence_warning,
     frames_warning,
     lack_of_fit,
     larger_error_warning,
     moved_frames,
-    no_held_out_warning,
     outliers_warning,
-    sigma_warning,
     suspected_mistakes,
     weak_parameters_warning,
 )
@@ -124,6 +121,10 @@ Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""
 _OVERFIT_RATIO = 1.5
 """Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
+_SURE = 0.999
+"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
+_SMALL = 0.7
+"""… if the residual is also less than this part of it, which is more than the rounding of a sigma explains."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,11 @@ def _warnings(
     validation: Measurements | None,
 ) -> Iterator[str]:
     """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out."""
-    yield from convergence_warning(fit)
+    if not fit.converged:
+        yield (
+            f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
+            "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
+        )
     yield from mass_warning(fit)
     yield from data.warnings
     yield from data.contradicted_ids()
@@ -221,7 +226,11 @@ def _warnings(
     yield from read_back_warning(fit, data)
     yield from suspected_mistakes(fit)
     yield from frames_warning(without_findings, data)
-    yield from sigma_warning(noise)
+    if noise.noise.source == "file" and (noise.p_value or 0.0) > _SURE and noise.ratio < _SMALL:
+        yield (
+            f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
+            "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"
+        )
     yield from weak_parameters_warning(fit)
     n_coefficients = int(fit.identifiability.columns.size)
     surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
@@ -229,7 +238,8 @@ def _warnings(
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
     yield from condition_warning(without_findings)
     if after.held_out is None:
-        yield no_held_out_warning(data)
+        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
+        yield f"{poses} too few to hold any out: all errors are of calibration poses"
         return
     fitted, held_out = after.fitted.position.rms, after.held_out.position.rms
     if validation is None:

@@ -513,8 +513,7 @@ class _Search:
         """
         if candidate.effect_name != other.effect_name:
             return False
-        first, second = searched_order(candidate.effect), searched_order(other.effect)
-        if first is not None or second is not None:
+        if any(searched_order(one.effect) is not None for one in (candidate, other)):
             return not self._are_separable(candidate, other)
         return not is_step(candidate.effect) or candidate.key == other.key
 
@@ -546,14 +545,13 @@ class _Search:
 
     def _with_noise(self, start: State, noise: CovarianceParameters) -> State:
         """Return a state with another covariance."""
-        state = start.copy()
-        for action, names in (
-            ("add", set(noise.terms) - set(start.noise.terms)),
-            ("drop", set(start.noise.terms) - set(noise.terms)),
-        ):
-            state.steps += [SearchStep(action, f"covariance: {name}", ()) for name in sorted(names)]
-        state.noise = noise
-        return state
+        now, earlier = set(noise.terms), set(start.noise.terms)
+        moves = [
+            *(("add", name) for name in sorted(now - earlier)),
+            *(("drop", name) for name in sorted(earlier - now)),
+        ]
+        steps = [SearchStep(action, f"covariance: {name}", ()) for action, name in moves]
+        return dataclasses.replace(start.copy(), noise=noise, steps=[*start.steps, *steps])
 
     # -- result
 

@@ -516,10 +516,17 @@ def advise(
     """
     rival = effect_class(alternative.effect).from_settings(alternative.joints, alternative.settings)
     others = [effect for effect in effects if effect is not finding]
+    assert data.q is not None
+    low, high, generator = data.q.min(axis=1), data.q.max(axis=1), np.random.default_rng(seed)
+    for i, joint in enumerate(declared.model.arm.robot.variables):
+        if joint.limits is not None:
+            low[i], high[i] = joint.limits
+    rows = generator.integers(0, data.n, _TRIAL_POSES)
+    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, _TRIAL_POSES))
+    trial = dataclasses.replace(data.subset(rows), q=q)
     try:
         first = fit(declared.model.with_free(*others, finding), data, SEARCH)
         second = fit(declared.model.with_free(*others, rival), data, SEARCH)
-        trial = _trial_poses(declared, data, seed)
         predicted = [fitted.model.bind(trial).poses(fitted.theta).translation for fitted in (first, second)]
     except RobaccError:
         return None
@@ -531,23 +538,12 @@ def advise(
             (),
             (),
         )
-    assert trial.q is not None
-    chosen = _choose_poses(trial.q, difference)
-    q = tuple(tuple(float(value) for value in trial.q[:, i]) for i in chosen)
-    return Advice(f"to distinguish {finding} from {rival}, measure:", q, tuple(float(difference[i]) for i in chosen))
-
-
-def _trial_poses(declared: Fit, data: Measurements, seed: int) -> Measurements:
-    """Return random poses within limits, with the circumstances of randomly chosen measured rows."""
-    assert data.q is not None
-    generator = np.random.default_rng(seed)
-    rows = generator.integers(0, data.n, _TRIAL_POSES)
-    low, high = data.q.min(axis=1), data.q.max(axis=1)
-    for i, joint in enumerate(declared.model.arm.robot.variables):
-        if joint.limits is not None:
-            low[i], high[i] = joint.limits
-    q = low[:, None] + (high - low)[:, None] * generator.random((data.q.shape[0], _TRIAL_POSES))
-    return dataclasses.replace(data.subset(rows), q=q)
+    chosen = _choose_poses(q, difference)
+    return Advice(
+        f"to distinguish {finding} from {rival}, measure:",
+        tuple(tuple(pose) for pose in q[:, chosen].T.tolist()),
+        tuple(difference[chosen].tolist()),
+    )
 
 
 def _choose_poses(q: Array, difference: Array) -> list[int]:

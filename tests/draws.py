@@ -27,8 +27,7 @@ from robacc.modelling.observation import observed_jacobian
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.candidates import Candidate, named_candidates, order_grids
-from robacc.tracing.detection import decisive_test
+from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, order_grids
 from robacc.tracing.trace import Trace
 
 FRAMES = "base_frame,tool_frame"

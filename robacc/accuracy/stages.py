@@ -65,7 +65,7 @@ class Gain:
     confidence: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BeforeAfter:
     """Stages, gain and residuals of two fits to the same poses."""
 
@@ -74,6 +74,7 @@ class BeforeAfter:
     nominal: Stage
     """Stage of the nominal model, registered: base and tool frames fitted as far as the poses allow."""
     before: Stage
+    """Baseline: `calibrate` fits base and tool in it if they are among its effects, `trace` the declared effects."""
     after: Stage
     gain: Gain | None
     """None where no pose was held out."""

@@ -13,20 +13,19 @@ from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import CONSTANTS, Request, build
-from robacc.error_model.structure import DirectionalNoise, with_error_structure
+from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import choose_form
 from robacc.fitting.parameters import Correlation, correlations, high_leverage
 from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, with_gravity_direction
-from robacc.fitting.solver import fit
+from robacc.fitting.solver import fit, refit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
-from robacc.tracing.refitting import refit
 from robacc.tracing.search import search
 
 
@@ -77,7 +76,7 @@ def calibrate(
         UsageError: An effect cannot be fitted to this robot and these data.
     """
 
-    def run(weighted: Measurements) -> tuple[Calibration, DirectionalNoise | None]:
+    def run(weighted: Measurements) -> Calibration:
         how = HoldOut.of(weighted, holdout, n_folds, seed)
         return _calibrate(robot, requests, weighted, options or Options(), priors or {}, shrink, how, progress)
 
@@ -93,8 +92,8 @@ def _calibrate(
     shrink: bool,
     how: HoldOut,
     progress: Progress,
-) -> tuple[Calibration, DirectionalNoise | None]:
-    """Return the result of :func:`calibrate`, and noise that is larger along one direction than along others."""
+) -> Calibration:
+    """Return the result of :func:`calibrate` with weights as the poses have them."""
     mistakes = check_data(stated, data)
     fixed = build([request for request in requests if not is_searched(request)], Arm.of(stated), data)
     robot = with_gravity_direction(Model.of(stated, fixed), data).arm.robot
@@ -129,7 +128,7 @@ def _calibrate(
         *_request_warnings(requests, final, judged.nominal, judged.after),
         *structure.warnings,
     )
-    result = Calibration(
+    return Calibration(
         **vars(dataclasses.replace(judged, warnings=warnings)),
         effects=effects,
         shrunk=shrunk,
@@ -143,7 +142,6 @@ def _calibrate(
             for curve in partial_residuals(effect, final, data)
         ),
     )
-    return result, structure.directional
 
 
 def _searched(model: Model, requests: Sequence[Request], data: Measurements) -> tuple[Effect, ...]:

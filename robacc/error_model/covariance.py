@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.special import bdtrc
 
-from robacc.error_model.terms import TERMS, Derivative, Linearised
+from robacc.error_model.terms import TERMS, Carried, Linearised
 from robacc.fitting.visits import first_ranks
 from robacc.geometry import Array
 
@@ -58,13 +59,11 @@ class CovarianceParameters:
 
     def own_variance(self, components: int) -> Array:
         """Return ``(N, M)`` variances of the noise beyond what the file states."""
-        variance: Array = np.square(self.std[self.kinds(components)]) * np.square(self.factor)[:, None]
-        return variance
+        return np.asarray(np.square(self.std[self.kinds(components)]) * np.square(self.factor)[:, None])
 
     def by_kind(self, values: Array) -> Array:
         """Return the sums of ``values`` ``(N, M)`` over the rows and the components of each standard deviation."""
-        sums: Array = np.bincount(self.kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
-        return sums
+        return np.bincount(self.kinds(values.shape[1]), weights=values.sum(axis=0)).astype(np.float64)
 
     @property
     def packed(self) -> Array:
@@ -114,8 +113,7 @@ class Whitened:
     @property
     def coefficients(self) -> Array:
         """Return the posterior mean ``(P,)`` in units of the prior's standard deviations."""
-        mean: Array = solve_triangular(self.triangle, self.reduced, lower=True, trans="T")
-        return mean
+        return np.asarray(solve_triangular(self.triangle, self.reduced, lower=True, trans="T"))
 
     def weighted_residual(self, components: int, kept: NDArray[np.int64] | None = None) -> Array:
         """Return P y ``(N, M)``, with some of the columns if ``kept`` names them."""
@@ -245,7 +243,7 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
 
 
 def _slopes_times(
-    noise: CovarianceParameters, linear: Linearised, weighted: Array, by_term: Mapping[str, Sequence[Derivative]]
+    noise: CovarianceParameters, linear: Linearised, weighted: Array, by_term: Mapping[str, Sequence[Carried]]
 ) -> Array:
     """Return ``(N, M, K)`` the derivative of V by each parameter times ``weighted`` ``(M N,)``.
 
@@ -304,19 +302,14 @@ def scatter_covariance(noise: CovarianceParameters, linear: Linearised) -> Array
     if "scatter" not in noise.terms:
         return np.zeros((len(linear.y), linear.y.shape[1], linear.y.shape[1]))
     moved = linear.joints * np.exp(noise.terms["scatter"])[:, None, None]
-    result: Array = np.einsum("jan,jbn->nab", moved, moved)
-    return result
-
-
-def row_std(noise: CovarianceParameters, linear: Linearised) -> Array:
-    """Return ``(N, M)`` standard deviations of noise and scatter together."""
-    shared = np.einsum("naa->na", scatter_covariance(noise, linear))
-    return np.asarray(np.sqrt(np.square(noise.independent(linear.rows.stated)) + shared))
+    return np.asarray(np.einsum("jan,jbn->nab", moved, moved))
 
 
 def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     """Return the root mean squares of noise and scatter together, m and rad: what a further term starts from."""
-    variance = np.mean(np.square(row_std(noise, linear) / noise.factor[:, None]), axis=0)
+    shared = np.einsum("naa->na", scatter_covariance(noise, linear))
+    std = np.sqrt(np.square(noise.independent(linear.rows.stated)) + shared)
+    variance = np.mean(np.square(std / noise.factor[:, None]), axis=0)
     return np.asarray(np.sqrt(variance.reshape(-1, 3).mean(axis=1)))
 
 
@@ -437,40 +430,23 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
     return noise
 
 
-def log_prior_of_gross_errors(noise: CovarianceParameters) -> float:
-    """Return the log prior probability of the rows' factors."""
-    gross = int(np.count_nonzero(noise.factor > 1.0))
-    return float(gross * _LOG_SHARES[1] + (noise.factor.size - gross) * _LOG_SHARES[0])
-
-
 def too_many_gross_errors(noise: CovarianceParameters) -> bool:
     """Return whether so many rows have gross errors that chance, at their share, is rejected at the accepted odds."""
-    count, gross = noise.factor.size, int(np.count_nonzero(noise.factor > 1.0))
-    tail = sum(
-        math.exp(
-            math.lgamma(count + 1)
-            - math.lgamma(i + 1)
-            - math.lgamma(count - i + 1)
-            + i * math.log(GROSS_SHARE)
-            + (count - i) * math.log1p(-GROSS_SHARE)
-        )
-        for i in range(gross, count + 1)
-    )
-    return gross > 0 and tail < math.exp(-ACCEPTED)
-
-
-def cost(noise: CovarianceParameters, linear: Linearised) -> float:
-    """Return what the terms cost: half the log of the rows a parameter (Schwarz 1978), and the odds for acceptance."""
-    usual = usual_std(noise, linear)
-    count = sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
-    count += 2 * noise.has_axes
-    return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
+    gross = int(np.count_nonzero(noise.factor > 1.0))
+    return gross > 0 and float(bdtrc(gross - 1, noise.factor.size, GROSS_SHARE)) < math.exp(-ACCEPTED)
 
 
 def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
-    """Return the log likelihood with what the terms and the gross errors cost."""
-    likely = whitened(noise, linear).log_likelihood
-    return likely + log_prior_of_gross_errors(noise) - cost(noise, linear)
+    """Return the log likelihood with what the terms and the gross errors cost.
+
+    A term costs half the log of the rows a parameter (Schwarz 1978), and the odds for acceptance; gross errors cost
+    their prior probability.
+    """
+    usual, gross = usual_std(noise, linear), int(np.count_nonzero(noise.factor > 1.0))
+    count = sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
+    cost = 0.5 * math.log(len(linear.y)) * (count + 2 * noise.has_axes) + ACCEPTED * len(noise.terms)
+    log_prior = float(gross * _LOG_SHARES[1] + (noise.factor.size - gross) * _LOG_SHARES[0])
+    return whitened(noise, linear).log_likelihood + log_prior - cost
 
 
 def with_terms_that_gain(
@@ -505,11 +481,26 @@ def has_term_that_gains(noise: CovarianceParameters, linear: Linearised) -> bool
 
 
 def _with_one_more(noise: CovarianceParameters, linear: Linearised, name: str) -> tuple[float, CovarianceParameters]:
-    """Return the gain of evidence by a further term, and the noise with it; 0 if it is not worth estimating."""
-    gain, start = worth_estimating(noise, linear, name)
-    if gain < _WORTH:
+    """Return the gain of evidence by a further term, and the noise with it; 0 if it is not worth estimating.
+
+    Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
+    twenty of likelihood and gradient.
+    """
+    part, noise_of_part = on_subset(noise, linear)
+    most, best = 0.0, np.empty(0)
+    for gain, start in _gains_at_sizes(noise_of_part, part, name):
+        try:
+            _, gradient, information = likelihood_derivatives(_with_sized(noise_of_part, name, start, _SMALL), part)
+        except np.linalg.LinAlgError:
+            continue
+        amplitudes = np.arange(-len(start), 0)[TERMS[name].amplitudes]
+        slopes, curvatures = np.maximum(gradient[amplitudes], 0.0), np.diag(information)[amplitudes]
+        scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
+        if max(scores, gain) > most:
+            most, best = max(scores, gain), start
+    if most < _WORTH:
         return 0.0, noise
-    other = with_gross_errors(estimated(noise.with_term(name, start), linear), linear, 1)
+    other = with_gross_errors(estimated(noise.with_term(name, best), linear), linear, 1)
     return log_evidence(other, linear) - log_evidence(noise, linear), other
 
 
@@ -527,46 +518,24 @@ def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> Covar
     return noise
 
 
-def worth_estimating(noise: CovarianceParameters, linear: Linearised, name: str) -> tuple[float, Array]:
-    """Return about how much the term ``name`` would gain, and the parameters to start from.
-
-    Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
-    twenty of likelihood and gradient.
-    """
-    part, noise = on_subset(noise, linear)
-    best, found = 0.0, np.empty(0)
-    for start in TERMS[name].starts(part, usual_std(noise, part)):
-        small = noise.with_term(name, _scaled(name, start, _SMALL))
-        try:
-            _, gradient, information = likelihood_derivatives(small, part)
-        except np.linalg.LinAlgError:
-            continue
-        amplitudes = np.arange(-len(start), 0)[TERMS[name].amplitudes(len(start))]
-        slopes, curvatures = np.maximum(gradient[amplitudes], 0.0), np.diag(information)[amplitudes]
-        scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
-        if (gain := max(scores, _gain_at_sizes(noise, part, name, start))) > best:
-            best, found = gain, start
-    return best, found
-
-
 def least_gain(noise: CovarianceParameters, linear: Linearised, name: str) -> float:
     """Return how much the term ``name`` gains at some sizes of it, which is no more than it gains at its best."""
     part, noise = on_subset(noise, linear)
-    starts = TERMS[name].starts(part, usual_std(noise, part))
-    return max((_gain_at_sizes(noise, part, name, start) for start in starts), default=0.0)
+    return max((gain for gain, _ in _gains_at_sizes(noise, part, name)), default=0.0)
 
 
-def _gain_at_sizes(noise: CovarianceParameters, part: Linearised, name: str, start: Array) -> float:
-    try:
-        without = whitened(noise, part).log_likelihood
-        sizes = [noise.with_term(name, _scaled(name, start, by)) for by in (0.0, 0.7)]
-        return max(whitened(size, part).log_likelihood - without for size in sizes)
-    except np.linalg.LinAlgError:
-        return 0.0
+def _gains_at_sizes(noise: CovarianceParameters, part: Linearised, name: str) -> Iterator[tuple[float, Array]]:
+    """Yield the gain of likelihood at two sizes of each start of a term, and that start."""
+    for start in TERMS[name].starts(part, usual_std(noise, part)):
+        try:
+            sizes = [whitened(_with_sized(noise, name, start, by), part).log_likelihood for by in (0.0, 0.7)]
+            yield max(sizes) - whitened(noise, part).log_likelihood, start
+        except np.linalg.LinAlgError:
+            yield 0.0, start
 
 
-def _scaled(name: str, start: Array, by: float) -> Array:
-    """Return a term's parameters with its standard deviations times exp(``by``)."""
+def _with_sized(noise: CovarianceParameters, name: str, start: Array, by: float) -> CovarianceParameters:
+    """Return the noise with a term at ``start``, its standard deviations times exp(``by``)."""
     parameters = start.copy()
-    parameters[TERMS[name].amplitudes(len(parameters))] += by
-    return parameters
+    parameters[TERMS[name].amplitudes] += by
+    return noise.with_term(name, parameters)

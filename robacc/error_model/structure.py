@@ -18,12 +18,16 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
+from robacc.effects.base import Effect
+from robacc.effects.correction import PoseCorrection
 from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
     MOST_COMPONENTS,
     CovarianceParameters,
+    climbed,
     estimated,
     likelihood_derivatives,
     log_evidence,
@@ -120,7 +124,6 @@ class ErrorStructure:
     fit: Fit
     options: Options
     """Options of the fit, with the scatter of the joints."""
-    noise: CovarianceParameters
     parts: Mapping[ErrorPart, float]
     """Root mean square of each part of the remaining error at the target, m."""
     repeatability: Repeatability | None
@@ -155,7 +158,12 @@ def with_error_structure(
     if data.position_variance is None and data.noise_covariance is None:
         directional = _directional(start, noise, linear)
         noise = start if directional is not None else noise
-    source = _source(data)
+    visits = different(visit_numbers(data))
+    source: Source = "residual"
+    if visits > different(data.groups()):
+        source = "repeated visits"
+    elif visits < data.n:
+        source = "several targets"
     is_weighted = "scatter" in noise.terms and source != "residual"
     misfit = (float(noise.std[0]), float(np.append(noise.std, 0.0)[1]))
     if is_weighted:
@@ -170,10 +178,13 @@ def with_error_structure(
     parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
+    # Poses that are visited again are a part of the design: standard errors that leave out what they may share are too
+    # small where it is there (random effects of a design stay in the model; Barr et al. 2013).
+    starts = [] if "place" in noise.terms else TERMS["place"].starts(linear, usual_std(noise, linear))
+    with_places = estimated(noise.with_term("place", starts[0]), linear) if starts else noise
     return ErrorStructure(
-        _with_covariance(fitted, _with_places(noise, linear), linear, rows, is_weighted),
+        _with_covariance(fitted, with_places, linear, rows, is_weighted),
         options,
-        noise,
         parts,
         _repeatability(fitted, noise, linear, parts, source) if "scatter" in parts else None,
         directional,
@@ -195,24 +206,6 @@ def beside(fitted: Fit, data: Measurements, most_visits: int | None = None) -> t
     whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
-
-
-def _with_places(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
-    """Return the noise with an error that the visits of a place share, whether or not it is significant.
-
-    Poses that are visited again are a part of the design: standard errors that leave out what they may share are too
-    small where it is there (random effects of a design stay in the model; Barr et al. 2013).
-    """
-    starts = [] if "place" in noise.terms else TERMS["place"].starts(linear, usual_std(noise, linear))
-    return estimated(noise.with_term("place", starts[0]), linear) if starts else noise
-
-
-def _source(data: Measurements) -> Source:
-    """Return what separates scatter of the joints from the noise."""
-    visits = different(visit_numbers(data))
-    if visits > different(data.groups()):
-        return "repeated visits"
-    return "several targets" if visits < data.n else "residual"
 
 
 def _with_covariance(
@@ -254,28 +247,21 @@ def _repeatability(
     parts: Mapping[ErrorPart, float],
     source: Source,
 ) -> Repeatability:
+    """Return the scatter of the joints, each where its standard deviation has a small relative standard error."""
     stds = np.exp(noise.terms["scatter"])
-    share = np.count_nonzero(fitted.inliers) / len(linear.y)
-    resolved = _relative_errors(noise, linear) / math.sqrt(share) <= _RESOLVED
-    joints = zip(fitted.model.arm.names, stds.tolist(), resolved, strict=True)
+    part, part_noise = on_subset(noise, linear)
+    ordered = {"scatter": part_noise.terms["scatter"], **part_noise.terms}
+    information = likelihood_derivatives(dataclasses.replace(part_noise, terms=ordered), part)[2]
+    # A standard deviation at its bound has no information but that of the prior.
+    variance = np.diag(np.linalg.inv(information + _PRIOR**-2 * np.eye(len(information))))[len(noise.log_std) :]
+    relative = np.sqrt(variance[: stds.size] * len(part.y) / np.count_nonzero(fitted.inliers))
+    joints = zip(fitted.model.arm.names, stds.tolist(), relative <= _RESOLVED, strict=True)
     return Repeatability(
         tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),
         parts["scatter"],
         source,
         parts.get("pose", 0.0),
     )
-
-
-def _relative_errors(noise: CovarianceParameters, linear: Linearised) -> Array:
-    """Return ``(J,)`` relative standard errors of the scatter's standard deviations."""
-    part, noise = on_subset(noise, linear)
-    noise = CovarianceParameters(noise.log_std, noise.factor, {"scatter": noise.terms["scatter"], **noise.terms})
-    information = likelihood_derivatives(noise, part)[2]
-    # A standard deviation at its bound has no information but that of the prior.
-    variance = np.diag(np.linalg.inv(information + _PRIOR**-2 * np.eye(len(information))))
-    first = len(noise.log_std)
-    errors: Array = np.sqrt(variance[first : first + len(noise.terms["scatter"])] * len(part.y) / len(linear.y))
-    return errors
 
 
 def _directional(
@@ -298,3 +284,80 @@ def _directional(
         if (total := log_evidence(found, along) - cost) > most:
             best, most = DirectionalNoise(axes, found.std[:3]), total
     return best if best is not None and best.std.max() >= _LEAST_RATIO * best.std.min() else None
+
+
+# What a fit lacks of the position, as one process over the joints along the axes of the measuring frame.
+#
+# The three axes share their kernel, so that N visits need a matrix of N x N only: more poses are seen than beside the
+# terms of the joints, and shorter lengths.
+
+_MOST_VISITS = 600
+"""Visits that the process is estimated on: the time grows with their cube."""
+_STDS = (LEAST, math.log(0.1))
+"""Bounds of the logarithm of a standard deviation, m."""
+_LENGTHS = (math.log(0.1), math.log(30.0))
+"""The same of a length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
+
+
+def correction_of_position(
+    fitted: Fit, data: Measurements, noise: CovarianceParameters
+) -> tuple[Effect, float, float] | None:
+    """Return the correction of the position by a process over the joints, with its evidence and what that costs.
+
+    None if the evidence is not worth its cost: half the log of the visits for the variance and each length, and the
+    odds of acceptance. Visits of a place may share a further error, and errors wander if the search found that
+    (``noise``). With V the covariance of one axis and P that of all rows beside the fit's columns, steps are those of
+    the average information (:func:`robacc.error_model.covariance.likelihood_derivatives`).
+    """
+    linear, index = beside(fitted, data, _MOST_VISITS)
+    rows, y, count = linear.rows, linear.y[:, :3], len(linear.y)
+    moving = np.flatnonzero(rows.moves)
+    if not moving.size:
+        return None
+    columns = linear.columns[:, :3] * linear.prior_std
+    chords = np.stack([rows.chords[j] for j in moving.tolist()])
+    stated, fixed = np.diag(rows.stated[:, :3].mean(axis=1)), [np.eye(count)]
+    if np.unique(rows.place).size < count:
+        fixed.append(rows.same_place)
+    if (wander := noise.terms.get("wander")) is not None:
+        fixed.append(np.exp(-rows.lags * math.exp(-wander[-1])))
+
+    def likelihood(parameters: Array) -> tuple[float, Array, Array]:
+        variances, precision = np.exp(2.0 * parameters[: len(fixed) + 1]), np.exp(-2.0 * parameters[len(fixed) + 1 :])
+        kernel = np.exp(-0.5 * np.tensordot(precision, chords, 1))
+        slopes = [2.0 * variance * each for variance, each in zip(variances, [*fixed, kernel], strict=True)]
+        factor = np.linalg.cholesky(stated + 0.5 * np.sum(slopes, axis=0))
+        slopes += [scale * chord * 0.5 * slopes[-1] for scale, chord in zip(precision, chords, strict=True)]
+        inverse = np.asarray(solve_triangular(factor, np.eye(count), lower=True, check_finite=False))
+        own, by_column = inverse @ y, (inverse @ columns.reshape(count, -1)).reshape(3 * count, -1)
+        triangle = np.linalg.cholesky(by_column.T @ by_column + np.eye(by_column.shape[1]))
+        spread = np.asarray(solve_triangular(triangle, by_column.T, lower=True, check_finite=False))
+        reduced = spread @ own.ravel()
+        weighted = inverse.T @ (own - (spread.T @ reduced).reshape(count, 3))
+        shared = inverse.T @ spread.T.reshape(count, -1)
+        weights = weighted @ weighted.T + shared @ shared.T - 3.0 * inverse.T @ inverse
+        moved = np.stack([(inverse @ (slope @ weighted)).ravel() for slope in slopes])
+        beyond = moved @ spread.T
+        log_det = 6.0 * np.sum(np.log(np.diag(factor))) + 2.0 * np.sum(np.log(np.diag(triangle)))
+        return (
+            -0.5 * float(log_det + np.vdot(own, own) - reduced @ reduced),
+            np.array([0.5 * float(np.vdot(weights, slope)) for slope in slopes]),
+            0.5 * (moved @ moved.T - beyond @ beyond.T),
+        )
+
+    std = max(math.log(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index]))))), LEAST)
+    bounds = [_STDS] * (len(fixed) + 1) + [_LENGTHS] * moving.size
+    start = np.concatenate((np.full(len(fixed) + 1, std), np.zeros(moving.size)))
+    without = [*[_STDS] * len(fixed), (LEAST, LEAST), *[(0.0, 0.0)] * moving.size]
+    found, alone = climbed(start, bounds, likelihood), climbed(start, without, likelihood)
+    if found is None or alone is None:
+        return None
+    evidence = likelihood(found)[0] - likelihood(alone)[0]
+    cost = 0.5 * math.log(count) * (1 + moving.size)
+    if evidence - cost <= ACCEPTED:
+        return None
+    arm, process = fitted.model.arm, len(fixed)
+    lengths = (np.exp(found[process + 1 :]) / rows.scale[moving]).tolist()
+    ratio = math.exp(2.0 * (found[0] - found[process]))
+    joints = [arm.names[j] for j in moving]
+    return PoseCorrection.over(arm, data.subset(index), joints, lengths, "position", ratio), evidence, cost

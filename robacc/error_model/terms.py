@@ -145,7 +145,8 @@ class Linearised:
         """Linearise a bound model at coefficients ``theta`` ``(P,)``."""
         arm, count, components = bound.arm, len(bound.terms), rows.stated.shape[1]
         motions = [arm.axis_motion(joint) for joint in arm.names]
-        extended = with_terms(bound, [Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in motions])
+        moved = [Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in motions]
+        extended = dataclasses.replace(bound, terms=(*bound.terms, *moved))
         poses, jacobian = extended.linearise(np.concatenate((theta, np.zeros(len(motions)))), rows=components)
         columns = np.ascontiguousarray(np.moveaxis(jacobian[:, :count], -1, 0))
         joints = np.ascontiguousarray(np.swapaxes(jacobian[:, count:], 0, 1))
@@ -174,26 +175,19 @@ class Linearised:
         return np.asarray(np.maximum(np.sqrt(np.mean(np.sum(np.square(self.joints[:, :3]), axis=1), axis=1)), 1e-6))
 
 
-def with_terms(bound: BoundModel, terms: Sequence[Term]) -> BoundModel:
-    """Return a bound model with more coefficients."""
-    return dataclasses.replace(bound, terms=(*bound.terms, *terms))
-
-
 ErrorPart = Literal["noise", "scatter", "pose", "wander"]
 """Noise of the instrument, scatter of the joints, error that depends on the pose, wander over time."""
 NEGLIGIBLE = 0.1
 """Share of the noise below which a standard deviation is negligible: it changes a variance by 1 %."""
+_STD = (math.log(1e-8), math.log(0.1))
+"""Bounds of a log standard deviation, rad or m: below an instrument's resolution, and larger than any arm's error."""
 
-Kernels = list[Array | None]
-"""Kernel ``(N, N)`` of each carrier; None where the term does not act."""
-
-
-Derivative = tuple[int, Sequence[int], Array]
-"""Number of a parameter, carriers, and the derivative ``(N, N)`` of the kernel of each of these carriers by it."""
+Carried = tuple[int, Sequence[int], Array]
+"""Number of a parameter, carriers, and the kernel ``(N, N)`` of each of these carriers or its derivative by it."""
 
 
 class CovarianceTerm(abc.ABC):
-    """One term of the covariance."""
+    """One term of the covariance: each standard deviation scales the kernel of some carriers."""
 
     name: ClassVar[str]
     meaning: ClassVar[str]
@@ -203,30 +197,54 @@ class CovarianceTerm(abc.ABC):
     """ErrorPart of the remaining error that it describes."""
     is_correlated: ClassVar[bool] = True
     """Whether it correlates rows of different visits."""
+    acts_at_rest: ClassVar[bool] = True
+    """Whether it acts on joints that do not move."""
+    amplitudes: ClassVar[slice] = slice(None)
+    """Which of the parameters are standard deviations."""
+    shape_bounds: ClassVar[tuple[float, float]] = (0.0, 0.0)
+    """Bounds of the other parameters."""
 
     @abc.abstractmethod
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return parameters to start from, beside noise of standard deviations ``noise`` (m and rad)."""
 
     @abc.abstractmethod
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the number of each standard deviation, its carriers, and their kernel, its variance included."""
+
+    def slopes(self, parameters: Array, rows: Rows, number: int, kernel: Array) -> Iterator[tuple[int, Array]]:
+        """Yield the derivatives of the ``kernel`` of standard deviation ``number`` by the other parameters."""
+        return iter(())
+
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return the bounds of ``count`` parameters."""
+        stds = range(count)[self.amplitudes]
+        return [_STD if number in stds else self.shape_bounds for number in range(count)]
 
-    def amplitudes(self, count: int) -> slice:
-        """Return which of ``count`` parameters are standard deviations."""
-        return slice(0, count)
+    def kernels(self, parameters: Array, rows: Rows) -> list[Array | None]:
+        """Return the kernel ``(N, N)`` of each carrier; None where the term does not act."""
+        kernels: list[Array | None] = [None] * (len(rows.angles) if self.of_joints else rows.stated.shape[1])
+        for _, carriers, kernel in self.carried(parameters, rows):
+            for carrier in carriers:
+                kernels[carrier] = kernel
+        return kernels
 
-    @abc.abstractmethod
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the kernel of each carrier."""
-
-    @abc.abstractmethod
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
+    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
         """Yield the derivatives of the kernels by the parameters, where they are not zero."""
+        for number, carriers, kernel in self.carried(parameters, rows):
+            yield number, carriers, 2.0 * kernel
+            for other, slope in self.slopes(parameters, rows, number, kernel):
+                yield other, carriers, slope
 
-    @abc.abstractmethod
+    def _at_target(self, parameters: Array, linear: Linearised) -> Array:
+        """Return ``(J,)`` standard deviations of the target by each joint, m."""
+        return np.exp(parameters[self.amplitudes]) * linear.reach * (linear.rows.moves | self.acts_at_rest)
+
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the root mean square of the error at the target, m."""
+        if self.of_joints:
+            return float(np.linalg.norm(self._at_target(parameters, linear)))
+        return float(math.sqrt(3.0) * np.exp(parameters[0]))
 
     def warning(self, size: float) -> str:
         """Return a sentence on the error of root mean square ``size`` (m) for a fit that lacks its cause."""
@@ -235,9 +253,12 @@ class CovarianceTerm(abc.ABC):
             "it, and standard errors allow for it"
         )
 
-    @abc.abstractmethod
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return the number of parameters that describe something: each costs half the logarithm of the rows."""
+        if not self.of_joints:
+            return len(parameters)
+        count = int(np.sum(self._at_target(parameters, linear) > NEGLIGIBLE * noise[0]))
+        return count + (count > 0) * (len(parameters) - len(linear.reach))
 
 
 class JointScatter(CovarianceTerm):
@@ -252,29 +273,10 @@ class JointScatter(CovarianceTerm):
         """Return scatter of a third of the noise at the target."""
         return [np.asarray(np.log(0.3 * noise[0] / linear.reach))]
 
-    def bounds(self, count: int) -> list[tuple[float, float]]:
-        """Return 0.1 urad to 0.1 rad."""
-        return [_STD] * count
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the variance where two rows are of one visit."""
-        return [variance * self._same(rows) for variance in np.exp(2.0 * parameters)]
-
-    def _same(self, rows: Rows) -> Array:
-        return rows.same_visit
-
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
-        """Yield the derivatives by the log standard deviations."""
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the variance where two rows are of one visit."""
         for joint, variance in enumerate(np.exp(2.0 * parameters)):
-            yield joint, [joint], 2.0 * variance * self._same(rows)
-
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the root of the sum over joints."""
-        return float(np.linalg.norm(np.exp(parameters) * linear.reach))
-
-    def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
-        """Return the number of joints with scatter."""
-        return int(np.sum(np.exp(parameters) * linear.reach > NEGLIGIBLE * noise[0]))
+            yield joint, [joint], variance * rows.same_visit
 
 
 class PlaceError(CovarianceTerm):
@@ -289,26 +291,10 @@ class PlaceError(CovarianceTerm):
         visits = np.unique(np.stack((linear.rows.visit, linear.rows.place)), axis=1)[1]
         return [np.asarray(np.log(0.3 * noise))] if np.unique(visits).size < visits.size else []
 
-    def bounds(self, count: int) -> list[tuple[float, float]]:
-        """Return the bounds of the standard deviations."""
-        return [_STD] * count
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the variance of each component where two rows are of one place."""
-        return [variance * rows.same_place for variance in np.repeat(np.exp(2.0 * parameters), 3)]
-
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
-        """Yield the derivatives by the log standard deviations."""
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the variance of each component where two rows are of one place."""
         for kind, variance in enumerate(np.exp(2.0 * parameters)):
-            yield kind, range(3 * kind, 3 * kind + 3), 2.0 * variance * rows.same_place
-
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the length of three components."""
-        return float(math.sqrt(3.0) * np.exp(parameters[0]))
-
-    def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
-        """Return all parameters."""
-        return len(parameters)
+            yield kind, range(3 * kind, 3 * kind + 3), variance * rows.same_place
 
 
 class JointProfile(CovarianceTerm):
@@ -320,44 +306,25 @@ class JointProfile(CovarianceTerm):
 
     name = "profile"
     meaning = "errors of single joints over their own angle"
+    acts_at_rest = False
+    amplitudes = slice(0, -1)
+    shape_bounds = (math.log(0.5), math.log(60.0))
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
-        """Return half the noise at the target, falling from order 6 on."""
+        """Return half the noise at the target, falling from order n0 = 6 on."""
         return [np.append(np.log(0.5 * noise[0] / linear.reach), math.log(6.0))]
 
-    def bounds(self, count: int) -> list[tuple[float, float]]:
-        """Return the bounds of the standard deviations and of the order n0."""
-        return [_STD] * (count - 1) + [(math.log(0.5), math.log(60.0))]
-
-    def amplitudes(self, count: int) -> slice:
-        """Return all but the order n0."""
-        return slice(0, count - 1)
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the process over each joint that moves."""
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the process over each joint that moves."""
         share, _ = _shares(parameters[-1])
-        return [
-            math.exp(2.0 * parameters[j]) * _by_order(rows.waves[j], share) if j in rows.waves else None
-            for j in range(len(rows.angles))
-        ]
-
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
-        """Yield the derivatives by the log standard deviations and by log n0."""
-        share, slope = _shares(parameters[-1])
         for j, waves in rows.waves.items():
-            variance = math.exp(2.0 * parameters[j])
-            yield j, [j], 2.0 * variance * _by_order(waves, share)
-            yield len(parameters) - 1, [j], variance * _by_order(waves, share * slope)
+            yield j, [j], math.exp(2.0 * parameters[j]) * _by_order(waves, share)
 
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the root of the sum over joints that move."""
-        return float(np.linalg.norm((np.exp(parameters[:-1]) * linear.reach)[linear.rows.moves]))
-
-    def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
-        """Return the number of joints with a profile, and one for n0."""
-        large = np.exp(parameters[:-1]) * linear.reach > NEGLIGIBLE * noise[0]
-        count = int(np.sum(large & linear.rows.moves))
-        return count + (count > 0)
+    def slopes(self, parameters: Array, rows: Rows, number: int, kernel: Array) -> Iterator[tuple[int, Array]]:
+        """Yield the derivative by log n0."""
+        share, slope = _shares(parameters[-1])
+        variance = math.exp(2.0 * parameters[number])
+        yield len(parameters) - 1, variance * _by_order(rows.waves[number], share * slope)
 
 
 class SmoothProcess(CovarianceTerm):
@@ -365,44 +332,27 @@ class SmoothProcess(CovarianceTerm):
 
     name = "smooth"
     meaning = "error that depends on the pose, no cause named"
+    amplitudes = slice(0, 1)
+    shape_bounds = (math.log(0.3), math.log(30.0))
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return half the noise at the target, with lengths of 3 rad: few poses are closer than that in all joints."""
         lengths = np.full(len(linear.reach), math.log(3.0))
-        return [np.append(math.log(0.5 * noise[0] / float(np.mean(linear.reach))), lengths)]
+        unit = float(np.mean(linear.reach)) if self.of_joints else 1.0
+        return [np.append(math.log(0.5 * noise[0] / unit), lengths)]
 
-    def bounds(self, count: int) -> list[tuple[float, float]]:
-        """Return the bounds of the standard deviation and of the lengths, rad."""
-        return [_STD] + [(math.log(0.3), math.log(30.0))] * (count - 1)
-
-    def amplitudes(self, count: int) -> slice:
-        """Return the first."""
-        return slice(0, 1)
-
-    def _kernel(self, parameters: Array, rows: Rows) -> Array:
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the same kernel for every joint, or for x, y and z."""
         distance = np.zeros((rows.time.size,) * 2)
         for j, chord in rows.chords.items():
-            distance = distance + chord * math.exp(-2.0 * parameters[1 + j])
-        kernel: Array = math.exp(2.0 * parameters[0]) * np.exp(-0.5 * distance)
-        return kernel
+            distance += chord * math.exp(-2.0 * parameters[1 + j])
+        carriers = range(len(rows.angles) if self.of_joints else 3)
+        yield 0, carriers, math.exp(2.0 * parameters[0]) * np.exp(-0.5 * distance)
 
-    def _carriers(self, rows: Rows) -> range:
-        return range(len(rows.angles))
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the same kernel for every joint."""
-        return [self._kernel(parameters, rows)] * len(rows.angles)
-
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
-        """Yield the derivatives by the log standard deviation and the log lengths."""
-        kernel, carriers = self._kernel(parameters, rows), self._carriers(rows)
-        yield 0, carriers, 2.0 * kernel
+    def slopes(self, parameters: Array, rows: Rows, number: int, kernel: Array) -> Iterator[tuple[int, Array]]:
+        """Yield the derivatives by the log lengths."""
         for j, chord in rows.chords.items():
-            yield 1 + j, carriers, math.exp(-2.0 * parameters[1 + j]) * kernel * chord
-
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the root of the sum over joints."""
-        return float(np.exp(parameters[0]) * np.linalg.norm(linear.reach))
+            yield 1 + j, math.exp(-2.0 * parameters[1 + j]) * kernel * chord
 
     def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
         """Return one for the variance and one for the length of each joint that moves."""
@@ -416,21 +366,6 @@ class Field(SmoothProcess):
     meaning = "error along fixed axes that depends on the pose, no cause named"
     of_joints = False
 
-    def starts(self, linear: Linearised, noise: Array) -> list[Array]:
-        """Return half the noise, with lengths of 3 rad."""
-        return [np.append(math.log(0.5 * noise[0]), np.full(len(linear.reach), math.log(3.0)))]
-
-    def _carriers(self, rows: Rows) -> range:
-        return range(3)
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the same kernel for x, y and z."""
-        return [self._kernel(parameters, rows)] * 3 + [None] * (rows.stated.shape[1] - 3)
-
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the length of three components."""
-        return float(math.sqrt(3.0) * np.exp(parameters[0]))
-
 
 class Wander(CovarianceTerm):
     """Random and slow error of instrument and base over time: an Ornstein-Uhlenbeck process of each component."""
@@ -439,37 +374,23 @@ class Wander(CovarianceTerm):
     meaning = "error that wanders over time"
     part = "wander"
     of_joints = False
+    amplitudes = slice(0, -1)
+    shape_bounds = (math.log(0.003), math.log(0.5))  # The time, as a share of the campaign.
 
     def starts(self, linear: Linearised, noise: Array) -> list[Array]:
         """Return a third of the noise, over a twentieth of the campaign and over one visit."""
         times = (0.05, 1.0 / np.unique(linear.rows.visit).size)
         return [np.append(np.log(0.3 * noise), math.log(time)) for time in times]
 
-    def bounds(self, count: int) -> list[tuple[float, float]]:
-        """Return the bounds of the standard deviations and of the time, as a share of the campaign."""
-        return [_STD] * (count - 1) + [(math.log(0.003), math.log(0.5))]
-
-    def amplitudes(self, count: int) -> slice:
-        """Return all but the time."""
-        return slice(0, count - 1)
-
-    def kernels(self, parameters: Array, rows: Rows) -> Kernels:
-        """Return the process of each component."""
+    def carried(self, parameters: Array, rows: Rows) -> Iterator[Carried]:
+        """Yield the process of each component."""
         kernel = np.exp(-rows.lags * math.exp(-parameters[-1]))
-        return [math.exp(2.0 * parameters[a // 3]) * kernel for a in range(rows.stated.shape[1])]
-
-    def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Derivative]:
-        """Yield the derivatives by the log standard deviations and the log time."""
-        scaled = rows.lags * math.exp(-parameters[-1])
-        kernel = np.exp(-scaled)
         for kind, variance in enumerate(np.exp(2.0 * parameters[:-1])):
-            axes = range(3 * kind, 3 * kind + 3)
-            yield kind, axes, 2.0 * variance * kernel
-            yield len(parameters) - 1, axes, variance * kernel * scaled
+            yield kind, range(3 * kind, 3 * kind + 3), variance * kernel
 
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the length of three components."""
-        return float(np.sqrt(3.0) * np.exp(parameters[0]))
+    def slopes(self, parameters: Array, rows: Rows, number: int, kernel: Array) -> Iterator[tuple[int, Array]]:
+        """Yield the derivative by the log time."""
+        yield len(parameters) - 1, kernel * (rows.lags * math.exp(-parameters[-1]))
 
     def warning(self, size: float) -> str:
         """Return that the errors are correlated in time."""
@@ -479,18 +400,11 @@ class Wander(CovarianceTerm):
             "allow for it"
         )
 
-    def variances(self, parameters: Array, linear: Linearised, noise: Array) -> int:
-        """Return all parameters."""
-        return len(parameters)
-
 
 TERMS: Mapping[str, CovarianceTerm] = {
     term.name: term for term in (JointScatter(), PlaceError(), JointProfile(), Wander(), SmoothProcess(), Field())
 }
 """Terms by name."""
-
-_STD = (math.log(1e-8), math.log(0.1))
-"""Bounds of a log standard deviation, rad or m: below an instrument's resolution, and larger than any arm's error."""
 
 
 def _shares(log_order: float) -> tuple[Array, Array]:
@@ -504,5 +418,4 @@ def _shares(log_order: float) -> tuple[Array, Array]:
 
 def _by_order(waves: Array, weight: Array) -> Array:
     """Return ``(N, N)`` sum over the orders n of ``weight[n] cos(n (a - b))`` from cosines and sines ``(2 K, N)``."""
-    kernel: Array = (waves.T * np.concatenate((weight, weight))) @ waves
-    return kernel
+    return np.asarray((waves.T * np.concatenate((weight, weight))) @ waves)

@@ -104,10 +104,6 @@ _LARGE_CONDITION = 1e3
 _FEW_NAMES = 3
 """Coefficients that a warning of a large condition number names."""
 _MILLI = {"m": "mm", "rad": "mrad"}
-_SURE = 0.999
-"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
-_SMALL = 0.7
-"""… if the residual is also less than this part of it, which is more than the rounding of a sigma explains."""
 
 
 def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
@@ -120,22 +116,6 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
     several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
     counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
     return (f"outliers left out of the fit: {counted}", *shared)
-
-
-def convergence_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a warning if the fit did not converge; else empty."""
-    if fit.converged:
-        return ()
-    return (
-        f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; check "
-        "the units, the frames and the joint signs, fit fewer effects, or measure more poses",
-    )
-
-
-def no_held_out_warning(data: Measurements) -> str:
-    """Return the warning that there are too few poses to hold any out."""
-    poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-    return f"{poses} too few to hold any out: all errors are of calibration poses"
 
 
 def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
@@ -164,16 +144,6 @@ def condition_warning(fit: Fit) -> tuple[str, ...]:
     return (
         f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses, most of all "
         f"{listed or 'combinations of them'}; measure more poses, with more varied joint angles and orientations",
-    )
-
-
-def sigma_warning(noise: LackOfFit) -> tuple[str, ...]:
-    """Return a warning if the residual is far below the uncertainty that the file states; else empty."""
-    if noise.noise.source != "file" or noise.p_value is None or noise.p_value <= _SURE or noise.ratio >= _SMALL:
-        return ()
-    return (
-        f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the sigma "
-        "columns are too large (wrong unit, or k = 2), and so are the standard errors",
     )
 
 

@@ -37,8 +37,8 @@ from robacc.planning.design import (
     region_variance,
 )
 from robacc.robots.description import Robot
-from robacc.tracing.candidates import Candidate, named_candidates
-from robacc.tracing.detection import DetectionLimit, decisive_test, visible
+from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
+from robacc.tracing.search import DetectionLimit
 
 _FRAME_PRIOR = 1.0
 """m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
@@ -385,7 +385,7 @@ def sufficiency_of(
 # Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
 #
 # The poses are in their planned order, so directions and speeds of approach and the time are known. The noise is known
-# too; the test is that of a trace (:mod:`robacc.tracing.detection`).
+# too; the test is that of a trace (:func:`robacc.tracing.candidates.decisive_test`).
 
 _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""

@@ -1,4 +1,4 @@
-"""Candidates: every effect of the catalogue in every form, periodic errors of any order, steps, lines of sight."""
+"""Candidates, every effect of the catalogue in every form, and the evidence for each beside a model."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
+from scipy.special import log_ndtr, logsumexp
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
@@ -35,11 +37,13 @@ from robacc.effects.step import (
     possible_places,
     step_forms,
 )
+from robacc.error_model.covariance import ACCEPTED, Whitened
 from robacc.errors import UsageError
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
+from robacc.statistics.distributions import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
 
 TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or place is up against."""
@@ -128,11 +132,10 @@ def named_candidates(
         if cls.traits.is_empirical or (only is not None and name not in only):
             continue
         reason = cls.missing(arm, data)
+        if (partly := reason or cls.missing_form(arm, data)) is not None:
+            missing[name] = partly
         if reason is not None:
-            missing[name] = reason
             continue
-        if (reason := cls.missing_form(arm, data)) is not None:
-            missing[name] = reason
         forms = [
             effect
             for effect in cls.candidates(arm, data)
@@ -186,8 +189,7 @@ class OrderGrid:
         gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
         at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > _LEAST_GAIN))
-        peaks: Array = self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]]
-        return peaks
+        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]])
 
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
@@ -205,31 +207,26 @@ def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
                 yield OrderGrid(joint, arm.number(joint), orders, angle, log_prior, bool(is_high))
 
 
-def step_candidates(arm: Arm, data: Measurements, log_prior: float) -> Iterator[Candidate]:
-    """Yield steps of every form at places over the campaign."""
+def step_candidates(arm: Arm, data: Measurements, log_prior: float) -> Iterator[tuple[Effect, float]]:
+    """Yield steps of every form at places over the campaign, and their log priors."""
     _, between = places(data, visit_numbers(data))
     between = between[FEWEST - 1 : len(between) - FEWEST + 1]
-    if not between.size:
-        return
-    for form in step_forms(arm, data):
+    for form in step_forms(arm, data) if between.size else ():
         possible = possible_places(form, between)
         few = possible[
             np.unique(np.linspace(0, possible.size - 1, min(possible.size, _STEP_PLACES)).round().astype(int))
         ]
-        for place in few.tolist():
-            yield _candidate(at_place(form, place, data), arm, data, log_prior - math.log(few.size))
+        yield from ((at_place(form, place, data), log_prior - math.log(few.size)) for place in few.tolist())
 
 
-def sight_candidates(arm: Arm, data: Measurements) -> Iterator[Candidate]:
+def sight_candidates(arm: Arm, data: Measurements) -> Iterator[tuple[Effect, float]]:
     """Yield effects of the line of sight from places about the poses where the instrument may stand."""
-    position, _ = lines_of_sight(arm, data, "a line of sight")
-    grid = first_places(position)
+    grid = first_places(lines_of_sight(arm, data, "a line of sight")[0])
     for cls in REGISTRY.values():
         if issubclass(cls, LineOfSight) and data.n > 1:
             forms = list(cls().forms())
-            for form in forms:
-                log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
-                yield from (_candidate(form.at(_rounded(place)), arm, data, log_prior) for place in grid)
+            log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
+            yield from ((form.at(_rounded(place)), log_prior) for form in forms for place in grid)
 
 
 class Pool:
@@ -237,28 +234,26 @@ class Pool:
 
     def __init__(self, arm: Arm, data: Measurements, present: Sequence[Effect], only: Sequence[str] | None) -> None:
         """Make the candidates of the start; ``only`` restricts them to effects of those names."""
-        self.arm, self.data, self.only = arm, data, only
+        self.arm, self.data = arm, data
+        self._names = set(REGISTRY if only is None else only)
         named, self.missing = named_candidates(arm, data, present, only)
         self.named = tuple(named)
         """Forms of the catalogue, without those that a search makes."""
         self.all = list(named)
+        self._numbers = {candidate.key: number for number, candidate in enumerate(named)}
         units = max(len({candidate.effect_name for candidate in named}), 1)
-        if self._allows(CHANGE_POINT):
-            self.all += step_candidates(arm, data, -math.log(3.0 * units))
-        self.all += [c for c in sight_candidates(arm, data) if self._allows(c.effect.name)]
-        self.grids = tuple(order_grids(arm, data)) if self._allows(PERIODIC) else ()
-        self._numbers = {candidate.key: number for number, candidate in enumerate(self.all)}
+        if CHANGE_POINT in self._names:
+            self.add(step_candidates(arm, data, -math.log(3.0 * units)))
+        self.add(form for form in sight_candidates(arm, data) if form[0].name in self._names)
+        self.grids = tuple(order_grids(arm, data)) if PERIODIC in self._names else ()
         self._extended: set[tuple[object, ...]] = set()
-
-    def _allows(self, name: str) -> bool:
-        return self.only is None or name in self.only
 
     def add(self, forms: Iterable[tuple[Effect, float]]) -> None:
         """Add effects with their log priors, unless they are candidates already."""
         for form, log_prior in forms:
             if form.key() not in self._numbers:
                 self._numbers[form.key()] = len(self.all)
-                self.all.append(_candidate(form, self.arm, self.data, log_prior))
+                self.all.append(Candidate(form, form.terms(self.arm, self.data), log_prior))
 
     def number(self, candidate: Candidate) -> int:
         """Return the place of a candidate in :attr:`all`."""
@@ -272,7 +267,7 @@ class Pool:
         effect = candidate.effect
         forms = [(form, candidate.log_prior) for form in self._settings_near(effect)]
         for name, cls in REGISTRY.items():
-            if self._allows(name):
+            if name in self._names:
                 beside = cls.beside(effect, self.arm, self.data)
                 forms += [(form, math.log(form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
         self.add(forms)
@@ -298,11 +293,211 @@ class Pool:
             yield from (of_order(effect.joints[0], other) for other in near if other > 0)
 
 
-def _candidate(effect: Effect, arm: Arm, data: Measurements, log_prior: float) -> Candidate:
-    return Candidate(effect, effect.terms(arm, data), log_prior)
-
-
 def _rounded(place: Array) -> Place:
     """Return a place to the millimetre."""
     x, y, z = (round(float(value), 3) for value in place)
     return (x, y, z)
+
+
+# Evidence for candidates: the log Bayes factor of adding each to a model, sizes integrated out, and its rivals.
+#
+# A candidate with columns Z (times the usual sizes) and coefficients u ~ N(0, t^2 I) adds to y'P y a term that depends
+# on G = Z'P Z and b = Z'P y alone. With the noise's scale integrated out over v degrees of freedom the log Bayes factor
+# is
+#
+#     -v/2 log(1 - b'(G + I s^2/t^2)^-1 b / y'P y) - 1/2 log|I + G t^2/s^2|,
+#
+# averaged over a grid of t (:attr:`Candidate.scales`); for one column it depends on one t statistic.
+
+_NEW = 1e-6
+"""Share of a column's square below which its new part is rounding: the model has the column already."""
+_SCALE_ROUNDS = 3
+"""Rounds in which the noise's scale follows the candidate; each changes the evidence less than the one before."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Candidates beside a model."""
+
+    evidence: Evidence
+    reduced: Array
+    """``(P', K)`` reduced products of the model with the candidates' columns."""
+    products: Array
+    """``(K,)`` Z'P y."""
+    log_odds: Array
+    """``(C,)`` log Bayes factor plus log prior odds; -inf for candidates that the model contains, or not scored."""
+    log_bayes: Array
+    """``(C,)``"""
+    scale: Array
+    """``(C,)`` multiple of the usual size with the largest evidence."""
+    gain: Array
+    """``(C,)`` share of y'P y that the candidate explains at that size."""
+
+    def ranking(self) -> NDArray[np.int64]:
+        """Return candidates, best first; equals, which rounding must not order, by number."""
+        return np.argsort(-np.round(np.nan_to_num(self.log_odds, neginf=-1e9), 6), kind="stable")
+
+    def fitted(self, number: int) -> Array:
+        """Return the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
+        at = self.evidence.places[number]
+        new = self.evidence.new(self.reduced, at, at)
+        return np.asarray(np.linalg.pinv(new, rcond=_NEW, hermitian=True) @ self.products[at])
+
+    def similarity(self, *pair: int) -> float:
+        """Return the cosine between the least-squares fits of two candidates to the residual beside the model."""
+        fits = [(self.fitted(number), self.evidence.places[number]) for number in pair]
+        (own, across), (_, other) = (
+            [float(fit @ self.evidence.new(self.reduced, a, b) @ rival) for rival, b in fits] for fit, a in fits
+        )
+        return min(max(across / math.sqrt(own * other), -1.0), 1.0) if min(own, other) > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class _SameSize:
+    """Candidates of the same number of coefficients."""
+
+    numbers: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    """``(C, q)``"""
+    gram: Array
+    """``(C, q, q)`` whitened products of each candidate's columns."""
+    scales: Array
+    log_prior: Array
+    """``(C, T)`` multiples of the usual size, and the log prior of each."""
+
+
+class Evidence:
+    """Scores of candidates beside the effects of a whitened model, and beside all but some of them."""
+
+    def __init__(
+        self, white: Whitened, columns: Array, candidates: Sequence[Candidate], numbers: Sequence[int] | None = None
+    ) -> None:
+        """Take the whitened ``columns`` ``(n, K)`` of the candidates ``numbers``, which are scored; all if None."""
+        numbers = range(len(candidates)) if numbers is None else numbers
+        self._white, self.columns = white, columns
+        self._gram, self._rhs = white.columns.T @ white.columns, white.columns.T @ white.y
+        self.cross, self.products = white.columns.T @ columns, columns.T @ white.y
+        self._log_prior = np.array([candidate.log_prior for candidate in candidates])
+        self._positive = np.array([candidate.effect.traits.is_nonnegative for candidate in candidates], dtype=bool)
+        sizes = np.array([len(candidates[number].terms) for number in numbers], dtype=np.int64)
+        own_columns = np.split(np.arange(columns.shape[1]), np.cumsum(sizes)[:-1])
+        self.places = dict(zip(numbers, own_columns, strict=False))
+        """Columns of each candidate that is scored."""
+        self._groups = []
+        for size in np.unique(sizes):
+            same = np.asarray(numbers, dtype=np.int64)[sizes == size]
+            at = np.array([self.places[number] for number in same.tolist()])
+            part = columns[:, at]
+            if size == 1:
+                gram = np.einsum("ncq,ncq->c", part, part)[:, None, None]
+            else:
+                gram = np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
+            scales, log_prior = np.stack([candidates[number].scales for number in same.tolist()], axis=1)
+            self._groups.append(_SameSize(same, at, gram, scales, log_prior))
+
+    def new(self, reduced: Array, first: NDArray[np.int64], second: NDArray[np.int64]) -> Array:
+        """Return the products of some columns with others, less what the model with ``reduced`` products explains."""
+        return np.asarray(self.columns[:, first].T @ self.columns[:, second] - reduced[:, first].T @ reduced[:, second])
+
+    def conditioned(self, kept: NDArray[np.int64]) -> tuple[Array, Array, float]:
+        """Return reduced products ``(P', K)`` with the candidates, ``(K,)`` Z'P y and y'P y, given columns ``kept``."""
+        system = self._gram[np.ix_(kept, kept)] + np.eye(kept.size)
+        triangle = np.linalg.cholesky(system)
+        right = solve_triangular(triangle, np.column_stack((self._rhs[kept], self.cross[kept])), lower=True)
+        reduced, square = right[:, 1:], float(self._white.y @ self._white.y - right[:, 0] @ right[:, 0])
+        return reduced, self.products - reduced.T @ right[:, 0], square
+
+    def effective(self, chosen: NDArray[np.bool_]) -> float:
+        """Return how many of the ``chosen`` coefficients ``(P,)`` of the model the data decide, not the prior."""
+        inverse = solve_triangular(self._white.triangle, np.eye(chosen.size), lower=True)
+        return float(np.sum((1.0 - np.sum(np.square(inverse), axis=0))[chosen]))
+
+    def scores(self, kept: NDArray[np.int64], flat: float) -> Scores:
+        """Return the scores beside the columns ``kept`` of the model; the data decide ``flat`` broad coefficients."""
+        reduced, products, square = self.conditioned(kept)
+        dof = max(float(self._white.y.size - flat), 1.0)
+        count = self._log_prior.size
+        log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
+        for group in self._groups:
+            part = reduced[:, group.columns]
+            new = group.gram - np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
+            values, vectors = np.linalg.eigh(new)
+            along = np.einsum("cqr,cq->cr", vectors, products[group.columns])
+            seen = values > _NEW * np.trace(group.gram, axis1=1, axis2=2)[:, None]
+            values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
+            noise = np.full(group.scales.shape, square / dof)
+            for _ in range(_SCALE_ROUNDS):
+                precision = (noise / np.square(group.scales))[:, :, None]
+                explained = np.sum(np.square(along) / (values + precision), axis=2)
+                noise = np.maximum(square - explained, 1e-9 * square) / dof
+            log_ratio = np.log(noise * dof / square)
+            log_scales = -0.5 * dof * log_ratio - 0.5 * np.sum(np.log1p(values / precision), axis=2)
+            if group.columns.shape[1] == 1:
+                sign = along[:, :, 0] / np.sqrt((values[:, :, 0] + precision[:, :, 0]) * noise)
+                half = math.log(2.0) + log_ndtr(sign)
+                log_scales += np.where(self._positive[group.numbers][:, None], half, 0.0)
+            log_scales += group.log_prior
+            best = np.argmax(log_scales, axis=1)
+            each = np.arange(best.size)
+            log_bayes[group.numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
+            scale[group.numbers] = group.scales[each, best]
+            gain[group.numbers] = explained[each, best] / square
+
+        return Scores(self, reduced, products, log_bayes + self._log_prior, log_bayes, scale, gain)
+
+
+# The test that the evidence amounts to.
+#
+# An effect of coefficients c whose columns have, given the present model, the new part G (whitened Gram matrix) raises
+# the statistic t^2 by c' G c over the noise variance. A search accepts q coefficients from the t^2 on at which the
+# evidence at the best prior size, (t^2 - q)/2 - q/2 log(t^2/q), exceeds the prior odds and :data:`ACCEPTED`; an effect
+# has its detection limit where the noise takes it there with probability 1/2.
+
+_LEAST_NEW = 1e-6
+"""Share of its squared length below which the new part of a direction counts as explained by the present model."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisiveTest:
+    """F test at the level that the accepted odds are worth."""
+
+    level: float
+    dof: tuple[float, float]
+    """Degrees of freedom of the effect and of the residual."""
+
+    @property
+    def noncentrality_at_limit(self) -> float:
+        """Return the noncentrality at which an effect is found with probability 1/2; infinite without any dof."""
+        return math.inf if self.dof[1] <= 0.0 else needed_noncentrality(0.5, self.level, *self.dof)
+
+    def power(self, noncentrality: float) -> float:
+        """Return the probability that an effect is found."""
+        if self.dof[1] <= 0.0:
+            return 0.0
+        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality)
+
+
+def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
+    """Return the test that decides about a candidate with ``rank`` new directions.
+
+    Args:
+        rank: Number of new directions.
+        dof: Degrees of freedom of the residual without the effect.
+        log_prior: Log prior probability of the candidate at its most probable size.
+    """
+    needed = ACCEPTED - log_prior
+    # The evidence grows with the statistic by (1 - q / t^2) / 2: Newton steps from above converge.
+    statistic = 2.0 * (needed + rank)
+    for _ in range(50):
+        evidence = 0.5 * (statistic - rank) - 0.5 * rank * math.log(statistic / rank)
+        statistic += (needed - evidence) / (0.5 * (1.0 - rank / statistic))
+    return DecisiveTest(max(chi2_sf(statistic, float(rank)), 1e-300), (float(rank), float(round(dof) - rank)))
+
+
+def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
+    """Return ``(Q,)`` eigenvalues, ascending, and ``(Q, Q)`` eigenvectors of a new part; 0 for explained directions.
+
+    ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
+    """
+    values, vectors = np.linalg.eigh(blocks)
+    return np.where(values > _LEAST_NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
-from robacc.accuracy.stages import Gain, Residuals, Stage, before_and_after, paired_gain
+from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, paired_gain
 from robacc.chain import BLOCK
 from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
 from robacc.effects.base import Effect
@@ -24,79 +24,17 @@ from robacc.fitting.visits import places, places_warning
 from robacc.fitting.warnings import (
     LackOfFit,
     condition_warning,
-    convergence_warning,
     frames_warning,
     lack_of_fit,
     larger_error_warning,
     moved_frames,
-    no_held_out_warning,
     outliers_warning,
-    sigma_warning,
     suspected_mistakes,
     weak_parameters_warning,
 )
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
-
-# Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
-
-
-class HeldOutResult(Protocol):
-    """Result of a trace or a calibration, a dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-    @property
-    def residuals(self) -> Residuals:
-        """Residuals of all poses, and of those that folds held out."""
-
-    @property
-    def holdout(self) -> Residuals | None:
-        """Residuals of validation poses; None without them."""
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences for readers of the result."""
-
-
-Result = TypeVar("Result", bound=HeldOutResult)
-
-
-def with_directional_weights(
-    run: Callable[[Measurements], tuple[Result, DirectionalNoise | None]],
-    data: Measurements,
-    holdout: Measurements | None,
-) -> Result:
-    """Return the result of ``run``, with weights by direction if the noise differs.
-
-    An error that the model lacks may be larger along a direction, too. With less weight there, the model would be worse
-    on other poses; then equal weights stay.
-
-    Args:
-        run: Function of the poses, which returns a result and the directional noise that it shows.
-        data: Measured poses.
-        holdout: Poses that are held out in place of folds of ``data``.
-    """
-    result, noise = run(data)
-    if noise is None:
-        return result
-    before = _held_out(result)
-    if before is not None and data.position_variance is None:
-        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))[0]
-        after = _held_out(weighted)
-        if (
-            after is not None
-            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
-        ):
-            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
-    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
-
-
-def _held_out(result: HeldOutResult) -> Array | None:
-    """Return the residuals ``(3 or 6, N)`` of held-out poses; None if there are none."""
-    return result.residuals.held_out_after if result.holdout is None else result.holdout.after
-
 
 # Causes of the error: every effect in a fit, declared or found, with what it does at the target.
 #
@@ -138,11 +76,23 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         found: Effects that were not declared.
     """
     columns = fit.identifiability.columns
-    moved = _position_gram(fit, data)
+    # The mean over the inliers of J'J, J the derivative of the position.
+    rows, moved = np.flatnonzero(fit.inliers), np.zeros((columns.size, columns.size))
+    for start in range(0, rows.size, BLOCK):
+        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
+        moved += sum(component @ component.T for component in jacobian) / rows.size
     inverse = posterior(fit.gram, fit.precision)
     covariance = fit.covariance[np.ix_(columns, columns)]
+    # The identifiable coefficients of each effect, those of a constant effect by joint.
+    groups: dict[tuple[int, str | None], list[int]] = {}
+    for index, column in enumerate(columns.tolist()):
+        number, names = fit.owners[column], fit.names[column].split(".")
+        effect = fit.model.free[number]
+        by_joint = effect.joints if effect.traits.is_constant else ()
+        if not effect.traits.is_frame:
+            groups.setdefault((number, next((name for name in by_joint if name in names), None)), []).append(index)
     listed = []
-    for (number, joint), indices in _groups(fit).items():
+    for (number, joint), indices in groups.items():
         effect = fit.model.free[number]
         values = fit.theta[columns[indices]]
         own = np.ix_(indices, indices)
@@ -167,39 +117,18 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
     return tuple(sorted(listed, key=lambda cause: -cause.left))
 
 
-def _groups(fit: Fit) -> dict[tuple[int, str | None], list[int]]:
-    """Return the identifiable coefficients of each effect, those of a constant effect by joint."""
-    groups: dict[tuple[int, str | None], list[int]] = {}
-    for index, column in enumerate(fit.identifiability.columns.tolist()):
-        number = fit.owners[column]
-        effect = fit.model.free[number]
-        if effect.traits.is_frame:
-            continue
-        joint = next((name for name in effect.joints if name in fit.names[column].split(".")), None)
-        groups.setdefault((number, joint if effect.traits.is_constant else None), []).append(index)
-    return groups
-
-
-def _position_gram(fit: Fit, data: Measurements) -> Array:
-    """Return ``(K, K)`` the mean over the inliers of J'J, J the derivative of the position."""
-    rows, columns = np.flatnonzero(fit.inliers), fit.identifiability.columns
-    total = np.zeros((columns.size, columns.size))
-    for start in range(0, rows.size, BLOCK):
-        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
-        for component in jacobian:
-            total += component @ component.T
-    result: Array = total / max(rows.size, 1)
-    return result
-
-
 Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""
 _OVERFIT_RATIO = 1.5
 """Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
+_SURE = 0.999
+"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
+_SMALL = 0.7
+"""… if the residual is also less than this part of it, which is more than the rounding of a sigma explains."""
 
 
 @dataclass(frozen=True)
-class Judged:
+class Judged(BeforeAfter):
     """A fitted robot with its error before and after."""
 
     robot: Robot
@@ -208,14 +137,6 @@ class Judged:
     noise: LackOfFit
     repeatability: Repeatability | None
     """Scatter of the joints; None if it is not significant given the noise."""
-    nominal_unregistered: Stage
-    """The nominal model as it stands in the robot file."""
-    nominal: Stage
-    """The nominal model, registered: base and tool frames fitted as far as the poses allow."""
-    before: Stage
-    """Baseline: `calibrate` fits base and tool in it if they are among its effects, `trace` the declared effects."""
-    after: Stage
-    gain: Gain | None
     parameters: tuple[FittedParameter, ...]
     """Coefficients; standard errors come from the data alone, and include the uncertainty of the masses."""
     covariance: ParameterCovariance
@@ -226,13 +147,11 @@ class Judged:
     made."""
     rounding: Rounding | None
     """Evident rounding of the recorded joints; None without one."""
+    directional: DirectionalNoise | None
+    """Noise that is much larger along one direction than along others; None if it is not."""
     n_folds: int
     """Number of groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."""
     warnings: tuple[str, ...]
-    residuals: Residuals
-    """Residuals of all poses, outliers included."""
-    holdout: Residuals | None
-    """Residuals of the validation poses ``holdout``; None without them."""
 
 
 def judge(
@@ -263,37 +182,41 @@ def judge(
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
+        **vars(stages),
         robot=apply_fit(fit),
         fit=fit,
         noise=noise,
         repeatability=structure.repeatability,
-        nominal_unregistered=stages.nominal_unregistered,
-        nominal=stages.nominal,
-        before=stages.before,
-        after=stages.after,
-        gain=stages.gain,
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
         causes=causes(fit, data, (nominal.fitted_inliers or nominal.fitted).position.rms, found),
         deflection=deflection,
         rounding=rounding,
+        directional=structure.directional,
         n_folds=0 if ends is None else how.folds,
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, without_findings, noise, rounding, data),
-            *_held_out_warnings(without_findings, stages.after, data, how.validation),
+            *_warnings(fit, without_findings, noise, rounding, stages.after, data, how.validation),
         ),
-        residuals=stages.residuals,
-        holdout=stages.holdout,
     )
 
 
 def _warnings(
-    fit: Fit, without_findings: Fit, noise: LackOfFit, rounding: Rounding | None, data: Measurements
+    fit: Fit,
+    without_findings: Fit,
+    noise: LackOfFit,
+    rounding: Rounding | None,
+    after: Stage,
+    data: Measurements,
+    validation: Measurements | None,
 ) -> Iterator[str]:
-    """Yield what limits the figures: convergence, poses, outliers, noise, weakly identifiable coefficients."""
-    yield from convergence_warning(fit)
+    """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out."""
+    if not fit.converged:
+        yield (
+            f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
+            "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
+        )
     yield from mass_warning(fit)
     yield from data.warnings
     yield from data.contradicted_ids()
@@ -303,21 +226,20 @@ def _warnings(
     yield from read_back_warning(fit, data)
     yield from suspected_mistakes(fit)
     yield from frames_warning(without_findings, data)
-    yield from sigma_warning(noise)
+    if noise.noise.source == "file" and (noise.p_value or 0.0) > _SURE and noise.ratio < _SMALL:
+        yield (
+            f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
+            "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"
+        )
     yield from weak_parameters_warning(fit)
     n_coefficients = int(fit.identifiability.columns.size)
     surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
     yield from condition_warning(without_findings)
-
-
-def _held_out_warnings(
-    without_findings: Fit, after: Stage, data: Measurements, validation: Measurements | None
-) -> Iterator[str]:
-    """Yield why held-out errors are much larger than those of the fitted poses, or that there are none."""
     if after.held_out is None:
-        yield no_held_out_warning(data)
+        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
+        yield f"{poses} too few to hold any out: all errors are of calibration poses"
         return
     fitted, held_out = after.fitted.position.rms, after.held_out.position.rms
     if validation is None:
@@ -326,8 +248,47 @@ def _held_out_warnings(
                 "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more "
                 "poses"
             )
-        return
-    moved = moved_frames(without_findings, validation)
-    warning = larger_error_warning(fitted, held_out) if moved is None else moved
-    if warning is not None:
-        yield warning
+    elif (moved := moved_frames(without_findings, validation)) is not None:
+        yield moved
+    elif (larger := larger_error_warning(fitted, held_out)) is not None:
+        yield larger
+
+
+# Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
+
+
+Result = TypeVar("Result", bound=Judged)
+
+
+def with_directional_weights(
+    run: Callable[[Measurements], Result],
+    data: Measurements,
+    holdout: Measurements | None,
+) -> Result:
+    """Return the result of ``run``, with weights by direction if the noise differs.
+
+    An error that the model lacks may be larger along a direction, too. With less weight there, the model would be worse
+    on other poses; then equal weights stay.
+
+    Args:
+        run: Function of the poses, which returns a result with the directional noise that it shows.
+        data: Measured poses.
+        holdout: Poses that are held out in place of folds of ``data``.
+    """
+    result = run(data)
+    if (noise := result.directional) is None:
+        return result
+
+    def held_out(judged: Result) -> Array | None:
+        return judged.residuals.held_out_after if judged.holdout is None else judged.holdout.after
+
+    before = held_out(result)
+    if before is not None and data.position_variance is None:
+        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
+        after = held_out(weighted)
+        if (
+            after is not None
+            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
+        ):
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
+    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))

@@ -36,17 +36,25 @@ from robacc.error_model.covariance import (
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.terms import TERMS, Linearised, Rows, with_terms
+from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, Model
 from robacc.modelling.observation import residuals
 from robacc.robots.arm import Arm
-from robacc.tracing.candidates import PROFILE_ORDERS, Candidate, Pool
-from robacc.tracing.evidence import Evidence, Scores
+from robacc.tracing.candidates import (
+    PROFILE_ORDERS,
+    Candidate,
+    EffectName,
+    Evidence,
+    Pool,
+    Scores,
+    decisive_test,
+    visible,
+)
 
 MOST_FINDINGS = 12
 """Largest number of findings."""
@@ -137,11 +145,9 @@ class Alternative:
 
 
 @dataclass(frozen=True)
-class Identified:
+class Identified(Ranked):
     """An effect in the final model, with its scores and those of its rivals given all other effects."""
 
-    effect: Effect
-    ranked: Ranked
     alternatives: tuple[Alternative, ...] = ()
     """Rivals within :data:`ACCEPTED`, nearest first: at most one form of each effect and joint."""
     aliases: tuple[float, ...] = ()
@@ -173,11 +179,6 @@ class SearchResult:
         """Return the identified effects."""
         return tuple(identified.effect for identified in self.identified)
 
-    @property
-    def final_columns(self) -> NDArray[np.int64]:
-        """Return the numbers of all columns of the final model."""
-        return np.arange(len(self.state.theta))
-
 
 def search(
     model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda done, count: None
@@ -195,7 +196,8 @@ class _Search:
         rows = random_rows(data, MOST_COMPONENTS // (3 if data.rotation is None else 6))
         self.data = data if rows.size == data.n else data.subset(rows)
         names = {effect.name for effect in model.free}
-        self.model = _registered(model, self.data, names)
+        robot = register_frames(model.arm.robot, self.data, "base_frame" in names, "tool_frame" in names)
+        self.model = dataclasses.replace(model, arm=Arm.of(robot))
         self.regressors = Rows.of(self.model.arm, self.data)
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
         self.progress, self.moves = progress, 0
@@ -212,7 +214,22 @@ class _Search:
             ends += self._search_from(even)
         best = max(ends, key=self._log_posterior)
         self._fit(best, rounds=20)
-        return self._result(best)
+        evidence, scores, without = self._scores(best)
+        identified = [
+            self._identified(candidate, beside, best.chosen)
+            for candidate, beside in zip(best.chosen, without, strict=True)
+        ]
+        return SearchResult(
+            model=self.model,
+            identified=(*identified, *self._corrections(best)),
+            noise=best.noise,
+            steps=tuple(best.steps),
+            next=tuple(r for r in self._ranked(scores).values() if r.effect not in [c.effect for c in best.chosen]),
+            settled=self.settled,
+            evidence=evidence,
+            pool=self.pool,
+            state=best,
+        )
 
     # -- fits
 
@@ -234,18 +251,17 @@ class _Search:
         """Return the fit of the declared effects beside independent noise; rows far off have less weight."""
         bound = self._bound([])
         theta, prior = np.zeros(len(bound.terms)), self._prior_std(bound, [])
+        kinds = [slice(0, 3), slice(3, 6)][: self.regressors.stated.shape[1] // 3]
         residual = residuals(self.data, bound.poses(theta))
-        components = self.regressors.stated.shape[1]
-        kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-        log_std = np.array([math.log(max(float(np.sqrt(np.mean(np.square(kind)))), math.exp(LEAST))) for kind in kinds])
+        rms = [np.sqrt(np.mean(np.square(residual[kind]))) for kind in kinds]
+        log_std = np.log(np.maximum(rms, math.exp(LEAST)))
         noise = CovarianceParameters(log_std, np.ones(self.data.n))
         state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
         free = min(0.9, theta.size / residual.size)
         for _ in range(12):
             moved = self._step(state)
             residual = residuals(self.data, state.bound.poses(state.theta))
-            kinds = [residual[:3]] if components == 3 else [residual[:3], residual[3:]]
-            lengths = [np.sqrt(np.sum(np.square(kind), axis=0)) for kind in kinds]
+            lengths = [np.sqrt(np.sum(np.square(residual[kind]), axis=0)) for kind in kinds]
             # The median of the length of three normal components is 1.54 standard deviations.
             medians = [float(np.median(length)) / 1.54 for length in lengths]
             stds = np.maximum(medians, math.exp(LEAST)) / math.sqrt(1.0 - free)
@@ -287,23 +303,19 @@ class _Search:
                 break
         state.noise = with_gross_errors(state.noise, state.linear)
 
-    def _with_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
-        """Replace the effects of a state; coefficients that it had are the start of the new fit."""
-        earlier = {
-            (state.chosen[owner - len(self.model.free)].key if owner >= len(self.model.free) else owner, name): value
-            for owner, name, value in zip(state.bound.owners, state.bound.names, state.theta.tolist(), strict=True)
-        }
-        declared = len(self.model.free)
-        state.chosen, state.scales = chosen, scales
-        state.bound = self._bound(chosen)
-        state.theta = np.array(
-            [
-                earlier.get((chosen[owner - declared].key if owner >= declared else owner, name), 0.0)
-                for owner, name in zip(state.bound.owners, state.bound.names, strict=True)
-            ]
-        )
+    def _fit_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
+        """Replace the effects of a state and fit it; coefficients that it had are the start of the new fit."""
+        values = dict(zip(self._coefficients(state), state.theta.tolist(), strict=True))
+        state.chosen, state.scales, state.bound = chosen, scales, self._bound(chosen)
+        state.theta = np.array([values.get(coefficient, 0.0) for coefficient in self._coefficients(state)])
         prior = self._prior_std(state.bound, scales)
         state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
+        self._fit(state)
+
+    def _coefficients(self, state: State) -> list[tuple[object, str]]:
+        """Return the effect and the name of each coefficient."""
+        keys = [*range(len(self.model.free)), *(candidate.key for candidate in state.chosen)]
+        return [(keys[owner], name) for owner, name in zip(state.bound.owners, state.bound.names, strict=True)]
 
     # -- scores
 
@@ -333,7 +345,8 @@ class _Search:
         column = 0
         for candidate in candidates:
             for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
-                if (part := _plain(term)) is None:
+                part = term.parts[0]
+                if len(term.parts) > 1 or part.loads is not None or part.motion < 0:
                     whole.append((column, term, size))
                 else:
                     moved.setdefault(part.motion, []).append((column, np.asarray(part.factor) * size))
@@ -343,7 +356,7 @@ class _Search:
             *(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in moved),
             *(term for _, term, _ in whole),
         ]
-        count, extended = len(bound.terms), with_terms(bound, added)
+        count, extended = len(bound.terms), dataclasses.replace(bound, terms=(*bound.terms, *added))
         theta = np.concatenate((state.theta, np.zeros(len(added))))
         components = self.regressors.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)
@@ -371,17 +384,12 @@ class _Search:
         else:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
-        scored = tuple(pool[number] for number in numbers.tolist())
-        evidence = Evidence(white, white.apply(self._columns(state, scored)), scored)
-        owners = np.array(state.bound.owners, dtype=np.int64)
-        declared, columns = len(self.model.free), np.arange(owners.size)
-        flat = evidence.effective(owners < declared)
-        without = [evidence.scores(columns[owners != declared + k], flat) for k in range(len(state.chosen))]
-        return (
-            evidence,
-            evidence.scores(columns, flat).spread(numbers, len(pool)),
-            [scores.spread(numbers, len(pool)) for scores in without],
-        )
+        scored = [pool[number] for number in numbers.tolist()]
+        evidence = Evidence(white, white.apply(self._columns(state, scored)), pool, numbers.tolist())
+        owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
+        columns, flat = np.arange(owners.size), evidence.effective(owners < 0)
+        without = [evidence.scores(columns[owners != k], flat) for k in range(len(state.chosen))]
+        return evidence, evidence.scores(columns, flat), without
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -421,8 +429,7 @@ class _Search:
             other = state.copy()
             chosen, scales = list(state.chosen), list(state.scales)
             del chosen[k], scales[k]
-            self._with_effects(other, chosen, scales)
-            self._fit(other)
+            self._fit_effects(other, chosen, scales)
             if any(least_gain(other.noise, other.linear, name) > own for name in TERMS):
                 return True
         return False
@@ -448,8 +455,7 @@ class _Search:
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             self._log(state, action, names, beside)
-            self._with_effects(state, chosen, scales)
-            self._fit(state)
+            self._fit_effects(state, chosen, scales)
         self.settled = False
 
     def _best_move(
@@ -460,36 +466,31 @@ class _Search:
         visited: Collection[frozenset[tuple[object, ...]]],
     ) -> tuple[str, list[Candidate], list[float], str, Scores] | None:
         """Return the move that gains most to effects not yet visited; None if none gains."""
-        for gain, action, k, number in sorted(self._moves(state, scores, without), key=lambda move: -move[0]):
+        best = self._best(scores, state.chosen)
+        moves: list[tuple[float, str, int | None, int | None]] = []  # Gain, action, effect and candidate.
+        if best is not None and len(state.chosen) < MOST_FINDINGS:
+            moves.append((float(scores.log_odds[best]) - ACCEPTED, "add", None, best))
+        for k, beside in enumerate(without):
+            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
+            moves.append((ACCEPTED - own, "drop", k, None))
+            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
+            if rival is not None:
+                moves.append((float(beside.log_odds[rival]) - own, "swap", k, rival))
+        for gain, action, at, number in sorted(moves, key=lambda move: -move[0]):
             if gain <= (_SWAPS if action == "swap" else 0.0):
                 continue
             chosen, scales = list(state.chosen), list(state.scales)
-            beside = scores if k is None else without[k]
-            if k is not None:
-                del chosen[k], scales[k]
+            beside, place, names = scores, len(chosen), []
+            if at is not None:
+                beside, place, names = without[at], at, [str(chosen.pop(at).effect)]
+                del scales[at]
             if number is not None:
-                at = len(chosen) if k is None else k
-                chosen.insert(at, self.pool.all[number])
-                scales.insert(at, float(beside.scale[number]))
+                chosen.insert(place, self.pool.all[number])
+                scales.insert(place, float(beside.scale[number]))
+                names.append(str(self.pool.all[number].effect))
             if frozenset(candidate.key for candidate in chosen) not in visited:
-                names = [str(state.chosen[k].effect)] if k is not None else []
-                names += [str(self.pool.all[number].effect)] if number is not None else []
                 return action, chosen, scales, " -> ".join(names), beside
         return None
-
-    def _moves(
-        self, state: State, scores: Scores, without: Sequence[Scores]
-    ) -> Iterator[tuple[float, str, int | None, int | None]]:
-        """Yield the best addition, and dropping and swapping each effect: gain, action, effect and candidate."""
-        best = self._best(scores, state.chosen)
-        if best is not None and len(state.chosen) < MOST_FINDINGS:
-            yield float(scores.log_odds[best]) - ACCEPTED, "add", None, best
-        for k, beside in enumerate(without):
-            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
-            yield ACCEPTED - own, "drop", k, None
-            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
-            if rival is not None:
-                yield float(beside.log_odds[rival]) - own, "swap", k, rival
 
     def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> int | None:
         """Return the number of the best candidate that is no form of an effect in the model."""
@@ -499,11 +500,10 @@ class _Search:
                 return None
             if candidate is not_itself or any(self._is_form_of(candidate, other) for other in others):
                 continue
-            if candidate.effect.rejects_implausible:
-                values = (scores.fitted(number) * candidate.sizes).tolist()
-                if candidate.effect.implausible(candidate.terms, values) is not None:
-                    continue
-            return int(number)
+            effect, multiples = candidate.effect, scores.fitted(number)
+            implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
+            if implausible is None or not effect.rejects_implausible:
+                return int(number)
         return None
 
     def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:
@@ -513,8 +513,7 @@ class _Search:
         """
         if candidate.effect_name != other.effect_name:
             return False
-        first, second = searched_order(candidate.effect), searched_order(other.effect)
-        if first is not None or second is not None:
+        if any(searched_order(one.effect) is not None for one in (candidate, other)):
             return not self._are_separable(candidate, other)
         return not is_step(candidate.effect) or candidate.key == other.key
 
@@ -528,17 +527,15 @@ class _Search:
     def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
         self.moves += 1
         self.progress(self.moves, len(state.chosen))
-        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores))))
+        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores).values())))
 
-    def _ranked(self, scores: Scores) -> list[Ranked]:
+    def _ranked(self, scores: Scores) -> dict[EffectName, Ranked]:
         """Return the best form of each effect on each joint, best first."""
-        best: dict[tuple[object, ...], Ranked] = {}
+        best: dict[EffectName, Ranked] = {}
         for number in scores.ranking().tolist():
-            if not math.isfinite(scores.log_odds[number]):
-                break
-            if (name := self.pool.all[number].effect_name) not in best:
+            if (name := self.pool.all[number].effect_name) not in best and math.isfinite(scores.log_odds[number]):
                 best[name] = self._rank(scores, number)
-        return list(best.values())
+        return best
 
     def _rank(self, scores: Scores, number: int) -> Ranked:
         candidate = self.pool.all[number]
@@ -548,44 +545,17 @@ class _Search:
 
     def _with_noise(self, start: State, noise: CovarianceParameters) -> State:
         """Return a state with another covariance."""
-        state = start.copy()
-        for action, names in (
-            ("add", set(noise.terms) - set(start.noise.terms)),
-            ("drop", set(start.noise.terms) - set(noise.terms)),
-        ):
-            state.steps += [SearchStep(action, f"covariance: {name}", ()) for name in sorted(names)]
-        state.noise = noise
-        return state
+        now, earlier = set(noise.terms), set(start.noise.terms)
+        moves = [
+            *(("add", name) for name in sorted(now - earlier)),
+            *(("drop", name) for name in sorted(earlier - now)),
+        ]
+        steps = [SearchStep(action, f"covariance: {name}", ()) for action, name in moves]
+        return dataclasses.replace(start.copy(), noise=noise, steps=[*start.steps, *steps])
 
     # -- result
 
-    def _result(self, state: State) -> SearchResult:
-        evidence, scores, without = self._scores(state)
-        owners, declared = np.array(state.bound.owners), len(self.model.free)
-        identified = []
-        for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
-            kept = np.flatnonzero(owners != declared + k)
-            identified.append(self._identified(candidate, beside, evidence, kept, state.chosen))
-        return SearchResult(
-            model=self.model,
-            identified=(*identified, *self._corrections(state)),
-            noise=state.noise,
-            steps=tuple(state.steps),
-            next=tuple(r for r in self._ranked(scores) if r.effect not in [c.effect for c in state.chosen]),
-            settled=self.settled,
-            evidence=evidence,
-            pool=self.pool,
-            state=state,
-        )
-
-    def _identified(
-        self,
-        candidate: Candidate,
-        scores: Scores,
-        evidence: Evidence,
-        kept: NDArray[np.int64],
-        chosen: Sequence[Candidate],
-    ) -> Identified:
+    def _identified(self, candidate: Candidate, scores: Scores, chosen: Sequence[Candidate]) -> Identified:
         own = self.pool.number(candidate)
         alternatives: dict[tuple[object, ...], Alternative] = {}
         aliases: list[float] = []
@@ -601,16 +571,14 @@ class _Search:
                 if searched_order(effect) is not None and self._are_separable(rival, candidate):
                     aliases.append(orders_of(effect)[0])
             elif not any(rival.effect_name in (other.effect_name, *alternatives) for other in chosen):
-                similarity = evidence.similarity(kept, own, number)
                 alternatives[rival.effect_name] = Alternative(
-                    effect.name, effect.joints, similarity, behind, effect.settings()
+                    effect.name, effect.joints, scores.similarity(own, number), behind, effect.settings()
                 )
         return Identified(
-            candidate.effect,
-            self._rank(scores, own),
-            tuple(alternatives.values()),
-            tuple(aliases[:_MOST_ALIASES]),
-            (min(at), max(at)) if is_step(candidate.effect) and at else None,
+            **vars(self._rank(scores, own)),
+            alternatives=tuple(alternatives.values()),
+            aliases=tuple(aliases[:_MOST_ALIASES]),
+            places=(min(at), max(at)) if is_step(candidate.effect) and at else None,
         )
 
     def _corrections(self, state: State) -> Iterator[Identified]:
@@ -629,7 +597,7 @@ class _Search:
                 evidence = gain(dataclasses.replace(state.noise, terms={**terms, "profile": without}))
                 if evidence - price > ACCEPTED:
                     effect = profile(joint, PROFILE_ORDERS)
-                    yield Identified(effect, Ranked(effect, evidence, -price, 0.0))
+                    yield Identified(effect, evidence, -price, 0.0)
         if "smooth" in terms:
             assert self.data.q is not None
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
@@ -637,18 +605,66 @@ class _Search:
             evidence = gain(state.noise.without("smooth"))
             correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
-            yield Identified(correction, Ranked(correction, evidence, -price, 0.0))
+            yield Identified(correction, evidence, -price, 0.0)
 
 
-def _plain(term: Term) -> Part | None:
-    """Return the one part of a term that moves one motion by a regressor, without a load; else None."""
-    part = term.parts[0]
-    return part if len(term.parts) == 1 and part.loads is None and part.motion >= 0 else None
+# Detection limits of effects on the measured poses.
+
+_LARGEST = 300.0
+"""Largest limit, in multiples of the usual size; an effect that needs more has no detection limit."""
 
 
-def _registered(model: Model, data: Measurements, names: set[str]) -> Model:
-    """Return the model with its free base and tool registered."""
-    if not names & {"base_frame", "tool_frame"}:
-        return model
-    robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-    return dataclasses.replace(model, arm=Arm.of(robot))
+@dataclass(frozen=True, slots=True)
+class DetectionLimit:
+    """Smallest size of one form of an effect that these poses show with probability 1/2."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    limit: float | None
+    """Size in ``unit``. With several coefficients: the length of their vector in its least visible direction, such as
+    the amplitude of a periodic error whatever its phase. None if no plausible size is found."""
+    unit: str
+    rms: float | None
+    """Displacement of the target by an effect of that size, root mean square over the poses, m."""
+
+
+def detection_limits(found: SearchResult) -> list[DetectionLimit]:
+    """Return the limit of every named candidate given the findings, except forms of mixed units."""
+    reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
+    dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
+    present = {effect.key() for effect in found.effects}
+    weight = 1.0 / found.noise.independent(found.state.linear.rows.stated).T
+    result = []
+    for candidate, columns in _forms(found):
+        if candidate.key in present:
+            continue
+        own = found.evidence.columns[:, columns]
+        values, vectors = visible(found.evidence.new(reduced, columns, columns), np.einsum("nq,nq->q", own, own))
+        effect, size, rms = candidate.effect, None, None
+        if values[0] > 0 and dof > 0:
+            needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
+            multiple = math.sqrt(needed * square / dof / float(values[0]))
+            size = multiple * float(candidate.sizes[0]) if multiple <= _LARGEST else None
+            if size is not None:
+                moved = (own @ vectors[:, 0]).reshape(weight.shape)[:3] / weight[:3]
+                rms = multiple * rms_length(moved)
+        result.append(DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms))
+    return result
+
+
+def _forms(found: SearchResult) -> Iterator[tuple[Candidate, NDArray[np.int64]]]:
+    """Yield forms with coefficients of a common unit, except forms that contain another form; steps in the middle."""
+    named = [c for c in found.pool.named if len({term.unit for term in c.terms}) == 1]
+    names = {candidate.key: {term.name for term in candidate.terms} for candidate in named}
+    steps: dict[tuple[object, ...], list[tuple[Candidate, NDArray[np.int64]]]] = {}
+    for number, columns in found.evidence.places.items():
+        candidate = found.pool.all[number]
+        if (own := names.get(candidate.key)) is not None:
+            if not any(other < own for other in names.values()):
+                yield candidate, columns
+        elif is_step(candidate.effect) and len({term.unit for term in candidate.terms}) == 1:
+            form = (candidate.effect.joints, *(term.name for term in candidate.terms))
+            steps.setdefault(form, []).append((candidate, columns))
+    for same in steps.values():
+        yield same[len(same) // 2]

@@ -1,45 +1,566 @@
-"""`robacc trace`: search, findings, rivals, error before and after, and remaining error."""
+"""`robacc trace`: search, findings with their rivals, errors before and after, remaining error, and the verdict."""
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
+from robacc.accuracy.estimation import PoseMetrics, pose_metrics
+from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.effects.base import Effect
+from robacc.diagnostics.joint_readings import Rounding, memory_of_play
+from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
+from robacc.diagnostics.row_loads import unlogged_loads
+from robacc.effects.base import Effect, effect_class
+from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS
-from robacc.error_model.field import correction_of_position
-from robacc.error_model.structure import DirectionalNoise, with_error_structure
+from robacc.effects.step import place_of, place_text
+from robacc.error_model.covariance import ACCEPTED
+from robacc.error_model.structure import (
+    ErrorStructure,
+    Repeatability,
+    correction_of_position,
+    with_error_structure,
+)
+from robacc.error_model.terms import ErrorPart
+from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load
+from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
+from robacc.fitting.outliers import outlier_pattern
+from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
-from robacc.fitting.solver import fit
-from robacc.geometry import Array
+from robacc.fitting.solver import SEARCH, fit, refit
+from robacc.fitting.warnings import LackOfFit, suspected_mistakes
+from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.detection import Advice, DetectionLimit, advise, detection_limits, rival_effect
-from robacc.tracing.findings import (
-    Finding,
-    Unexplained,
-    Verdict,
-    assumption_of,
-    describe_finding,
-    explained_share,
-    number_of,
-    remaining_error,
-    verdict_of,
-)
 from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
-from robacc.tracing.refitting import frames_first, refit
-from robacc.tracing.search import Identified, Ranked, SearchStep, search
+from robacc.tracing.search import (
+    Alternative,
+    DetectionLimit,
+    Identified,
+    SearchResult,
+    SearchStep,
+    detection_limits,
+    search,
+)
 
-# Record of the result of `robacc trace`.
+# Harmonics of a joint's periodic error, each with its amplitude and phase.
+
+_MOST_NAMED = 6
+"""Largest number of harmonics named."""
+_OF_COUNTERBALANCE = 2.5
+"""Order up to which a periodic error may come from a counterbalance."""
+_CLEAR = 2.0
+"""Standard errors from which a harmonic of a profile is named: about 95 % confidence."""
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """One order of a periodic error, amplitude x cos(order q - phase), q the joint's commanded angle; rad."""
+
+    order: float
+    amplitude: float
+    amplitude_std: float | None
+    """Standard error; None, as the phase's, if cosine and sine are not identifiable."""
+    phase: float
+    phase_std: float | None
+    origin: str | None = None
+    """Physical origin that the order agrees with; None if there is none."""
+    aliases: tuple[float, ...] = ()
+    """Other orders that the poses do not distinguish from it."""
+
+
+def fitted_harmonics(effect: Effect, parameters: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
+    """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
+
+    ``covariance`` ``(2 K, 2 K)`` belongs to the parameters; NaN where a parameter is not identified. Standard errors
+    follow by the law of propagation (JCGM 100, 5.2.2).
+    """
+    harmonics = []
+    for i, order in enumerate(orders_of(effect)):
+        cosine, sine = (parameter.value for parameter in parameters[2 * i : 2 * i + 2])
+        amplitude = math.hypot(cosine, sine)
+        along, across = None, None
+        if amplitude > 0.0:
+            rotation = np.array([[cosine, sine], [-sine, cosine]]) / amplitude
+            pair = slice(2 * i, 2 * i + 2)
+            variance = np.diag(rotation @ covariance[pair, pair] @ rotation.T)
+            if np.all(variance >= 0.0):
+                along, across = (float(size) for size in np.sqrt(variance))
+                across /= amplitude
+        harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across))
+    return tuple(sorted(harmonics, key=lambda harmonic: -harmonic.amplitude))
+
+
+def _named_harmonics(
+    identified: Identified,
+    final: Fit,
+    data: Measurements,
+    coefficients: Sequence[FittedParameter],
+    covariance: Array,
+) -> tuple[Harmonic, ...]:
+    """Return the strong harmonics of a periodic error of a joint that turns, with their physical origins.
+
+    A single order has its aliases, too.
+    """
+    arm, effect = final.model.arm, identified.effect
+    if not orders_of(effect) or not all(map(arm.is_revolute, effect.joints)):
+        return ()
+    harmonics = fitted_harmonics(effect, coefficients, covariance)
+    if effect.is_profile():
+        clear = [h for h in harmonics if h.amplitude_std is not None and h.amplitude > _CLEAR * h.amplitude_std]
+        harmonics = tuple(clear[:_MOST_NAMED])
+    assert data.q is not None
+    joint = effect.joints[0]
+    tolerance, ratio = order_tolerance(float(np.ptp(data.q[arm.number(joint)]))), arm.joint(joint).gear_ratio
+    aliases = identified.aliases if len(harmonics) == 1 else ()
+    return tuple(
+        dataclasses.replace(one, origin=origin_of(one.order, ratio, tolerance), aliases=aliases) for one in harmonics
+    )
+
+
+def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
+    """Return the origins of a periodic error's orders, or that it has none and is a profile.
+
+    ``effects`` are all findings. With a spring on the same joint, a counterbalance is a possible origin: a spring or
+    cylinder of free length L between points at radii a and b of the axis turns the joint by its compliance times
+    k a b sin(q + phi) (1 - L / sqrt(a^2 + b^2 + 2 a b cos(q + phi))): a function of the joint's angle alone, which
+    orders 1 and 2 describe over a range of 2 rad.
+    """
+    springs = [other for other in effects if other.traits.is_spring and set(effect.joints) <= set(other.joints)]
+    if springs and harmonics and all(harmonic.order <= _OF_COUNTERBALANCE for harmonic in harmonics):
+        return (
+            f"with {springs[0]}, a counterbalance across {effect.joints[0]} has the same shape: a spring or cylinder "
+            "that the robot file does not state, whose torque follows the joint's angle"
+        )
+    origins = [f"order {harmonic.order:g}: {harmonic.origin}" for harmonic in harmonics if harmonic.origin is not None]
+    if effect.is_profile() and not origins:
+        return "a profile of the joint's error over its angle: no order agrees with a gear, a motor or an encoder"
+    if not origins and harmonics:
+        origins = ["no physical origin of this order is known: read it as a profile of the joint's error"]
+    others = [f"{order:g}" for harmonic in harmonics for order in harmonic.aliases]
+    if others:
+        origins.append(f"orders {', '.join(others)} are not distinguishable from it on these poses")
+    return "; ".join(origins) or None
+
+
+_FEW_POSES = 8
+"""Rows below which a finding gets a warning, if they carry more than half of its contribution."""
+_FEW_SHARE = 0.1
+"""The same limit as a share of all rows, for small sets."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One identified effect of a trace, with its test."""
+
+    effect: str
+    joints: tuple[str, ...]
+    settings: dict[str, object]
+    alternatives: tuple[Alternative, ...]
+    p_value: float
+    """Posterior probability that the effect is not there, prior odds of all candidates included."""
+    evidence: float
+    """Log Bayes factor."""
+    held_out_before: float | None
+    """Held-out position rms without it, m. None without held-out poses, and for a frame, without which nothing else
+    can be fitted."""
+    held_out_after: float | None
+    parameters: tuple[FittedParameter, ...]
+    harmonics: tuple[Harmonic, ...]
+    validity: tuple[tuple[str, float, float], ...]
+    """Validity range of each driver: name, low, high, SI."""
+    implausible: str | None
+    """Reason if the coefficients are beyond what the effect can be; else None."""
+    warnings: tuple[str, ...]
+    partial_residuals: tuple[PartialResidual, ...]
+    """Partial residual of the effect over each driver, without and with it."""
+    size_at_tool: float | None
+    """RMS over the calibration poses of the distance by which the effect alone moves the target, m. None if the arm
+    without the effect cannot be evaluated."""
+    largest_at_tool: float | None
+    """Largest such distance, m."""
+    statement: str | None = None
+    """What the finding means and what to do; None if its coefficients say it."""
+    change: tuple[float, float, float] | None = None
+    """Place of a step (s or line), and the first and last place of its 95 % interval."""
+    held_out_turn: tuple[float | None, float | None] = (None, None)
+    """Held-out orientation rms without it and with it, rad; None where orientation is not measured, or as above."""
+    turn_at_tool: tuple[float | None, float | None] = (None, None)
+    """RMS and largest angle by which the effect alone turns the target, rad; None where orientation is not measured, or
+    as ``size_at_tool``."""
+
+
+def describe_finding(
+    identified: Identified,
+    others: Sequence[Effect],
+    judged: Judged,
+    without: Array | None,
+    data: Measurements,
+) -> Finding:
+    """Return the finding of an effect: its rivals, held-out errors, and parameters in the final fit.
+
+    ``others`` are all findings, ``without`` the residuals of held-out poses without this one. Candidates are in
+    equilibrium form; the final fit may contain the effect in the other form.
+    """
+    final, effect = judged.fit, identified.effect
+    number = number_of(effect, final)
+    fitted = final.model.free[number]
+    columns = [i for i, owner in enumerate(final.owners) if owner == number]
+    before: tuple[float | None, float | None] = (None, None)
+    after = before
+    if (held_out := judged.after.held_out_inliers or judged.after.held_out) is not None:
+        after = _rms(held_out)
+        # Without a frame nothing else can be fitted.
+        if without is not None and not effect.traits.is_frame:
+            before = _rms(pose_metrics(without[:, slice(None) if judged.holdout is not None else final.inliers]))
+    coefficients = tuple(judged.parameters[i] for i in columns)
+    change = between = None
+    if identified.places is not None:
+        place, low, high = change = (place_of(effect), *identified.places)
+        between = (place_text(place, effect, data), place_text(low, effect, data), place_text(high, effect, data))
+    harmonics = _named_harmonics(identified, final, data, coefficients, final.covariance[np.ix_(columns, columns)])
+    values = {parameter.name: parameter.value for parameter in coefficients}
+    implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
+    warnings = [] if implausible is None else [implausible]
+    moved, turned = _motion(number, final, data)
+    if moved is not None and moved.any():
+        share = np.sort(np.square(moved))[::-1]
+        count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
+        if count < min(_FEW_POSES, _FEW_SHARE * share.size):
+            warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
+
+    def sizes(each: Array | None) -> tuple[float | None, float | None]:
+        return (None, None) if each is None else (float(np.sqrt(np.mean(np.square(each)))), float(np.max(each)))
+
+    return Finding(
+        effect.name,
+        effect.joints,
+        fitted.settings(),
+        identified.alternatives,
+        identified.p_value,
+        identified.evidence,
+        before[0],
+        after[0],
+        coefficients,
+        harmonics,
+        tuple((driver, low, high) for driver, (low, high) in fitted.validity(final.model.arm, data).items()),
+        implausible,
+        tuple(warnings),
+        partial_residuals(fitted, final, data),
+        *sizes(moved),
+        periodic_statement(effect, harmonics, others)
+        if harmonics
+        else fitted.statement(final.model.arm, values, between),
+        change,
+        (before[1], after[1]),
+        sizes(turned),
+    )
+
+
+def number_of(effect: Effect, final: Fit) -> int:
+    """Return the number of a candidate's effect among those of the final fit, which may hold it in another form."""
+    return with_deflection(final.model.free, "equilibrium").index(effect)
+
+
+def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
+    """Return the rms of position, m, and of orientation, rad; None where it is not measured."""
+    return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
+
+
+def _motion(number: int, final: Fit, data: Measurements) -> tuple[Array | None, Array | None]:
+    """Return the distances (m) and angles (rad) ``(n,)`` by which an effect alone moves the target at the inliers.
+
+    The angles are None where orientation is not measured; both are None if the arm cannot be evaluated without it.
+    """
+    theta_without = np.where(np.array(final.owners) == number, 0.0, final.theta)
+    try:
+        without = final.model.bind(data).poses(theta_without)
+    except RobaccError:
+        return None, None
+    distances: Array = np.linalg.norm((without.translation - final.poses.translation)[:, final.inliers], axis=0)
+    if data.rotation is None:
+        return distances, None
+    angles: Array = np.linalg.norm(log_between(without.rotation, final.poses.rotation)[:, final.inliers], axis=0)
+    return distances, angles
+
+
+# Error that remains after the findings of a trace, and hints on its cause.
+
+_CHANCE = 0.002
+"""Probability below which a structure of the remaining error is no chance: some five tests share one in a hundred."""
+_OF_EVERY_ARM = ("joint_offset", "link_geometry")
+"""Effects by which every nominal model deviates."""
+_MOST_REPEATABILITY = 1e-4
+"""Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
+_MOST_PRESUMED = 1.2e-4
+"""Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
+(0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
+_UNCERTAIN = 1.2
+"""Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
+_SMALL_POSE_ERROR = 1e-5
+"""Error common to all visits of a pose that no instrument resolves, m."""
+_LOOKS_LIKE: Mapping[ErrorPart, tuple[str, tuple[str, ...]]] = {
+    "scatter": ("scatters from visit to visit", ("backlash", "friction_windup", "approach_lag")),
+    "wander": ("wanders over time", ("thermal_expansion", "joint_warmup", "frame_drift")),
+}
+"""Parts of the error, what they look like, and effects that look so where their columns are missing."""
+_MANY_OUTLIERS = 0.05
+"""Share of the rows from which outliers are not accidental."""
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Remaining error after the findings."""
+
+    rms: float
+    """Root mean square of the fitted residual's length, m."""
+    noise_rms: float | None
+    """Root mean square of the measurement noise's length, m; None if neither file nor repeats give it."""
+    structured: bool
+    """Whether the error has a structure; each structure has a hint."""
+    p_value: float
+    hints: tuple[str, ...]
+    parts: Mapping[ErrorPart, float]
+    """Root mean square of each part at the target, m."""
+
+
+def remaining_error(
+    found: SearchResult,
+    findings: Sequence[Finding],
+    final: Fit,
+    noise: LackOfFit,
+    data: Measurements,
+    structure: ErrorStructure,
+    rounding: Rounding | None = None,
+) -> Unexplained:
+    """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
+    hints = list(structure.warnings)
+    empirical = [one.size_at_tool or 0.0 for one in findings if effect_class(one.effect).traits.is_empirical]
+    if empirical:
+        hints.append(
+            f"an error of about {1e3 * math.hypot(*empirical):.2g} mm rms depends smoothly on the pose, and no effect "
+            "of the catalogue describes it better than chance: no cause is named"
+        )
+        absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in found.model.free)]
+        if absent:
+            hints.append(
+                f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "
+                f"{','.join(absent)} to the effects of `declared`"
+            )
+    p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
+    playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
+    memories = memory_of_play(final, data, tuple(playing))
+    for joint, p_value in memories.items():
+        if p_value * len(memories) <= _CHANCE:
+            p_values.append(p_value * len(memories))
+            hints.append(
+                f"in addition to {playing[joint]}, the errors of {joint} follow the change of its torque since the "
+                "previous visit: its play has a memory (hysteresis), which the direction of approach alone does not "
+                "describe"
+            )
+    if hints and (loads := unlogged_loads(final, data)) is not None:
+        hints.insert(0, loads.text)
+    rms, repeatability = rms_length(final.residual[:3, final.inliers]), structure.repeatability
+    of_residual = repeatability is not None and repeatability.source == "residual"
+    rounded = 0.0 if rounding is None else _UNCERTAIN * rounding.position
+    if repeatability is not None:
+        if of_residual and repeatability.position > math.hypot(_MOST_REPEATABILITY, rounded):
+            hints.append(
+                f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
+                "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
+                "measure some poses repeatedly to distinguish these"
+            )
+        if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
+            hints.append(
+                "visits of a pose, or of poses close together, share an error of "
+                f"{1e3 * repeatability.pose_position:.3g} mm rms that no candidate explains"
+            )
+    hints.extend(suspected_mistakes(final))
+    pattern, share = outlier_pattern(data, ~final.inliers, final.model.arm.names), final.outliers.size / data.n
+    if pattern is not None:
+        hints.append(pattern)
+    if share > _MANY_OUTLIERS:
+        hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
+    is_unconfirmed = noise.p_value is None and (repeatability is None or of_residual)
+    if findings and is_unconfirmed and rms > math.hypot(_MOST_PRESUMED, rounded):
+        hints.append(
+            f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
+            "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
+            "the model"
+        )
+    if noise.p_value is not None and noise.p_value <= _CHANCE:
+        p_values.append(noise.p_value)
+        source = "repeats" if noise.noise.source == "repeats" else "the file"
+        hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
+        if not found.next or found.next[0].log_odds < ACCEPTED:
+            hints.append("no candidate explains this error: it is repeatability, or an effect outside the catalogue")
+    for part, (looks, names) in _LOOKS_LIKE.items() if hints else ():
+        untested = [f"{name} ({found.pool.missing[name]})" for name in names if name in found.pool.missing]
+        if untested and (size := structure.parts.get(part, 0.0)) > structure.parts["noise"]:
+            hints.append(
+                f"{1e3 * size:.2g} mm rms {looks}: it may be {' or '.join(untested)}, which were not tested; record "
+                "what they need and trace again"
+            )
+    return Unexplained(
+        rms=rms,
+        noise_rms=None if noise.p_value is None else math.sqrt(3) * noise.noise.position,
+        structured=bool(hints),
+        p_value=min(p_values),
+        hints=tuple(hints),
+        parts=structure.parts,
+    )
+
+
+# Verdict of a trace, the assumption that it rests on, and the share of the error that the findings explain.
+
+Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
+HIDDEN_NOISE = 0.1
+"""Ratio of noise to repeatability, of one residual, below which the noise is not resolved."""
+
+
+def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict:
+    """Return the verdict on the findings and the error that remains after them."""
+    if not findings:
+        return "unexplained" if unexplained.structured else "clean"
+    named = any(not effect_class(finding.effect).traits.is_empirical for finding in findings)
+    plausible = all(finding.implausible is None for finding in findings)
+    return "explained" if named and plausible and not unexplained.structured else "partly_explained"
+
+
+def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
+    """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
+    if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
+        return False
+    return math.sqrt(3) * noise.noise.position < HIDDEN_NOISE * repeatability.position
+
+
+def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
+    """Return what the verdict presumes of noise and repeatability that only the residual gives.
+
+    None if they are known or not used.
+    """
+    if noise.p_value is not None or verdict not in ("clean", "explained"):
+        return None
+    presumed, test = [], "repeated poses"
+    if repeatability is not None and repeatability.source == "residual":
+        presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
+    if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
+        axes = noise.noise.along_axes
+        size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
+        if axes is not None:
+            size = f"{', '.join(f'{1e3 * std:.2g}' for std in axes)} mm along x, y, z (standard deviation)"
+        presumed.append(f"the measurement noise is {size}")
+        test = "sigma columns or repeated poses"
+    return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
+
+
+def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None) -> float | None:
+    """Return the share of the explainable held-out variance of the baseline that the findings explain, 0 to 1."""
+    if before.held_out is None or after.held_out is None:
+        return None
+    floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
+    total = before.held_out.position.rms**2 - floor
+    if total <= 0.0:
+        return None
+    share = (before.held_out.position.rms**2 - after.held_out.position.rms**2) / total
+    return float(min(max(share, 0.0), 1.0))
+
+
+# Poses to measure next: poses at which two rival effects predict most differently (T-optimal discrimination).
+#
+# Source of the criterion: A. C. Atkinson and V. V. Fedorov, "The design of experiments for discriminating between two
+# rival models", Biometrika 62, 1975.
+
+_TRIAL_POSES = 600
+"""Random poses among which those of largest difference are sought."""
+_ADVISED = 4
+_ELIGIBLE_SHARE = 0.6
+"""Share of the largest difference from which a pose is eligible."""
+_LEAST_DIFFERENCE = 0.5
+"""Share of the noise below which a difference is not worth a pose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """Poses that distinguish two effects."""
+
+    text: str
+    q: tuple[tuple[float, ...], ...]
+    """Joint variables of each pose, rad or m."""
+    difference: tuple[float, ...]
+    """Distance between the two effects' predicted targets at each pose, m."""
+
+
+def advise(
+    declared: Fit,
+    effects: Sequence[Effect],
+    finding: Effect,
+    alternative: Alternative,
+    data: Measurements,
+    noise: float,
+    seed: int,
+) -> Advice | None:
+    """Return poses inside the joint limits (or the measured range) at which a finding and its alternative differ most.
+
+    Both models are fitted to all poses. Circumstances other than the joints are sampled from the measured rows.
+    """
+    rival = effect_class(alternative.effect).from_settings(alternative.joints, alternative.settings)
+    others = [effect for effect in effects if effect is not finding]
+    assert data.q is not None
+    low, high, generator = data.q.min(axis=1), data.q.max(axis=1), np.random.default_rng(seed)
+    for i, joint in enumerate(declared.model.arm.robot.variables):
+        if joint.limits is not None:
+            low[i], high[i] = joint.limits
+    rows = generator.integers(0, data.n, _TRIAL_POSES)
+    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, _TRIAL_POSES))
+    trial = dataclasses.replace(data.subset(rows), q=q)
+    try:
+        first = fit(declared.model.with_free(*others, finding), data, SEARCH)
+        second = fit(declared.model.with_free(*others, rival), data, SEARCH)
+        predicted = [fitted.model.bind(trial).poses(fitted.theta).translation for fitted in (first, second)]
+    except RobaccError:
+        return None
+    difference = np.linalg.norm(predicted[0] - predicted[1], axis=0)
+    if difference.max() < _LEAST_DIFFERENCE * noise:
+        return Advice(
+            f"{finding} and {rival} are not distinguishable at any pose within the joint limits: they differ by "
+            f"at most {difference.max() * 1e3:.2g} mm; measure other data (another payload, an indicator on the base)",
+            (),
+            (),
+        )
+    chosen = _choose_poses(q, difference)
+    return Advice(
+        f"to distinguish {finding} from {rival}, measure:",
+        tuple(tuple(pose) for pose in q[:, chosen].T.tolist()),
+        tuple(difference[chosen].tolist()),
+    )
+
+
+def _choose_poses(q: Array, difference: Array) -> list[int]:
+    """Return the pose of largest difference, then eligible poses that are far from those already chosen."""
+    ranges = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
+    eligible = np.flatnonzero(difference >= _ELIGIBLE_SHARE * difference.max())
+    chosen = [int(np.argmax(difference))]
+    while len(chosen) < min(_ADVISED, eligible.size):
+        gaps = np.min(
+            [np.linalg.norm((q[:, eligible] - q[:, [i]]) / ranges, axis=0) for i in chosen],
+            axis=0,
+        )
+        chosen.append(int(eligible[np.argmax(gaps)]))
+    return chosen
+
+
+# The trace: search, fits, and the result.
 
 
 @dataclass(frozen=True)
@@ -90,21 +611,22 @@ def trace(
         UsageError: the data lack a quantity that a declared effect needs.
     """
 
-    def run(weighted: Measurements) -> tuple[Trace, DirectionalNoise | None]:
-        how = HoldOut.of(weighted, holdout, n_folds, seed)
-        return _trace(model, weighted, how, empirical, seed, progress)
+    def run(weighted: Measurements) -> Trace:
+        return _trace(model, weighted, HoldOut.of(weighted, holdout, n_folds, seed), empirical, seed, progress)
 
     return with_directional_weights(run, data, holdout)
 
 
-def _trace(
-    model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress
-) -> tuple[Trace, DirectionalNoise | None]:
-    """Return the result of :func:`trace`, and noise that is larger along one direction than along others."""
+def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress) -> Trace:
+    """Return the result of :func:`trace` with weights as the poses have them."""
     stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
     model = with_gravity_direction(model, data)
+
+    def searching(moves: int, count: int) -> None:
+        progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
+
     declared, declared_form = choose_form(fit(model, data), model, data, Options())
-    found = search(model, data, progress=lambda moves, count: progress(_search_label(count), 0, 1))
+    found = search(model, data, progress=searching)
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
     own_places = HoldOut.of(data, None, None, seed)
     final, form = _fitted(declared, declared_form, identified, model, data)
@@ -112,7 +634,7 @@ def _trace(
         identified.remove(useless)
         final, form = _fitted(declared, declared_form, identified, model, data)
     if empirical and (left := correction_of_position(final, data, found.noise)) is not None:
-        correction = Identified(left[0], Ranked(left[0], left[1], -left[2], 0.0))
+        correction = Identified(left[0], left[1], -left[2], 0.0)
         corrected, corrected_form = _fitted(declared, declared_form, [*identified, correction], model, data)
         if _useless(corrected, [correction], own_places) is None:
             identified.append(correction)
@@ -133,9 +655,14 @@ def _trace(
         describe_finding(one, effects, judged, residual, data)
         for one, residual in zip(identified, without, strict=True)
     )
-    noise = judged.noise
+    noise, advice = judged.noise, list[Advice]()
+    for effect, finding in zip(effects, findings, strict=True):
+        if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
+            rival = finding.alternatives[0]
+            poses = advise(declared, effects, effect, rival, data, noise.noise.position, seed)
+            advice += [] if poses is None else [poses]
     unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
-    result = Trace(
+    return Trace(
         **vars(judged if findings else dataclasses.replace(judged, gain=None)),
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
@@ -148,9 +675,8 @@ def _trace(
         settled=found.settled,
         missing=found.pool.missing,
         detection=tuple(detection_limits(found)),
-        next_poses=_advice(declared, final, effects, findings, data, noise.noise.position, seed),
+        next_poses=tuple(advice),
     )
-    return result, structured.directional
 
 
 def _fitted(
@@ -162,7 +688,9 @@ def _fitted(
     """
     if not identified:
         return declared, form
-    extended = model.with_free(*frames_first([one.effect for one in identified]))
+    # Frames are first, so that they keep their parameters if poses cannot distinguish two.
+    effects = sorted((one.effect for one in identified), key=lambda effect: not effect.traits.is_frame)
+    extended = model.with_free(*effects)
     fitted = refit(declared, extended.free, data, Options())
     return (fitted, None) if fitted.group_stds else choose_form(fitted, extended, data, Options())
 
@@ -179,36 +707,11 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
     whole, *without = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
     if whole is None:
         return None
-    costs = [np.inf if residual is None else _cost(fit, residual) for residual in without]
+
+    def cost(residual: Array | None) -> float:
+        """Return the whitened sum of squares of held-out residuals of the inliers."""
+        return np.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
+
+    costs = [cost(residual) for residual in without]
     best = int(np.argmin(costs))
-    return identified[best] if costs[best] < _cost(fit, whole) else None
-
-
-def _cost(fit: Fit, residual: Array) -> float:
-    """Return the whitened sum of squares of held-out residuals ``(M, N)`` of the inliers."""
-    return float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
-
-
-def _advice(
-    declared: Fit,
-    final: Fit,
-    effects: Sequence[Effect],
-    findings: Sequence[Finding],
-    data: Measurements,
-    noise: float,
-    seed: int,
-) -> tuple[Advice, ...]:
-    advice = []
-    for effect, finding in zip(effects, findings, strict=True):
-        if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
-            nearest = finding.alternatives[0]
-            rival = rival_effect(nearest.effect, nearest.joints, nearest.settings)
-            poses_to_measure = advise(declared, effects, effect, rival, data, noise, seed)
-            if poses_to_measure is not None:
-                advice.append(poses_to_measure)
-    return tuple(advice)
-
-
-def _search_label(n_findings: int) -> str:
-    """Return the label of the search's progress."""
-    return "searching" if not n_findings else f"searching, {n_findings} finding{'s' * (n_findings != 1)}"
+    return identified[best] if costs[best] < cost(whole) else None

@@ -223,8 +223,8 @@ def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
     figures = [rows[key]["values"][0]["value"] for key in ("position.rms", "after.fitted.position.rms")]
     assert figures == [one[kind]["position"]["rms_m"] for kind in ("held_out", "fitted")]
     table = run(fits["frames"], fits["offsets"]).stdout
-    assert re.search(r"Position rms, mm +frames +offsets", table)
-    assert "final model, calibration poses" in table
+    assert re.search(r"Position rms, mm\s+frames +offsets", table)
+    assert "extended model, calibration poses" in table
 
 
 @pytest.mark.parametrize("name", ["estimate", "frames", "apart"])

@@ -41,8 +41,7 @@ from robacc.effects.step import Step
 from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.tracing.findings import Finding
-from robacc.tracing.trace import trace
+from robacc.tracing.trace import Finding, trace
 
 NOISE = 1e-5
 COMPLIANCE = 8e-7

@@ -20,10 +20,8 @@ from robacc.effects.specification import entry_of
 from robacc.error_model.covariance import ACCEPTED, Whitened
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.tracing.candidates import Candidate
-from robacc.tracing.detection import DetectionLimit, decisive_test, detection_limits
-from robacc.tracing.evidence import Evidence
-from robacc.tracing.search import SearchResult, search
+from robacc.tracing.candidates import Candidate, Evidence, decisive_test
+from robacc.tracing.search import DetectionLimit, SearchResult, detection_limits, search
 from robacc.tracing.trace import trace
 
 CIRCUMSTANCES = {"time_step": 30.0, "temperature": (18.0, 30.0), "payloads": (0.0, 2.0, 5.0)}

@@ -9,7 +9,7 @@ import numpy as np
 from robacc.effects.base import effect_class
 from robacc.effects.periodic import TransmissionError
 from robacc.fitting.parameters import FittedParameter
-from robacc.tracing.findings import Harmonic, fitted_harmonics, periodic_statement
+from robacc.tracing.trace import Harmonic, fitted_harmonics, periodic_statement
 
 
 def line_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float | None, float, float | None]:

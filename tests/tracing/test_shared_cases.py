@@ -22,8 +22,7 @@ from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
-from robacc.tracing.findings import Finding
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import Finding, Trace, trace
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared"
 CASES = SHARED / "cases"

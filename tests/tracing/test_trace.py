@@ -15,7 +15,7 @@ from robacc.documents.fit import FINDING, TRACE, fit_document
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.solver import fit
+from robacc.fitting.solver import SEARCH, fit, refit
 from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
@@ -24,7 +24,6 @@ from robacc.render.views.fit import _at_tool
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.refitting import SEARCH, refit
 from robacc.tracing.trace import Trace, trace
 
 NOISE = 2e-5

@@ -12,7 +12,7 @@ from robacc.error_model.structure import Repeatability
 from robacc.fitting.warnings import LackOfFit
 from robacc.modelling.observation import Noise
 from robacc.render.views.fit import _remaining_error, _residual
-from robacc.tracing.findings import assumption_of, is_hidden_noise
+from robacc.tracing.trace import assumption_of, is_hidden_noise
 
 ESTIMATED = LackOfFit(Noise(2e-5, None, "residual"), None, 1.0)
 TINY = LackOfFit(Noise(4e-8, None, "residual"), None, 1.0)

@@ -454,7 +454,7 @@ def _shrinkage(kind: Document) -> str:
 
 
 def _residual(document: Document) -> str:
-    from robacc.tracing.findings import HIDDEN_NOISE
+    from robacc.tracing.trace import HIDDEN_NOISE
 
     noise, repeatability = document["noise"], document["repeatability"]
     size, source = math.sqrt(3) * noise["position_m"], _NOISE_SOURCES.get(noise["source"])

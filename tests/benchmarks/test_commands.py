@@ -20,10 +20,10 @@ POSES = {
     "million": f"{SAMPLE}/truth.yaml --poses 1000000 --noise 0.02mm --position-only",
     "rows": "sample_data/robot.yaml --poses 1000000 --noise 0.1mm --no-motion",
     "hundred": "sample_data/robot.yaml --poses 100 --noise 0.1mm --no-motion",
-    "150": f"{SAMPLE}/truth.yaml --poses 150 --noise 0.02mm --position-only",
-    "400": f"{SAMPLE}/truth.yaml --poses 400 --noise 0.02mm --noise-orientation 0.003deg",
-    "1495": f"{SAMPLE}/truth.yaml --poses 1495 --noise 0.02mm --noise-orientation 0.003deg",
-    "11911": f"{SAMPLE}/truth.yaml --poses 11911 --noise 0.02mm --position-only",
+    "poses_150": f"{SAMPLE}/truth.yaml --poses 150 --noise 0.02mm --position-only",
+    "poses_400": f"{SAMPLE}/truth.yaml --poses 400 --noise 0.02mm --noise-orientation 0.003deg",
+    "poses_1495": f"{SAMPLE}/truth.yaml --poses 1495 --noise 0.02mm --noise-orientation 0.003deg",
+    "poses_11911": f"{SAMPLE}/truth.yaml --poses 11911 --noise 0.02mm --position-only",
 }
 """Simulated poses by name; other machines do not have the sets that arms were measured on."""
 TRACE = f"--robot {SAMPLE}/robot.yaml --declared {GEOMETRY}"
@@ -48,10 +48,10 @@ LINES = (
     ),
     Line("estimate 1 M poses, JSON", "estimate {rows} --robot sample_data/robot.yaml --format json -o {out}", 6, 400),
     Line("calibrate 1 M positions", f"calibrate {{million}} --robot {SAMPLE}/robot.yaml --fit {GEOMETRY}", 20, 600),
-    Line("trace 150 positions, with a report", f"trace {{150}} {TRACE} --report {{out}}.html", 0.6, None),
-    Line("trace 400 poses", f"trace {{400}} {TRACE}", 3, 300),
-    Line("trace 1,495 poses", f"trace {{1495}} {TRACE}", 5, 400),
-    Line("trace 11,911 positions", f"trace {{11911}} {TRACE}", 20, 600),
+    Line("trace 150 positions, with a report", f"trace {{poses_150}} {TRACE} --report {{out}}.html", 0.6, None),
+    Line("trace 400 poses", f"trace {{poses_400}} {TRACE}", 3, 300),
+    Line("trace 1,495 poses", f"trace {{poses_1495}} {TRACE}", 5, 400),
+    Line("trace 11,911 positions", f"trace {{poses_11911}} {TRACE}", 20, 600),
 )
 
 

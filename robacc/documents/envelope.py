@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.chain import BLOCK
 from robacc.documents.keys import Document, Key, Kind, Later, array, constant, count, part, shortened, table, text
 from robacc.documents.parts import INPUT
 from robacc.errors import InputError, Problem, UsageError
@@ -60,16 +61,19 @@ def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
     An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
     number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
     """
-    values = np.asarray(array, dtype=np.float64)
-    size = np.abs(np.where(np.isfinite(values), values, 0.0))
-    with np.errstate(divide="ignore"):
-        places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-    exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-    power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
-    rounded: NDArray[np.float64] = np.where(exact, np.rint(values * power) / power, values) + 0.0
-    inexact = ~exact & (size > 0.0)
-    rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
-    return rounded
+    result = np.array(array, dtype=np.float64)
+    for start in range(0, len(result), BLOCK):
+        values = result[start : start + BLOCK]
+        size = np.abs(np.where(np.isfinite(values), values, 0.0))
+        with np.errstate(divide="ignore"):
+            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+        rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
+        inexact = ~exact & (size > 0.0)
+        rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
+        values[...] = rounded
+    return result
 
 
 # CSV text from columns.

@@ -345,22 +345,24 @@ _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
 LEAST = math.log(1e-7)
 """Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
+NOISE_STDS = (LEAST, math.log(0.1))
+"""Bounds of a log standard deviation of noise."""
 
 
 def estimated(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are."""
     part, start = on_subset(noise, linear) if noise.terms else (linear, noise)
-    bounds = [(LEAST, math.log(0.1))] * len(noise.log_std)
+    bounds = [NOISE_STDS] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
-    at = climbed(noise.packed, bounds, lambda at: likelihood_derivatives(start.unpacked(at), part))
-    return noise if at is None else dataclasses.replace(start.unpacked(at), factor=noise.factor)
+    found = climbed(noise.packed, bounds, lambda at: likelihood_derivatives(start.unpacked(at), part))
+    return noise if found is None else dataclasses.replace(start.unpacked(found[0]), factor=noise.factor)
 
 
 def climbed(
     start: Array, bounds: Sequence[tuple[float, float]], likelihood: Callable[[Array], tuple[float, Array, Array]]
-) -> Array | None:
-    """Return the parameters ``(K,)`` of largest likelihood; None if it is singular at ``start``.
+) -> tuple[Array, float] | None:
+    """Return the parameters ``(K,)`` of largest likelihood, and its logarithm; None if it is singular at ``start``.
 
     Steps of the average information, damped (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
     ``likelihood`` returns logarithm, gradient ``(K,)`` and information ``(K, K)``.
@@ -387,7 +389,7 @@ def climbed(
         step = np.zeros_like(at)
         step[free] = ahead * min(1.0, _LONGEST / float(np.abs(ahead).max()))
         step = np.clip(at + step, low, high) - at
-    return at
+    return None if best is None else (at, best[0])
 
 
 def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:

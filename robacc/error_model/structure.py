@@ -26,6 +26,7 @@ from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
     MOST_COMPONENTS,
+    NOISE_STDS,
     CovarianceParameters,
     climbed,
     estimated,
@@ -293,10 +294,8 @@ def _directional(
 
 _MOST_VISITS = 600
 """Visits that the process is estimated on: the time grows with their cube."""
-_STDS = (LEAST, math.log(0.1))
-"""Bounds of the logarithm of a standard deviation, m."""
 _LENGTHS = (math.log(0.1), math.log(30.0))
-"""The same of a length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
+"""Bounds of a log length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
 
 
 def correction_of_position(
@@ -315,19 +314,19 @@ def correction_of_position(
     if not moving.size:
         return None
     columns = linear.columns[:, :3] * linear.prior_std
-    chords = np.stack([rows.chords[j] for j in moving.tolist()])
     stated, fixed = np.diag(rows.stated[:, :3].mean(axis=1)), [np.eye(count)]
     if np.unique(rows.place).size < count:
         fixed.append(rows.same_place)
     if (wander := noise.terms.get("wander")) is not None:
-        fixed.append(np.exp(-rows.lags * math.exp(-wander[-1])))
+        fixed += [kernel for _, _, kernel in TERMS["wander"].carried(np.array([0.0, wander[-1]]), rows)]
+    amplitude = len(fixed)
 
     def likelihood(parameters: Array) -> tuple[float, Array, Array]:
-        variances, precision = np.exp(2.0 * parameters[: len(fixed) + 1]), np.exp(-2.0 * parameters[len(fixed) + 1 :])
-        kernel = np.exp(-0.5 * np.tensordot(precision, chords, 1))
-        slopes = [2.0 * variance * each for variance, each in zip(variances, [*fixed, kernel], strict=True)]
-        factor = np.linalg.cholesky(stated + 0.5 * np.sum(slopes, axis=0))
-        slopes += [scale * chord * 0.5 * slopes[-1] for scale, chord in zip(precision, chords, strict=True)]
+        slopes = [2.0 * math.exp(2.0 * std) * kernel for std, kernel in zip(parameters, fixed, strict=False)]
+        of_process = np.zeros(1 + rows.moves.size)
+        of_process[[0, *(1 + moving)]] = parameters[amplitude:]
+        slopes += [slope for _, _, slope in TERMS["field"].derivatives(of_process, rows)]
+        factor = np.linalg.cholesky(stated + 0.5 * np.sum(slopes[: amplitude + 1], axis=0))
         inverse = np.asarray(solve_triangular(factor, np.eye(count), lower=True, check_finite=False))
         own, by_column = inverse @ y, (inverse @ columns.reshape(count, -1)).reshape(3 * count, -1)
         triangle = np.linalg.cholesky(by_column.T @ by_column + np.eye(by_column.shape[1]))
@@ -346,18 +345,17 @@ def correction_of_position(
         )
 
     std = max(math.log(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index]))))), LEAST)
-    bounds = [_STDS] * (len(fixed) + 1) + [_LENGTHS] * moving.size
-    start = np.concatenate((np.full(len(fixed) + 1, std), np.zeros(moving.size)))
-    without = [*[_STDS] * len(fixed), (LEAST, LEAST), *[(0.0, 0.0)] * moving.size]
+    bounds = [NOISE_STDS] * (amplitude + 1) + [_LENGTHS] * moving.size
+    start = np.concatenate((np.full(amplitude + 1, std), np.zeros(moving.size)))
+    without = [*bounds[:amplitude], (LEAST, LEAST), *[(0.0, 0.0)] * moving.size]
     found, alone = climbed(start, bounds, likelihood), climbed(start, without, likelihood)
     if found is None or alone is None:
         return None
-    evidence = likelihood(found)[0] - likelihood(alone)[0]
+    best, evidence = found[0], found[1] - alone[1]
     cost = 0.5 * math.log(count) * (1 + moving.size)
     if evidence - cost <= ACCEPTED:
         return None
-    arm, process = fitted.model.arm, len(fixed)
-    lengths = (np.exp(found[process + 1 :]) / rows.scale[moving]).tolist()
-    ratio = math.exp(2.0 * (found[0] - found[process]))
+    arm, ratio = fitted.model.arm, math.exp(2.0 * (best[0] - best[amplitude]))
+    lengths = (np.exp(best[amplitude + 1 :]) / rows.scale[moving]).tolist()
     joints = [arm.names[j] for j in moving]
     return PoseCorrection.over(arm, data.subset(index), joints, lengths, "position", ratio), evidence, cost

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -176,8 +177,23 @@ _ALIKE = 2.0
 given, and from twice as much the setup is suspected."""
 
 
-def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
-    """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
+class Displacement(NamedTuple):
+    """Motion of the frames between the poses of a fit and the validation poses."""
+
+    shift: float
+    """Mean distance of the poses, m."""
+    turn: float
+    """rad"""
+    by_target: bool
+    """Whether the target moved too."""
+    registered: float
+    """Error with the frames registered, m rms."""
+    error: float
+    """Error without, m rms."""
+
+
+def displacement(fit: Fit, holdout: Measurements) -> Displacement | None:
+    """Return how far the frames of validation poses lie from those of a fit; None if they agree."""
     if holdout.n < _FEWEST:
         return None
     predicted = fit.predict(holdout)
@@ -186,22 +202,31 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     if error < 2.0 * _ALIKE * of_fit:
         return None
     rotation, translation = np.moveaxis(predicted.rotation, 2, 0)[None], predicted.translation.T[None]
-    for what, cause, targets in (("base", "", 0), ("base and target", ", or the target was mounted again", 1)):
+    for targets in (0, 1):
         found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
         registered = rms_length(found.vectors[0].T)
         gain = float(np.median(np.linalg.norm(residual, axis=0))) / max(float(found.median[0]), 1e-300)
         if gain >= _LEAST_GAIN and registered <= _ALIKE * of_fit:
             # The residual in the measuring frame is R^T times that in the base.
             shift = (residual - rotate_back(found.rotation[0], found.vectors[0].T)).mean(axis=1)
-            turn = float(np.degrees(np.linalg.norm(log_so3(found.rotation[0]))))
-            return (
-                f"the validation poses lie {1e3 * np.linalg.norm(shift):.3g} mm and {turn:.2g}° from where the model "
-                f"has them: the instrument or the robot base moved between the files{cause}; with {what} registered on "
-                f"them, their error is {1e3 * registered:.3g} mm rms in place of {1e3 * error:.3g} mm; transform "
-                "both files into one frame (common reference points), or leave out `holdout`, write the model, and use "
-                'estimate with `align="base_frame,tool_frame"` on the validation poses'
-            )
+            turn = float(np.linalg.norm(log_so3(found.rotation[0])))
+            return Displacement(float(np.linalg.norm(shift)), turn, bool(targets), registered, error)
     return None
+
+
+def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
+    """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
+    moved = displacement(fit, holdout)
+    if moved is None:
+        return None
+    what, cause = ("base and target", ", or the target was mounted again") if moved.by_target else ("base", "")
+    return (
+        f"the validation poses lie {1e3 * moved.shift:.3g} mm and {np.degrees(moved.turn):.2g}° from where the model "
+        f"has them: the instrument or the robot base moved between the files{cause}; with {what} registered on "
+        f"them, their error is {1e3 * moved.registered:.3g} mm rms in place of {1e3 * moved.error:.3g} mm; transform "
+        "both files into one frame (common reference points), or leave out `holdout`, write the model, and use "
+        'estimate with `align="base_frame,tool_frame"` on the validation poses'
+    )
 
 
 def larger_error_warning(fitted: float, held_out: float) -> str | None:

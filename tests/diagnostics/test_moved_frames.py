@@ -14,7 +14,7 @@ import robacc
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import larger_error_warning, moved_frames
+from robacc.fitting.warnings import displacement, larger_error_warning, moved_frames
 from robacc.geometry import rotate, rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -59,7 +59,10 @@ def test_a_moved_base_is_found(angle: float, shift: tuple[float, float, float]) 
     fitted, second = calibrated(), moved(campaigns()[2], angle, shift)
     found = moved_frames(fitted, second)
     shifted, turned, registered, before = figures(found)
-    assert turned == pytest.approx(np.degrees(angle), rel=0.06, abs=0.1)  # two digits are written
+    between = displacement(fitted, second)
+    assert not between.by_target
+    assert between.turn == pytest.approx(angle, abs=2e-3)
+    assert turned == float(f"{np.degrees(between.turn):.2g}")
     centre = moved(replace(second, position=fitted.predict(second).translation), angle, shift).position.mean(axis=1)
     expected = np.linalg.norm(centre - fitted.predict(second).translation.mean(axis=1))
     assert shifted == pytest.approx(1e3 * float(expected), rel=0.05)

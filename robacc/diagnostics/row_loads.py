@@ -155,8 +155,8 @@ def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]
         # What no row's own amount can explain decides the common coefficients.
         along = np.sum(unit[:, :, None] * basis.reshape(3, -1, basis.shape[1]), axis=0)
         across = residual - unit * np.sum(unit * residual, axis=0)
-        gram = np.eye(basis.shape[1]) - along.T @ along
-        shared = basis @ np.linalg.lstsq(gram, basis.T @ across.ravel(), rcond=_LEAST_NEW**2)[0]
+        gram = (1.0 + _LEAST_NEW**2) * np.eye(basis.shape[1]) - along.T @ along
+        shared = basis @ np.linalg.solve(gram, basis.T @ across.ravel())
         amounts = np.sum(direction * (residual - shared.reshape(residual.shape)), axis=0) / precision
         amounts = amounts - np.average(amounts, weights=precision)
         _, mixture, squares = _fit(residual, basis, moved * amounts)

@@ -349,9 +349,12 @@ NOISE_STDS = (LEAST, math.log(0.1))
 """Bounds of a log standard deviation of noise."""
 
 
-def estimated(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
-    """Return the parameters of largest restricted likelihood, with the rows' factors as they are."""
-    part, start = on_subset(noise, linear) if noise.terms else (linear, noise)
+def estimated(noise: CovarianceParameters, linear: Linearised, most: int = MOST_COMPONENTS) -> CovarianceParameters:
+    """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
+
+    Beside terms, of more than ``most`` components a random part is used.
+    """
+    part, start = on_subset(noise, linear) if noise.terms and linear.y.size > most else (linear, noise)
     bounds = [NOISE_STDS] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))

@@ -18,7 +18,6 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from robacc.effects.base import Effect
 from robacc.effects.correction import PoseCorrection
@@ -26,9 +25,7 @@ from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
     MOST_COMPONENTS,
-    NOISE_STDS,
     CovarianceParameters,
-    climbed,
     estimated,
     likelihood_derivatives,
     log_evidence,
@@ -288,14 +285,9 @@ def _directional(
 
 
 # What a fit lacks of the position, as one process over the joints along the axes of the measuring frame.
-#
-# The three axes share their kernel, so that N visits need a matrix of N x N only: more poses are seen than beside the
-# terms of the joints, and shorter lengths.
 
-_MOST_VISITS = 600
+_MOST_VISITS = 400
 """Visits that the process is estimated on: the time grows with their cube."""
-_LENGTHS = (math.log(0.1), math.log(30.0))
-"""Bounds of a log length, rad: the reach of the finest order of a joint's profile, and more than a joint turns."""
 
 
 def correction_of_position(
@@ -305,57 +297,29 @@ def correction_of_position(
 
     None if the evidence is not worth its cost: half the log of the visits for the variance and each length, and the
     odds of acceptance. Visits of a place may share a further error, and errors wander if the search found that
-    (``noise``). With V the covariance of one axis and P that of all rows beside the fit's columns, steps are those of
-    the average information (:func:`robacc.error_model.covariance.likelihood_derivatives`).
+    (``noise``).
     """
     linear, index = beside(fitted, data, _MOST_VISITS)
-    rows, y, count = linear.rows, linear.y[:, :3], len(linear.y)
+    linear = linear.of_position
+    rows, arm = linear.rows, fitted.model.arm
     moving = np.flatnonzero(rows.moves)
     if not moving.size:
         return None
-    columns = linear.columns[:, :3] * linear.prior_std
-    stated, fixed = np.diag(rows.stated[:, :3].mean(axis=1)), [np.eye(count)]
-    if np.unique(rows.place).size < count:
-        fixed.append(rows.same_place)
+    std = max(0.5 * math.log(float(np.mean(np.square(fitted.residual[:3, index]))) / 2.0), LEAST)
+    alone = CovarianceParameters(np.array([std]), np.ones(index.size))
+    if np.unique(rows.place).size < index.size:
+        alone = alone.with_term("place", np.array([std]))
     if (wander := noise.terms.get("wander")) is not None:
-        fixed += [kernel for _, _, kernel in TERMS["wander"].carried(np.array([0.0, wander[-1]]), rows)]
-    amplitude = len(fixed)
-
-    def likelihood(parameters: Array) -> tuple[float, Array, Array]:
-        slopes = [2.0 * math.exp(2.0 * std) * kernel for std, kernel in zip(parameters, fixed, strict=False)]
-        of_process = np.zeros(1 + rows.moves.size)
-        of_process[[0, *(1 + moving)]] = parameters[amplitude:]
-        slopes += [slope for _, _, slope in TERMS["field"].derivatives(of_process, rows)]
-        factor = np.linalg.cholesky(stated + 0.5 * np.sum(slopes[: amplitude + 1], axis=0))
-        inverse = np.asarray(solve_triangular(factor, np.eye(count), lower=True, check_finite=False))
-        own, by_column = inverse @ y, (inverse @ columns.reshape(count, -1)).reshape(3 * count, -1)
-        triangle = np.linalg.cholesky(by_column.T @ by_column + np.eye(by_column.shape[1]))
-        spread = np.asarray(solve_triangular(triangle, by_column.T, lower=True, check_finite=False))
-        reduced = spread @ own.ravel()
-        weighted = inverse.T @ (own - (spread.T @ reduced).reshape(count, 3))
-        shared = inverse.T @ spread.T.reshape(count, -1)
-        weights = weighted @ weighted.T + shared @ shared.T - 3.0 * inverse.T @ inverse
-        moved = np.stack([(inverse @ (slope @ weighted)).ravel() for slope in slopes])
-        beyond = moved @ spread.T
-        log_det = 6.0 * np.sum(np.log(np.diag(factor))) + 2.0 * np.sum(np.log(np.diag(triangle)))
-        return (
-            -0.5 * float(log_det + np.vdot(own, own) - reduced @ reduced),
-            np.array([0.5 * float(np.vdot(weights, slope)) for slope in slopes]),
-            0.5 * (moved @ moved.T - beyond @ beyond.T),
-        )
-
-    std = max(math.log(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index]))))), LEAST)
-    bounds = [NOISE_STDS] * (amplitude + 1) + [_LENGTHS] * moving.size
-    start = np.concatenate((np.full(amplitude + 1, std), np.zeros(moving.size)))
-    without = [*bounds[:amplitude], (LEAST, LEAST), *[(0.0, 0.0)] * moving.size]
-    found, alone = climbed(start, bounds, likelihood), climbed(start, without, likelihood)
-    if found is None or alone is None:
-        return None
-    best, evidence = found[0], found[1] - alone[1]
-    cost = 0.5 * math.log(count) * (1 + moving.size)
+        alone = alone.with_term("wander", np.array([std, wander[-1]]))
+    start = np.append(std, np.where(rows.moves, 0.0, 30.0))
+    found = estimated(alone.with_term("field", start), linear, linear.y.size)
+    alone = estimated(alone, linear, linear.y.size)
+    evidence = whitened(found, linear).log_likelihood - whitened(alone, linear).log_likelihood
+    cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, found.std)
     if evidence - cost <= ACCEPTED:
         return None
-    arm, ratio = fitted.model.arm, math.exp(2.0 * (best[0] - best[amplitude]))
-    lengths = (np.exp(best[amplitude + 1 :]) / rows.scale[moving]).tolist()
+    std, lengths = found.terms["field"][0], np.exp(found.terms["field"][1:]) / rows.scale
     joints = [arm.names[j] for j in moving]
-    return PoseCorrection.over(arm, data.subset(index), joints, lengths, "position", ratio), evidence, cost
+    ratio = math.exp(2.0 * (found.log_std[0] - std))
+    correction = PoseCorrection.over(arm, data.subset(index), joints, lengths[moving].tolist(), "position", ratio)
+    return correction, evidence, cost

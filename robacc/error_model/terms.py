@@ -169,6 +169,12 @@ class Linearised:
             self, y=along(self.y, 1), columns=along(self.columns, 1), joints=along(self.joints, 1)
         )
 
+    @property
+    def of_position(self) -> Linearised:
+        """Return the same without orientations."""
+        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3])
+        return Linearised(rows, self.y[:, :3], self.columns[:, :3], self.joints[:, :3], self.prior_std)
+
     @cached_property
     def reach(self) -> Array:
         """``(J,)`` root mean square distance (m) by which a joint moves the target per rad or m, at least 1 um."""
@@ -365,6 +371,7 @@ class Field(SmoothProcess):
     name = "field"
     meaning = "error along fixed axes that depends on the pose, no cause named"
     of_joints = False
+    shape_bounds = (math.log(0.1), math.log(30.0))
 
 
 class Wander(CovarianceTerm):

@@ -29,6 +29,7 @@ from robacc.effects.base import (
     needed,
     register,
     setting,
+    settings_of,
     varies,
 )
 from robacc.effects.frames import frame_terms
@@ -53,9 +54,11 @@ class LineOfSight(Effect):
     place: Place = setting((0.0, 0.0, 0.0), key="instrument", unit="length", written=True, last=True)
     """Instrument's place in the measuring frame, m."""
 
-    @abc.abstractmethod
     def forms(self) -> Iterator[LineOfSight]:
-        """Yield every form, each at this place."""
+        """Yield every form, each at this place: one for each choice of its setting that has choices."""
+        for declared in settings_of(type(self)).values():
+            for choice in declared.choices:
+                yield dataclasses.replace(self, **{declared.field: choice})  # type: ignore[arg-type]
 
     @property
     @abc.abstractmethod
@@ -183,10 +186,6 @@ class TrackerError(LineOfSight):
         example="{effect: tracker_error, kind: range, instrument: [3, -2, 1], values: {offset: 5e-5}}",
     )
 
-    def forms(self) -> Iterator[LineOfSight]:
-        """Yield the error of the range and those of both angles."""
-        yield from (TrackerError(self.joints, self.place, kind) for kind in ("range", "horizontal", "vertical"))
-
     @property
     def labels(self) -> tuple[str, ...]:
         """Return the offset of the range, or cosine and sine of an angle's error."""
@@ -261,10 +260,6 @@ class TargetDecentre(LineOfSight):
         source="ASME B89.4.19-2006: optical and mechanical centre of a spherically mounted retroreflector",
         example="{effect: target_decentre, axis: x, instrument: [3, -2, 1], values: {across: 1e-4, beyond: 5e-5}}",
     )
-
-    def forms(self) -> Iterator[LineOfSight]:
-        """Yield a form for each axis of the tool."""
-        yield from (TargetDecentre(self.joints, self.place, axis) for axis in ("x", "y", "z"))
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -166,29 +166,35 @@ class Step(Effect):
         start = f"from {between[0] if between else place} on"
         if between is not None and between[1] != between[2]:
             start += f" (95 % between {between[1]} and {between[2]})"
-        if self.part == "base":
-            check = "check the mounting of the base and the instrument's tripod, and measure these poses again"
-            return f"{start}, the base is displaced by {size}: {check}"
-        if self.part == "target":
-            which = "target" if self.target is None else f"target {self.target}"
-            check = "check its seat, and measure the earlier poses again"
-            return f"{start}, the {which} is displaced by {size}: {check}"
-        if self.part == "payload":
-            check = "write payload_kg for each row (a part, another tool, a hose), and trace again"
-            return f"{start}, the arm carries another load, which deflects {', '.join(self.joints)}: {check}"
-        check = "look for a collision, a lost encoder count or a new mastering; master the joint and measure again"
         jumps = ", ".join(
             f"{joint} jumps by {1e3 * values.get(f'{self.name}.{joint}', 0.0):.3g} "
             f"{'mrad' if arm.is_revolute(joint) else 'mm'}"
             for joint in self.joints
         )
-        return f"{start}, the zero of {jumps}: {check}"
+        what, check = {
+            "base": (
+                f"base is displaced by {size}",
+                "check the mounting of the base and the instrument's tripod, and measure these poses again",
+            ),
+            "target": (
+                f"target {f'{self.target} ' * (self.target is not None)}is displaced by {size}",
+                "check its seat, and measure the earlier poses again",
+            ),
+            "payload": (
+                f"arm carries another load, which deflects {', '.join(self.joints)}",
+                "write payload_kg for each row (a part, another tool, a hose), and trace again",
+            ),
+            "joint": (
+                f"zero of {jumps}",
+                "look for a collision, a lost encoder count or a new mastering; master the joint and measure again",
+            ),
+        }[self.part]
+        return f"{start}, the {what}: {check}"
 
     def __str__(self) -> str:
         """Return ``step[j2]`` or ``step[base]``."""
-        if self.part == "payload":
-            return f"{self.name}[payload]"
-        return f"{self.name}[{','.join(self.joints) or self.target or self.part}]"
+        joints = "" if self.part == "payload" else ",".join(self.joints)
+        return f"{self.name}[{joints or self.target or self.part}]"
 
 
 def unit_torques(arm: Arm, data: Measurements) -> Array:

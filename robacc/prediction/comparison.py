@@ -358,8 +358,7 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
     null_statistics = _null_distribution(variances.tobytes(), seed)
     n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
     p_value, draws = (1.0 + n_exceeding) / (1.0 + null_statistics.size), int(null_statistics.size)
-    ratio = float(statistic[0])
-    return ScaleTest(math.sqrt(float(factors[0])), ratio, p_value, chi2_sf(ratio, 1.0), draws)
+    return ScaleTest(math.sqrt(factors[0]), float(statistic[0]), p_value, chi2_sf(float(statistic[0]), 1.0), draws)
 
 
 @lru_cache(maxsize=16)
@@ -373,8 +372,7 @@ def _null_distribution(variances: bytes, seed: int) -> Array:
 def _log_likelihood(squares: Array, variances: Array, factor: Array) -> Array:
     """Return twice the log-likelihood, ``(D, F)``, of squares ``(D, R)`` at factors ``(D, F)`` or ``(F,)`` of s²."""
     total = 1.0 + factor[..., None] * variances
-    result: Array = -np.sum(np.log(total) + squares[:, None, :] / total, axis=-1)
-    return result
+    return np.asarray(-np.sum(np.log(total) + squares[:, None, :] / total, axis=-1))
 
 
 def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:

@@ -360,11 +360,14 @@ class InstrumentScale(Effect):
         if not self.drift:
             return (Term(self.name, "1", 1e-5, (Part(SCALE_OF_INSTRUMENT),)),)
         elapsed = (needed(data.time, "time_s", self.name) - self.origin) / self.span
-        terms: list[Term] = []
-        for power in range(1, self.drift + 1):
-            terms.append(Term(f"{self.name}.k{power}", "1", 1e-5, (Part(SCALE_OF_INSTRUMENT, elapsed**power),)))
-            terms += frame_terms(arm, BASE, self.name, elapsed**power, turning=False, suffix=f"{power}")
-        return tuple(terms)
+        return tuple(
+            term
+            for power in range(1, self.drift + 1)
+            for term in (
+                Term(f"{self.name}.k{power}", "1", 1e-5, (Part(SCALE_OF_INSTRUMENT, elapsed**power),)),
+                *frame_terms(arm, BASE, self.name, elapsed**power, turning=False, suffix=f"{power}"),
+            )
+        )
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if the shifts of a drift are not those of a scale about an instrument's place."""

@@ -389,13 +389,12 @@ class Counterbalance(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint."""
-        terms = []
-        for joint in self.joints:
-            angle = driven_by(arm, data, joint, self.name) - math.radians(self.centre)
-            stretched = np.sin(angle)
-            columns = {"spring": stretched, "length": stretched / np.sqrt(1.0 + self.ratio * np.cos(angle))}
-            terms += [self.joint_term(arm, joint, column, label, 1e-3) for label, column in columns.items()]
-        return tuple(terms)
+        angles = {joint: driven_by(arm, data, joint, self.name) - math.radians(self.centre) for joint in self.joints}
+        return tuple(
+            self.joint_term(arm, joint, np.sin(angle) / length, label, 1e-3)
+            for joint, angle in angles.items()
+            for label, length in (("spring", 1.0), ("length", np.sqrt(1.0 + self.ratio * np.cos(angle))))
+        )
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None

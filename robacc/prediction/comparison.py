@@ -321,29 +321,25 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
         total = ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
         noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof)
     scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
-    sentences = []
     if parameters is None or scale is None:
-        sentences.append(
-            "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
-        )
+        verdict = "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
     elif min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
-        sentences.append("the measured errors are consistent with the tolerances")
+        verdict = "the measured errors are consistent with the tolerances"
     elif scale.p_value < SIGNIFICANT:
-        comparative = "larger" if scale.factor > 1.0 else "smaller"
-        sentences.append(
-            f"the measured errors are {comparative} than the tolerances predict: about {scale.factor:.2g} times "
-            "the predicted size"
+        verdict = (
+            f"the measured errors are {'larger' if scale.factor > 1.0 else 'smaller'} than the tolerances predict: "
+            f"about {scale.factor:.2g} times the predicted size"
         )
     else:
-        sentences.append(
+        verdict = (
             "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
             "errors, or there are causes other than these parameters"
         )
     if parameters is not None and noise is not None and noise.p_value < SIGNIFICANT:
         noise_ratio = math.sqrt(noise.ratio)
         cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
-        sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
-    return Consistency(total, parameters, noise, scale, "; ".join(sentences))
+        verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
+    return Consistency(total, parameters, noise, scale, verdict)
 
 
 def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:

@@ -605,10 +605,9 @@ def fit_record(
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
-    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0)
-    if record.noise_is_separate:
-        angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
-        record = dataclasses.replace(record, noise=(math.sqrt(noise[0]), angle))
+    angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
+    separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
+    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
     if held_out is None or poses.n < _FEWEST:
         return record
     compared = dataclasses.replace(compared, unexplained=unexplained)

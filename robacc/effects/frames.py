@@ -1,6 +1,6 @@
 """Effects on the arm's frames, zeros, lengths and rails: wrong constants, and what temperature and time change.
 
-What moves a frame at a step is in :mod:`robacc.effects.step`.
+What moves a frame at a step is in :mod:`robacc.effects.campaign`.
 """
 
 from __future__ import annotations

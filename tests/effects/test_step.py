@@ -11,8 +11,8 @@ from searched import ARM, model
 
 import robacc
 from robacc.effects.base import Effect
+from robacc.effects.campaign import Step
 from robacc.effects.specification import known_effects
-from robacc.effects.step import Step
 from robacc.errors import InputError
 from robacc.geometry import rotation_about
 from robacc.measurements import Measurements

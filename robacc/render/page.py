@@ -126,9 +126,8 @@ def identity_rows(
         for name, document in zip(names, documents, strict=True):
             files = [file for file in document["inputs"] if key in file.get("identity", ())]
             lead = f"{name}, " if len(documents) > 1 else ""
-            by_file = [(lead + file["name"], file["identity"][key]) for file in files]
-            has_one = len({text for _, text in by_file}) < 2
-            texts += [(name, text) for _, text in by_file[:1]] if has_one else by_file
+            own = [(name, text) for text in {file["identity"][key] for file in files}]
+            texts += own if len(own) < 2 else [(lead + file["name"], file["identity"][key]) for file in files]
         distinct = {text for _, text in texts}
         many = "; ".join(f"{name}: {text}" for name, text in texts)
         rows.append((label, identity.get(key, many if len(distinct) > 1 else "".join(distinct))))

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
+from robacc.effects.drivers import is_outside
 from robacc.errors import InputError, Problem
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpose
@@ -477,7 +478,8 @@ def refusals(
         data = setting.at(wanted.q, setting.motion(wanted.q))
         for known in setting.model.known:
             reason = f"outside the validity range of {known.effect}"
-            refuse(known.is_held_at(setting.model.arm, data), Cause.out_of_range, reason)
+            ranges, periods = known.effect.limits(setting.model.arm, known.validity)
+            refuse(is_outside(setting.model.arm, data, ranges, periods), Cause.out_of_range, reason)
         columns: dict[str, Array | None] = dict(zip(names, wanted.q, strict=True))
         columns["payload_kg"] = data.payload
         # A temperature that no effect depends on refuses no target.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import effect_class
-from robacc.effects.instrument import FOLLOWED_SHARE
+from robacc.effects.campaign import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit

@@ -238,21 +238,26 @@ _PREDICTION = part(
                         array(
                             part(
                                 {
-                                    "parameter": Key(text, "Parameter, as joint.kind.", "parameter.name"),
-                                    "joint": Key(text | None, "Joint, or null.", "parameter.joint"),
+                                    "parameter": Key(text, "Parameter, as joint.kind.", lambda pair: pair[0].name),
+                                    "joint": Key(text | None, "Joint, or null.", lambda pair: pair[0].joint),
                                     "given_sd": Key(
-                                        size, "Given tolerance, one standard deviation, in the unit.", "parameter.sd"
+                                        size,
+                                        "Given tolerance, one standard deviation, in the unit.",
+                                        lambda pair: pair[0].sd,
                                     ),
                                     "needed_sd": Key(
-                                        size, "Needed tolerance, one standard deviation, in the unit.", "needed"
+                                        size,
+                                        "Needed tolerance, one standard deviation, in the unit.",
+                                        lambda pair: pair[1],
                                     ),
-                                    "factor": Key(size, "Needed over given tolerance."),
-                                    "unit": Key(text, "m or rad.", "parameter.unit"),
+                                    "factor": Key(
+                                        size, "Needed over given tolerance.", lambda pair: pair[1] / pair[0].sd
+                                    ),
+                                    "unit": Key(text, "m or rad.", lambda pair: pair[0].unit),
                                 }
                             )
                         ),
                         "Tolerance of each parameter.",
-                        "needed",
                     ),
                     "verified": Key(
                         part(
@@ -496,7 +501,7 @@ def prediction_charts(prediction: Prediction, robot: Robot) -> Document:
             "warranty_map": warranty_map(prediction, reached.translation) if prediction.is_calibrated else None,
             "robot": robot_document(robot, configurations.q),
             "poses": {
-                "label": [configurations.label(i) for i in range(configurations.n)],
+                "label": list(configurations.labels),
                 "q": rounded(configurations.q),
                 "commanded_m": rounded(reached.translation),
             },
@@ -507,7 +512,7 @@ def prediction_charts(prediction: Prediction, robot: Robot) -> Document:
 def prediction_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
     """Return a CSV row for each pose: its label, joint variables and predicted errors (m, rad, tool frame)."""
     configurations = prediction.configurations
-    columns: dict[str, Iterable[Any] | None] = {"pose": map(configurations.label, range(configurations.n))}
+    columns: dict[str, Iterable[Any] | None] = {"pose": configurations.labels}
     columns |= dict(zip(joint_names, configurations.q, strict=True))
     for errors in (prediction.position, prediction.orientation):
         unit = errors.unit

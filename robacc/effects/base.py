@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_or
 
 import numpy as np
 
-from robacc.effects.drivers import Driver, Validity, columns_of, driver_values, is_of_weight, ranges
+from robacc.effects.drivers import Driver, Periods, Validity, columns_of, driver_values, is_of_weight, ranges
 from robacc.errors import MissingColumnError, UsageError
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
@@ -82,12 +82,6 @@ class Setting:
         except (ValueError, OverflowError):
             raise ValueError(f"{self.key} must be {self._expected(self.kind)}, found {value!r}") from None
         return result
-
-    def is_written(self, effect: Any) -> bool:
-        """Return whether the settings of ``effect`` contain this one."""
-        if callable(self.written):
-            return self.written(effect)
-        return self.written or getattr(effect, self.field) != self.default
 
     def _converted(self, kind: Any, value: Any) -> Any:
         """Return a value of a file as a value of a kind; a ``ValueError`` without text where that is not possible."""
@@ -487,7 +481,8 @@ class Effect(abc.ABC):
         return {
             key: as_plain(getattr(self, declared.field))
             for key, declared in settings_of(type(self)).items()
-            if declared.is_written(self)
+            for is_always in [declared.written(self) if callable(declared.written) else declared.written]
+            if is_always or (not callable(declared.written) and getattr(self, declared.field) != declared.default)
         }
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
@@ -569,6 +564,15 @@ class Effect(abc.ABC):
     def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
         """Return what becomes of the effect beyond the range ``limits`` of one of its drivers, SI."""
         return Beyond(self.traits.extrapolates is None)
+
+    def limits(self, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
+        """Return the ranges of the drivers beyond which it is held, or fades, and the periods of some of them."""
+        rules = {name: self.beyond(arm, name, limits) for name, limits in validity.items()}
+        names = [name for name, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)]
+        periods = {name: rules[name].period for name in names}
+        return {name: validity[name] for name in names}, {
+            k: period for k, period in periods.items() if period is not None
+        }
 
     def within(self, validity: Validity) -> Effect:
         """Return the effect as it is used on poses beyond ``validity``; an effect of the torque may limit that."""

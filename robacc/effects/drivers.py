@@ -187,11 +187,8 @@ def is_outside(arm: Arm, data: Measurements, limits: Validity, periods: Periods 
 
 def united(first: Validity, second: Validity) -> dict[str, tuple[float, float]]:
     """Return ranges that contain both; a driver without a range in one of them has that of the other."""
-    result = dict(first)
-    for name, (low, high) in second.items():
-        low_before, high_before = result.get(name, (low, high))
-        result[name] = (min(low, low_before), max(high, high_before))
-    return result
+    both = {name: [limits[name] for limits in (first, second) if name in limits] for name in (*first, *second)}
+    return {name: (min(low for low, _ in pairs), max(high for _, high in pairs)) for name, pairs in both.items()}
 
 
 def clip_drivers(arm: Arm, data: Measurements, limits: Validity, periods: Periods = NO_PERIODS) -> Measurements:

@@ -272,19 +272,29 @@ class JointHardening(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        terms = []
-        for joint in self.joints:
-            largest = self.largest_torques.get(joint, np.inf)
-            torque = np.clip(driven_by(arm, data, f"torque_{joint}", self.name), -largest, largest)
-            if self.knee is None:
-                terms.append(self.joint_term(arm, joint, (torque / self.reference) ** 3))
-                continue
-            share = torque / self.knee
-            # The only real root of z + z^3 = share.
-            root = 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * share) / 3.0)
-            column, unit = self.knee * (root - share), compliance_unit(arm, joint)
-            terms.append(self.joint_term(arm, joint, column, typical=1e-5, unit=unit))
-        return tuple(terms)
+        torques = {
+            joint: np.clip(driven_by(arm, data, f"torque_{joint}", self.name), -largest, largest)
+            for joint in self.joints
+            for largest in [self.largest_torques.get(joint, np.inf)]
+        }
+        if self.knee is None:
+            cubes = {joint: (torque / self.reference) ** 3 for joint, torque in torques.items()}
+            return tuple(self.joint_term(arm, joint, cube) for joint, cube in cubes.items())
+        # The only real root of z + z^3 = torque / knee.
+        roots = {
+            joint: 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * (torque / self.knee)) / 3.0)
+            for joint, torque in torques.items()
+        }
+        return tuple(
+            self.joint_term(
+                arm,
+                joint,
+                self.knee * (roots[joint] - torque / self.knee),
+                typical=1e-5,
+                unit=compliance_unit(arm, joint),
+            )
+            for joint, torque in torques.items()
+        )
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -441,17 +451,18 @@ class PayloadCompliance(Elastic):
                 of_load = f"{name}.{label}" if self.groups else name
                 unit_of_load, typical = (f"{unit} kg", 5e-5) if self.groups else (unit, 1e-5)
                 terms.append(Term(of_load, unit_of_load, typical, self.parts(motions, payload(arm, mass))))
-                moments_of = _first_moments(arm, mass) if self.com == "uncertain" else {}
+                # The payload's first moments of mass per metre along each axis of the last link's frame.
                 terms += [
                     Term(
                         f"{of_load}.{axis}",
                         f"{unit_of_load} m",
                         typical,
-                        self.parts(motions, (load,)),
+                        self.parts(motions, (Load(arm.flange, 0.0, (x * mass, y * mass, z * mass)),)),
                         of_load,
                         _COM_STD,
                     )
-                    for axis, load in moments_of.items()
+                    for axis, (_, (x, y, z)) in UNIT_LOADS.items()
+                    if axis != "m" and self.com == "uncertain"
                 ]
         return tuple(terms)
 
@@ -504,12 +515,6 @@ def _groups(data: Measurements) -> tuple[str, ...]:
     if names.size < 2 or counts.min() < _FEWEST_ROWS:
         return ()
     return tuple(str(name) for name in names if name not in _NOTHING)
-
-
-def _first_moments(arm: Arm, mass: Array) -> dict[str, Load]:
-    """Return the payload's first moments of mass per metre along each axis of the last link's frame."""
-    moments_of = {label: moment for label, (_, moment) in UNIT_LOADS.items() if label != "m"}
-    return {label: Load(arm.flange, 0.0, (x * mass, y * mass, z * mass)) for label, (x, y, z) in moments_of.items()}
 
 
 @register

@@ -1,6 +1,6 @@
 """Effects on the arm's frames, zeros, lengths and rails: wrong constants, and what temperature and time change.
 
-What moves a frame at a step is in :mod:`robacc.effects.step`.
+What moves a frame at a step is in :mod:`robacc.effects.campaign`.
 """
 
 from __future__ import annotations
@@ -177,7 +177,7 @@ class LinkGeometry(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the constants of each joint's row; the fit finds those that are not identifiable."""
-        terms = [
+        terms = (
             Term(
                 f"{self.name}.{joint}.{label}",
                 arm.chain.motions[motion].unit,
@@ -188,7 +188,7 @@ class LinkGeometry(Effect):
             for joint in self.joints
             for label, motion in _constants(arm, joint).items()
             if not self.labels or label in self.labels
-        ]
+        )
         # Hayati's rotations last: a rotation is identifiable only if the table's own numbers cannot describe it.
         return tuple(sorted(terms, key=lambda term: term.label == "beta"))
 
@@ -256,18 +256,25 @@ class RailErrors(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients of each curve, in a group for each joint."""
-        terms = []
-        for joint in self.joints:
-            u = 2 * (driven_by(arm, data, joint, self.name) - self.low) / (self.high - self.low) - 1
-            curves = np.polynomial.chebyshev.chebvander(u, _DEGREE).T
-            group = f"{self.name}.{joint}"
-            terms += [
-                Term(f"{group}.{label}{degree}", unit, 1e-4, (Part(motion, curves[degree]),), group, 1 / degree**2)
-                for label, motion in _carriage(arm, joint).items()
-                for unit, first in (("m", 2) if label in "xyz" else ("rad", 1),)
-                for degree in range(first, _DEGREE + 1)
-            ]
-        return tuple(terms)
+        curves = {
+            joint: np.polynomial.chebyshev.chebvander(2 * (travel - self.low) / (self.high - self.low) - 1, _DEGREE).T
+            for joint in self.joints
+            for travel in [driven_by(arm, data, joint, self.name)]
+        }
+        return tuple(
+            Term(
+                f"{self.name}.{joint}.{label}{degree}",
+                unit,
+                1e-4,
+                (Part(motion, curves[joint][degree]),),
+                f"{self.name}.{joint}",
+                1 / degree**2,
+            )
+            for joint in self.joints
+            for label, motion in _carriage(arm, joint).items()
+            for unit, first in (("m", 2) if label in "xyz" else ("rad", 1),)
+            for degree in range(first, _DEGREE + 1)
+        )
 
     def conflict(self, given: Collection[str]) -> str | None:
         """Return the reason if the travel has no length."""

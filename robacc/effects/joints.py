@@ -92,7 +92,12 @@ class JointCoupling(Effect):
         """Return one term per pair of joints."""
         return tuple(
             self.joint_term(
-                arm, joint, driven_by(arm, data, driver, self.name), driver, 1e-3, unit=_ratio_unit(arm, joint, driver)
+                arm,
+                joint,
+                driven_by(arm, data, driver, self.name),
+                driver,
+                1e-3,
+                unit="1" if arm.unit(joint) == arm.unit(driver) else f"{arm.unit(joint)}/{arm.unit(driver)}",
             )
             for joint in self.joints
             for driver in self._drivers(arm, joint)
@@ -116,11 +121,6 @@ class JointCoupling(Effect):
         """Return the effect of the ``drivers``, a name or a list of names."""
         listed = {key: [value] if isinstance(value, str) else value for key, value in settings.items()}
         return super().from_settings(joints, listed)
-
-
-def _ratio_unit(arm: Arm, joint: str, driver: str) -> str:
-    units = arm.unit(joint), arm.unit(driver)
-    return "1" if units[0] == units[1] else "/".join(units)
 
 
 _LEAST_LEVER = 1e-3

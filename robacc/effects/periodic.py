@@ -218,12 +218,11 @@ class TransmissionError(Effect):
         """Return two terms per joint and order."""
         # The orders of a profile together are as large as a single order usually is.
         typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)
-        terms = []
-        for joint in self.joints:
-            group = f"{self.name}.{joint}" if self.shrunk else None
-            waves = _waves(self.orders, driven_by(arm, data, joint, self.name))
-            terms += [self.joint_term(arm, joint, wave, label, typical, group=group) for label, wave in waves]
-        return tuple(terms)
+        return tuple(
+            self.joint_term(arm, joint, wave, label, typical, group=f"{self.name}.{joint}" if self.shrunk else None)
+            for joint in self.joints
+            for label, wave in _waves(self.orders, driven_by(arm, data, joint, self.name))
+        )
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -322,14 +321,12 @@ class ComplianceVariation(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return a cosine and a sine for each order of each joint."""
-        terms = []
-        for joint in self.joints:
-            torque = driven_by(arm, data, f"torque_{joint}", self.name)
-            waves = _waves(self.orders, driven_by(arm, data, joint, self.name))
-            terms += [
-                self.joint_term(arm, joint, torque * wave, label, 1e-6, unit="rad/(N m)") for label, wave in waves
-            ]
-        return tuple(terms)
+        torques = {joint: driven_by(arm, data, f"torque_{joint}", self.name) for joint in self.joints}
+        return tuple(
+            self.joint_term(arm, joint, torque * wave, label, 1e-6, unit="rad/(N m)")
+            for joint, torque in torques.items()
+            for label, wave in _waves(self.orders, driven_by(arm, data, joint, self.name))
+        )
 
 
 _LOW = 2.5
@@ -392,13 +389,12 @@ class Counterbalance(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint."""
-        terms = []
-        for joint in self.joints:
-            angle = driven_by(arm, data, joint, self.name) - math.radians(self.centre)
-            stretched = np.sin(angle)
-            columns = {"spring": stretched, "length": stretched / np.sqrt(1.0 + self.ratio * np.cos(angle))}
-            terms += [self.joint_term(arm, joint, column, label, 1e-3) for label, column in columns.items()]
-        return tuple(terms)
+        angles = {joint: driven_by(arm, data, joint, self.name) - math.radians(self.centre) for joint in self.joints}
+        return tuple(
+            self.joint_term(arm, joint, np.sin(angle) / length, label, 1e-3)
+            for joint, angle in angles.items()
+            for label, length in (("spring", 1.0), ("length", np.sqrt(1.0 + self.ratio * np.cos(angle))))
+        )
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None

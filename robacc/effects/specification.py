@@ -9,16 +9,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.chain import BASE, TOOL
 from robacc.effects.base import Effect, Part, Term, effect_class
 from robacc.effects.drivers import (
-    Periods,
     Validity,
     clip_drivers,
     driver_values,
-    is_outside,
     nearest_image,
     range_excess,
     read_validity,
@@ -43,18 +40,6 @@ class Known:
     values: Mapping[str, float]
     validity: Validity = field(default_factory=dict)
     """Range of each driver over the poses that the values were fitted to; empty if unknown."""
-
-    def is_held_at(self, arm: Arm, data: Measurements) -> NDArray[np.bool_]:
-        """Return ``(N,)`` the mask of poses where a driver of the effect is held at the end of its range."""
-        return is_outside(arm, data, *self.held_limits(arm))
-
-    def held_limits(self, arm: Arm) -> tuple[Validity, Periods]:
-        """Return the ranges of the drivers that the effect does not extrapolate, and their periods."""
-        return limits_of(self.effect, arm, self.validity)
-
-    def fading_limits(self, arm: Arm) -> tuple[Validity, Periods]:
-        """Return the ranges of the drivers beyond which the effect fades, and their periods."""
-        return limits_of(self.effect, arm, self.validity, fading=True)
 
 
 def known_effects(robot: Robot) -> tuple[Known, ...]:
@@ -237,19 +222,9 @@ _POINTS = 32
 """Places at which the level is sampled."""
 
 
-def limits_of(effect: Effect, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
-    """Return the ranges of the drivers beyond which an effect is held, or fades, and the periods of some of them."""
-    rules = {name: effect.beyond(arm, name, limits) for name, limits in validity.items()}
-    names = [name for name, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)]
-    return (
-        {name: validity[name] for name in names},
-        {name: period for name in names if (period := rules[name].period) is not None},
-    )
-
-
 def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> Measurements:
     """Return the poses with the drivers that ``effect`` does not extrapolate held at the ends of their ranges."""
-    return clip_drivers(arm, data, *limits_of(effect, arm, validity))
+    return clip_drivers(arm, data, *effect.limits(arm, validity))
 
 
 def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
@@ -260,7 +235,7 @@ def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> t
     """
     effect = effect.within(validity)
     terms = effect.terms(arm, data)
-    for joint, (low, high) in limits_of(effect, arm, validity, fading=True)[0].items():
+    for joint, (low, high) in effect.limits(arm, validity, fading=True)[0].items():
         values = driver_values(arm, data, joint)
         _, period, length = effect.beyond(arm, joint, (low, high))
         if values is None or length is None:

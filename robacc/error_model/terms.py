@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Part, Term
-from robacc.effects.step import sequence_of
+from robacc.effects.campaign import sequence_of
 from robacc.fitting.visits import places, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements

@@ -135,7 +135,7 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
 
     It is held at its range, but does not fade: what it may be there is as large as it is within its range.
     """
-    fading, _ = known.fading_limits(arm)
+    fading, _ = known.effect.limits(arm, known.validity, fading=True)
     validity = {driver: limits for driver, limits in known.validity.items() if driver not in fading}
     poses = data.subset(even_rows(data.n, _SIZED))
     models = Model(arm, (dataclasses.replace(known, validity=validity),)), Model(arm)

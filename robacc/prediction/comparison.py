@@ -321,29 +321,25 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
         total = ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
         noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof)
     scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
-    sentences = []
     if parameters is None or scale is None:
-        sentences.append(
-            "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
-        )
+        verdict = "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
     elif min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
-        sentences.append("the measured errors are consistent with the tolerances")
+        verdict = "the measured errors are consistent with the tolerances"
     elif scale.p_value < SIGNIFICANT:
-        comparative = "larger" if scale.factor > 1.0 else "smaller"
-        sentences.append(
-            f"the measured errors are {comparative} than the tolerances predict: about {scale.factor:.2g} times "
-            "the predicted size"
+        verdict = (
+            f"the measured errors are {'larger' if scale.factor > 1.0 else 'smaller'} than the tolerances predict: "
+            f"about {scale.factor:.2g} times the predicted size"
         )
     else:
-        sentences.append(
+        verdict = (
             "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
             "errors, or there are causes other than these parameters"
         )
     if parameters is not None and noise is not None and noise.p_value < SIGNIFICANT:
         noise_ratio = math.sqrt(noise.ratio)
         cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
-        sentences.append(f"the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}")
-    return Consistency(total, parameters, noise, scale, "; ".join(sentences))
+        verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
+    return Consistency(total, parameters, noise, scale, verdict)
 
 
 def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
@@ -358,8 +354,7 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
     null_statistics = _null_distribution(variances.tobytes(), seed)
     n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
     p_value, draws = (1.0 + n_exceeding) / (1.0 + null_statistics.size), int(null_statistics.size)
-    ratio = float(statistic[0])
-    return ScaleTest(math.sqrt(float(factors[0])), ratio, p_value, chi2_sf(ratio, 1.0), draws)
+    return ScaleTest(math.sqrt(factors[0]), float(statistic[0]), p_value, chi2_sf(float(statistic[0]), 1.0), draws)
 
 
 @lru_cache(maxsize=16)
@@ -373,8 +368,7 @@ def _null_distribution(variances: bytes, seed: int) -> Array:
 def _log_likelihood(squares: Array, variances: Array, factor: Array) -> Array:
     """Return twice the log-likelihood, ``(D, F)``, of squares ``(D, R)`` at factors ``(D, F)`` or ``(F,)`` of s²."""
     total = 1.0 + factor[..., None] * variances
-    result: Array = -np.sum(np.log(total) + squares[:, None, :] / total, axis=-1)
-    return result
+    return np.asarray(-np.sum(np.log(total) + squares[:, None, :] / total, axis=-1))
 
 
 def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:

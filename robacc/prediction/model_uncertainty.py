@@ -15,7 +15,9 @@ measured poses their columns cancel errors of the arm's coefficients, so J has n
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
@@ -133,8 +135,7 @@ def _root(covariance: Array) -> Array:
     scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     over = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / over[:, None] / over)
-    result: Array = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return result
+    return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Poses, Array, Array]:
@@ -159,12 +160,8 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Po
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
     """Return each name with the number of its earlier occurrences: two steps of the base share the names of theirs."""
-    count: dict[str, int] = {}
-    entries = []
-    for name in names:
-        entries.append((name, count.get(name, 0)))
-        count[name] = count.get(name, 0) + 1
-    return entries
+    numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
+    return [(name, next(numbers[name])) for name in names]
 
 
 # Uncertainty of effects and profiles beyond the ranges that they were fitted on.
@@ -210,7 +207,7 @@ def beyond_columns(model: Model, data: Measurements, sample: Measurements | None
 
 def _held_columns(known: Known, model: Model, data: Measurements, sample: Measurements | None) -> Array:
     """Return the columns ``(6, K, n)`` of a held effect; none if no pose is beyond its ranges."""
-    arm, (limits, periods) = model.arm, known.held_limits(model.arm)
+    arm, (limits, periods) = model.arm, known.effect.limits(model.arm, known.validity)
     growth, places = np.zeros(data.n), []
     for name, (low, high) in limits.items():
         if (values := driver_values(arm, data, name)) is not None:
@@ -261,8 +258,7 @@ def _difference_waves(places: Array) -> Array:
     phase = np.tensordot(np.array(frequencies), places / (0.5 * _SHARE), axes=1)
     waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
     length = np.linalg.norm(waves, axis=0)
-    result: Array = waves / np.where(length > 0.0, length, 1.0)
-    return result
+    return np.asarray(waves / np.where(length > 0.0, length, 1.0))
 
 
 def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
@@ -283,7 +279,7 @@ def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
 
 def _faded_column(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array:
     """Return what fading takes from an effect ``(6, 1, n)``; no column if no pose of ``sample`` is beyond its range."""
-    limits, periods = known.fading_limits(model.arm)
+    limits, periods = known.effect.limits(model.arm, known.validity, fading=True)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return np.zeros((6, 0, data.n))
     complete = known.effect.terms(model.arm, data)
@@ -293,8 +289,7 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     for whole, rest in zip(complete, left, strict=True):
         before, after = whole.parts[0], rest.parts[0]
         lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
-    result: Array = np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost)
-    return result[:, None]
+    return np.asarray(np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost))[:, None]
 
 
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
@@ -351,8 +346,7 @@ def _blocks_with_frames(
 ) -> Iterator[tuple[slice, Array, Array, Array]]:
     """Yield blocks of poses: columns of the frames and of correlated errors, and the covariance of the others."""
     factor = np.repeat(fit.bound_factor, 3)[:, None, None]
-    for start in range(0, data.n, BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in frames.arm.chain.blocks(data.n):
         part = data.subset(block)
         bound = frames.bind(part)
         (coefficients, *scatter, beyond), _ = error_columns(robot, fit, part, True, sample)
@@ -374,8 +368,7 @@ def scaled_inverse(normal: Array) -> Array:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
     kept = values > _RANK * values[-1]
-    result: Array = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T * scale[:, None] * scale
-    return result
+    return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T * scale[:, None] * scale)
 
 
 # Predicted accuracy of a calibrated arm: what its model file knows of the fit, over poses or the workspace.
@@ -399,11 +392,7 @@ def calibrated_accuracy(
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
     totals = np.sum(uncertainty.shares, axis=0)
     shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
-    budget = [
-        Share(name, None, name, None, None, float(share[0]), float(share[1]))
-        for name, share in zip(SOURCES, shares, strict=True)
-    ]
-    budget.sort(key=lambda share: -share.position)
+    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares.tolist(), strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     outside = np.zeros(data.n, dtype=bool)
     for name, row in zip(robot.variable_names, configurations.q, strict=True):
@@ -421,7 +410,7 @@ def calibrated_accuracy(
         (uncertainty.position, uncertainty.orientation),
         scale,
         parameters=(),
-        budget=tuple(budget),
+        budget=tuple(sorted(budget, key=lambda share: -share.position)),
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
@@ -438,16 +427,14 @@ def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements 
         names = np.repeat(targets[:1], q.shape[1]) if targets else None
         poses = Measurements(position=np.zeros((3, q.shape[1])), q=q, target=names)
     assert poses.q is not None
-    rng = np.random.default_rng([seed, poses.n])
 
     def middle(column: Array | None, name: str) -> Array | None:
         if column is not None or name not in fit.ranges:
             return column
         return np.full(poses.n, 0.5 * sum(fit.ranges[name]))
 
-    direction = poses.direction
-    if direction is None:
-        direction = rng.choice(np.array([-1.0, 1.0]), poses.q.shape)
+    drawn = np.random.default_rng([seed, poses.n]).choice(np.array([-1.0, 1.0]), poses.q.shape)
+    direction = drawn if poses.direction is None else poses.direction
     return dataclasses.replace(
         poses,
         direction=direction,
@@ -618,10 +605,9 @@ def fit_record(
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
-    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0)
-    if record.noise_is_separate:
-        angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
-        record = dataclasses.replace(record, noise=(math.sqrt(noise[0]), angle))
+    angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
+    separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
+    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
     if held_out is None or poses.n < _FEWEST:
         return record
     compared = dataclasses.replace(compared, unexplained=unexplained)
@@ -665,13 +651,15 @@ def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
 
 def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
     """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
-    changed: dict[str, dict[str, float]] = {}
-    for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True):
-        for name in sorted({*fitted.parameters, *before.parameters}):
-            number = before.parameters.get(name, 0.0)
-            if number != fitted.parameters.get(name, 0.0):
-                changed.setdefault(before.name, {})[name] = float(number)
-    return changed
+    changed = {
+        before.name: {
+            name: float(before.parameters.get(name, 0.0))
+            for name in sorted({*fitted.parameters, *before.parameters})
+            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
+        }
+        for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True)
+    }
+    return {name: numbers for name, numbers in changed.items() if numbers}
 
 
 def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:
@@ -683,8 +671,8 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     full = Model.of(robot)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
     largest = np.zeros(2)
-    for start in range(0, data.n, BLOCK):
-        part = data.subset(slice(start, start + BLOCK))
+    for block in full.arm.chain.blocks(data.n):
+        part = data.subset(block)
         real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
         moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
         largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
@@ -746,8 +734,7 @@ def _scatter(residual: Array) -> Array:
             if np.trace(spread) > 0.0:
                 square = np.maximum(square, np.einsum("in,in->n", part, np.linalg.solve(spread, part)))
         weight = np.minimum(1.0, _GROSS / np.maximum(square, _GROSS))
-    result: Array = (residual * weight) @ residual.T / n
-    return result
+    return np.asarray((residual * weight) @ residual.T / n)
 
 
 def _positive(matrix: Array) -> Array:
@@ -755,8 +742,7 @@ def _positive(matrix: Array) -> Array:
     scale = np.repeat([math.sqrt(max(float(np.trace(matrix[i : i + 3, i : i + 3])), 0.0)) or 1.0
                        for i in range(0, matrix.shape[0], 3)], 3)  # fmt: skip
     values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    result: Array = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale
-    return result
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale)
 
 
 def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:

@@ -204,8 +204,8 @@ class Configurations:
     """``(J, N)`` joint variables, rad or m."""
     scalars: tuple[Scalar, ...]
     """Nominal scalars of the chain at each configuration, with the target measured there."""
-    labels: tuple[str, ...] | None
-    """``(N,)`` label of each: its line in the file; None: its number."""
+    labels: tuple[str, ...]
+    """``(N,)`` label of each: its line in the file, or its number."""
     source: str
     """Description of their source as text."""
     notes: tuple[str, ...] = ()
@@ -214,10 +214,6 @@ class Configurations:
     def n(self) -> int:
         """Number of configurations."""
         return int(self.q.shape[1])
-
-    def label(self, i: int) -> str:
-        """Return the label of configuration ``i``."""
-        return self.labels[i] if self.labels is not None else f"sample {i + 1}"
 
 
 def configurations_of(robot: Robot, data: Measurements) -> Configurations:
@@ -272,7 +268,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
     scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    return Configurations(q, scalars, None, source, tuple(notes))
+    return Configurations(q, scalars, tuple(f"sample {i}" for i in range(1, n + 1)), source, tuple(notes))
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
@@ -515,7 +511,7 @@ def _predicted_errors(
     direction = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2]
     worst = WorstPredictedPose(
         index,
-        configurations.label(index),
+        configurations.labels[index],
         configurations.q[:, index].copy(),
         float(rms[index]),
         float(radius[index]),
@@ -588,24 +584,12 @@ _TARGET_BAND = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class AllocatedTolerance:
-    """Tolerance of one parameter, given and needed, as standard deviations in m or rad."""
-
-    parameter: ToleranceParameter
-    needed: float
-
-    @property
-    def factor(self) -> float:
-        """Needed over given tolerance; 1 if it is unchanged."""
-        return self.needed / self.parameter.sd
-
-
-@dataclass(frozen=True, slots=True)
 class Allocation:
     """Tolerances that reach a grade, and the prediction with them."""
 
     grade: str
-    needed: tuple[AllocatedTolerance, ...]
+    tolerances: tuple[tuple[ToleranceParameter, float], ...]
+    """Each parameter as given, and the standard deviation that it needs, m or rad."""
     uniform_factor: float
     """Common factor of all tolerances that reaches the grade; 1 if it is reached already."""
     verified: Prediction
@@ -644,7 +628,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
         target_variances = np.where(
             excess > 1.0, target_variances / np.square(excess) * (1.0 - 0.5 * _TARGET_BAND), target_variances
         )
-    needed = tuple(map(AllocatedTolerance, prediction.parameters, (parameter.sd for parameter in verified.parameters)))
+    needed = tuple(zip(prediction.parameters, (parameter.sd for parameter in verified.parameters), strict=True))
     uniform_factor = min(1.0, 1.0 / float(np.max(initial_excess)))
     return Allocation(grade, needed, uniform_factor, verified, bool(np.max(_relative_excess(verified, limits)) <= 1.0))
 

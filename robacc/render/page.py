@@ -50,9 +50,9 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
 
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command, with its robot, data and gate."""
-    headline = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
-    if document["command"] in _VIEWS:
-        headline = _VIEWS[document["command"]][0](document)
+    view = _VIEWS.get(document["command"])
+    title = f"Result of robacc {document['command']}{of_robot(document)}"
+    headline = ReportHeadline(title, "", ()) if view is None else view[0](document)
     badges, facts = [*headline.badges], [fact for fact in (*_facts(document), *headline.facts) if fact[1]]
     if gate := document.get("gate"):
         badges.append((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone))
@@ -122,22 +122,16 @@ def identity_rows(
     """
     rows: list[tuple[str, str]] = []
     for key, label in IDENTITY.items():
-        if key in identity:
-            rows.append((label, identity[key]))
-            continue
         texts: list[tuple[str, str]] = []
         for name, document in zip(names, documents, strict=True):
             files = [file for file in document["inputs"] if key in file.get("identity", ())]
-            if len({file["identity"][key] for file in files}) > 1:
-                lead = f"{name}, " if len(documents) > 1 else ""
-                texts += [(f"{lead}{file['name']}", file["identity"][key]) for file in files]
-            elif files:
-                texts.append((name, files[0]["identity"][key]))
+            lead = f"{name}, " if len(documents) > 1 else ""
+            own = [(name, text) for text in {file["identity"][key] for file in files}]
+            texts += own if len(own) < 2 else [(lead + file["name"], file["identity"][key]) for file in files]
         distinct = {text for _, text in texts}
-        if distinct:
-            many = "; ".join(f"{name}: {text}" for name, text in texts)
-            rows.append((label, many if len(distinct) > 1 else texts[0][1]))
-    return rows
+        many = "; ".join(f"{name}: {text}" for name, text in texts)
+        rows.append((label, identity.get(key, many if len(distinct) > 1 else "".join(distinct))))
+    return [(label, text) for label, text in rows if text]
 
 
 # The section about reproducing a result: command line, version, and hashes of the inputs.
@@ -278,9 +272,8 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
     notes = [*document.get("notes", ()), *document.get("input_notes", ())]
-    leading = [Section("Warnings and notes", [Listing(warnings, "warning"), Listing(notes)])]
-    if gate := document.get("gate"):
-        leading.insert(0, gate_section(gate))
+    leading = [gate_section(document["gate"])] if document.get("gate") else []
+    leading.append(Section("Warnings and notes", [Listing(warnings, "warning"), Listing(notes)]))
     origin = (
         f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
         "files gives the same bytes."

@@ -16,7 +16,21 @@ from scipy.special import log_ndtr, logsumexp
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
-from robacc.effects.instrument import LineOfSight, Place, first_places, lines_of_sight, neighbours
+from robacc.effects.campaign import (
+    CHANGE_POINT,
+    FEWEST,
+    LineOfSight,
+    Place,
+    at_place,
+    first_places,
+    is_step,
+    lines_of_sight,
+    neighbours,
+    place_of,
+    places,
+    possible_places,
+    step_forms,
+)
 from robacc.effects.periodic import (
     HIGHEST_OF_ALL,
     HIGHEST_OF_SLIDE,
@@ -26,16 +40,6 @@ from robacc.effects.periodic import (
     of_order,
     searched_order,
     supported_orders,
-)
-from robacc.effects.step import (
-    CHANGE_POINT,
-    FEWEST,
-    at_place,
-    is_step,
-    place_of,
-    places,
-    possible_places,
-    step_forms,
 )
 from robacc.error_model.covariance import ACCEPTED, Whitened
 from robacc.errors import UsageError

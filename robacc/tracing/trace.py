@@ -18,9 +18,9 @@ from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.row_loads import unlogged_loads
 from robacc.effects.base import Effect, effect_class
+from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS
-from robacc.effects.step import place_of, place_text
 from robacc.error_model.covariance import ACCEPTED
 from robacc.error_model.structure import (
     ErrorStructure,

@@ -386,6 +386,7 @@ WRONG = {
     "{effect: joint_hardening, joints: [j2], knee_nm: 5, torque_nm: 5}": "torque_nm or knee_nm, not both",
     "{effect: joint_compliance, joints: [j2], deflection: soft}": "deflection must be equilibrium or rigid",
     "{effect: base_compliance, below: true, masses: unknown}": "below: true needs masses: known",
+    "{effect: counterbalance, joints: [j2], ratio: 1}": "ratio must be a number above 0 and below 1, found 1",
     "{effect: thermal_expansion, time_constant_s: 0}": "time_constant_s must be a number above 0",
     "{effect: thermal_expansion, slides: 2}": "slides must be true or false, found 2",
     "{effect: frame_drift, turning: 1}": "turning must be true or false, found 1",

@@ -33,7 +33,15 @@ def effect_of(name: str, one: Arm, data: Measurements, deflection: str) -> Effec
     return dataclasses.replace(effect, deflection=deflection) if isinstance(effect, Elastic) else effect
 
 
-def check(name: str, n: int, deflection: str = "equilibrium") -> None:
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "n", "deflection"),
+    [
+        *((name, n, "equilibrium") for name in REGISTRY for n in (5000, 20000)),
+        *((name, 5000, "rigid") for name in ELASTIC),
+    ],
+)
+def test_every_effect_on_many_poses(name: str, n: int, deflection: str) -> None:
     """Fit the effect alone, with base and tool, to poses of an arm that has it; nothing fails and errors decrease."""
     one = arm_for(name)
     robot, data = one.robot, circumstances(one.robot, n, 3)
@@ -47,16 +55,3 @@ def check(name: str, n: int, deflection: str = "equilibrium") -> None:
     result = calibrate(data, robot=robot, fit=f"{name}{joints}", folds=2)
     assert result.after.fitted.position.rms < 2e-4
     assert result.document()["parameters"]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [5000, 20000])
-@pytest.mark.parametrize("name", tuple(REGISTRY))
-def test_every_effect_on_many_poses(name: str, n: int) -> None:
-    check(name, n)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ELASTIC)
-def test_every_elastic_effect_at_the_undeflected_pose(name: str) -> None:
-    check(name, 5000, "rigid")

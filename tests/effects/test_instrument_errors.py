@@ -11,8 +11,8 @@ from scipy import stats
 from searched import ARM, fitted, found, values_of
 
 from robacc.effects.base import Effect
+from robacc.effects.campaign import InstrumentScale, TargetDecentre, TrackerError
 from robacc.effects.frames import JointWarmup
-from robacc.effects.instrument import InstrumentScale, TargetDecentre, TrackerError
 
 NOISE = 1e-5
 N = 90

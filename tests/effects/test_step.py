@@ -11,8 +11,8 @@ from searched import ARM, model
 
 import robacc
 from robacc.effects.base import Effect
+from robacc.effects.campaign import Step
 from robacc.effects.specification import known_effects
-from robacc.effects.step import Step
 from robacc.errors import InputError
 from robacc.geometry import rotation_about
 from robacc.measurements import Measurements
@@ -143,12 +143,13 @@ def test_poses_of_another_file_come_after_the_step() -> None:
         Step((), "base", from_line=12, turning=True),
         Step((), "target", from_time=12.5, target="a"),
         Step(("j2",), "joint", from_line=12, file="poses.csv"),
+        Step(("j2", "j3"), "payload", from_line=52),
     ],
 )
 def test_settings_are_read_back(effect: Effect) -> None:
     assert Step.from_settings(effect.joints, effect.settings()) == effect
     terms = effect.terms(ARM, measured(run(5, 1), np.zeros((3, 5)), NOISE, 1))
-    assert len(terms) == {"base": 6, "target": 3, "joint": 1}[effect.part]  # type: ignore[attr-defined]
+    assert len(terms) == {"base": 6, "target": 3, "joint": 1, "payload": 2}[effect.part]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(
@@ -158,6 +159,7 @@ def test_settings_are_read_back(effect: Effect) -> None:
         ({"effect": "step", "part": "floor", "from_line": 3, "values": {"x": 1e-4}}, "part must be base or target"),
         ({"effect": "step", "joints": ["j2"], "part": "base", "from_line": 3, "values": {"j2": 1e-4}}, "expected part"),
         ({"effect": "step", "from_line": 2.5, "values": {"x": 1e-4}}, "whole number"),
+        ({"effect": "step", "part": "payload", "from_line": 52, "values": {"x": 1e-4}}, "payload with joints"),
         ({"effect": "step", "from_line": 2, "target": "a", "values": {"x": 1e-4}}, "target belongs to"),
     ],
 )

@@ -277,17 +277,17 @@ def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
     assert 0.998 * limit < allocation.verified.position.p95 <= limit
     repeated = predict_accuracy(
         robot,
-        [dataclasses.replace(item.parameter, sd=item.needed) for item in allocation.needed],
+        [dataclasses.replace(parameter, sd=needed) for parameter, needed in allocation.tolerances],
         prediction.configurations,
         default_scale(),
     )
     assert repeated.position.p95 == allocation.verified.position.p95
-    factors = np.array([item.factor for item in allocation.needed])
+    factors = np.array([needed / parameter.sd for parameter, needed in allocation.tolerances])
     assert np.all(factors <= 1.0)
     assert allocation.uniform_factor == pytest.approx(limit / prediction.position.p95, rel=1e-9)
     # At the same total variance, no other allocation costs less: stationarity, 1/f^3 in proportion to the share.
     shares = {share.name: share.position for share in prediction.budget}
-    share = np.array([shares[item.parameter.name] for item in allocation.needed])
+    share = np.array([shares[parameter.name] for parameter, _ in allocation.tolerances])
     tightened = factors < 1.0 - 1e-9
     price = factors[tightened] ** -3 / share[tightened]
     np.testing.assert_allclose(price, price[0], rtol=1e-6)
@@ -298,7 +298,7 @@ def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
 def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
-    assert all(item.factor == 1.0 for item in allocate(robot, prediction, "E").needed)
+    assert all(needed == parameter.sd for parameter, needed in allocate(robot, prediction, "E").tolerances)
     rough = predicted(with_tolerances(robot, {"theta": 2e-3, "alpha": 2e-3}))
     allocation = allocate(robot, rough, "A")
     assert allocation.met

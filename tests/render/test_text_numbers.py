@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 import pytest
 
@@ -41,20 +44,26 @@ def test_decimals(value: float, lower: float | None, upper: float | None, expect
     assert decimals(value, lower, upper) == expected
 
 
-def test_fixed_has_no_negative_zero_and_a_dash_for_nothing() -> None:
-    assert fixed(-0.0004, 3) == "0.000"
-    assert fixed(-0.0006, 3) == "-0.001"
-    assert fixed(None, 2) == fixed(math.nan, 2) == "–"
-
-
-def test_three_digits() -> None:
-    assert [three_digits(v) for v in (0.0, 1e-25, 1e-5, 0.00123, 1.2345, 123.4, 98765.4, 1e7)] == [
-        "0", "0", "1.00e-05", "0.00123", "1.23", "123", "98765", "1.00e+07",
-    ]  # fmt: skip
-
-
-def test_p_values() -> None:
-    assert [p_value(p) for p in (None, 1e-9, 0.0321, 1.0)] == ["–", "p < 1e-6", "p = 0.032", "p = 1"]
+@pytest.mark.parametrize(
+    ("form", "values", "texts"),
+    [
+        (three_digits, (0.0, 1e-25, 1e-5, 0.00123), ("0", "0", "1.00e-05", "0.00123")),
+        (three_digits, (1.2345, 123.4, 98765.4, 1e7), ("1.23", "123", "98765", "1.00e+07")),
+        (partial(fixed, places=3), (-0.0004, -0.0006), ("0.000", "-0.001")),
+        (partial(fixed, places=2), (None, math.nan), ("–", "–")),
+        (p_value, (None, 1e-9, 0.0321, 1.0), ("–", "p < 1e-6", "p = 0.032", "p = 1")),
+        # Odds are those of the alternative.
+        (odds, (0.0, math.log(5), -math.log(20), 800.0), ("1 to 1", "1 to 5", "20 to 1", "1 to 1.01e+304")),
+        # Names with a common beginning stand together.
+        (
+            grouped,
+            (["tool_frame.a.roll", "tool_frame.a.yaw", "joint_offset.j1"], ["alone"], ["a", "b"]),
+            ("tool_frame.a (roll, yaw), joint_offset.j1", "alone", "a, b"),
+        ),
+    ],
+)
+def test_a_value_as_text(form: Callable[[Any], str], values: tuple[Any, ...], texts: tuple[str, ...]) -> None:
+    assert tuple(map(form, values)) == texts
 
 
 @pytest.mark.parametrize(
@@ -89,33 +98,12 @@ def test_rounding_a_value_costs_less_than_a_twentieth_of_its_error(value: float,
     assert float(its_error) == pytest.approx(error, rel=0.051)
 
 
-def test_odds_are_those_of_the_alternative() -> None:
-    assert [odds(difference) for difference in (0.0, math.log(5), -math.log(20), 800.0)] == [
-        "1 to 1",
-        "1 to 5",
-        "20 to 1",
-        "1 to 1.01e+304",
-    ]
-
-
 def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
     assert effect_label("joint_compliance", ["j2"], {}) == "joint_compliance[j2]"
     assert effect_label("joint_compliance", ["j2"], {"masses": "uncertain"}) == (
         "joint_compliance[j2] with uncertain masses"
     )
     assert effect_label("step", [], {"part": "base"}) == "step[base]"
-
-
-@pytest.mark.parametrize(
-    ("names", "text"),
-    [
-        (["tool_frame.a.roll", "tool_frame.a.yaw", "joint_offset.j1"], "tool_frame.a (roll, yaw), joint_offset.j1"),
-        (["alone"], "alone"),
-        (["a", "b"], "a, b"),
-    ],
-)
-def test_names_with_a_common_beginning_stand_together(names: list[str], text: str) -> None:
-    assert grouped(names) == text
 
 
 def test_a_calibration_without_orientations_and_masses_stays_short() -> None:

@@ -33,11 +33,10 @@ from scipy.optimize import brentq
 from scipy.stats import chi2, ncx2
 from searched import ARM, error_at, fitted, found, model
 
+from robacc.effects.campaign import ReadBack, Step
 from robacc.effects.elastic import JointCompliance, PayloadCompliance
 from robacc.effects.frames import RailErrors
-from robacc.effects.instrument import ReadBack
 from robacc.effects.periodic import ComplianceVariation, Counterbalance
-from robacc.effects.step import Step
 from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

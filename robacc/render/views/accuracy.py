@@ -32,6 +32,7 @@ from robacc.render.views.elements import (
     Text,
     amount,
     measured_cells,
+    named_by_text,
     number,
     of_robot,
     parameter_tables,
@@ -139,7 +140,14 @@ def estimate_view(
         ]
         yield Section("", [Grid(("error", *heads), rows)])
         yield _targets(document)
-        yield Section("", _ending(document, poses, robot))
+        worst = ", ".join(
+            f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+            for pose in document["worst_poses"]["by_position"][:3]
+            for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+        )
+        more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
+        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+        yield Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)])
         return
     # Probabilities that round to zero are omitted, except that of the grade itself.
     shares = ", ".join(
@@ -183,18 +191,6 @@ def _opening(document: Document, poses: str, robot: str | None) -> Iterator[str]
         yield f'before registration: {size} rms (`align="none"` leaves the frames as they are)'
 
 
-def _ending(document: Document, poses: str, robot: str | None) -> list[Block]:
-    """Return the largest errors, and what to do next."""
-    worst = ", ".join(
-        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
-        for pose in document["worst_poses"]["by_position"][:3]
-        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
-    )
-    more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
-    ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-    return [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]
-
-
 def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
     return measured_cells(part[key], factor, part["intervals"][key])
 
@@ -213,7 +209,14 @@ def _statistics(document: Document, name: str, sign: str, unit: str, factor: flo
         for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
     ]
     yield Grid(("length", "", head, "unregistered")[:columns], [row[:columns] for row in rows])
-    yield Grid(("mean vector", "", head), [*_mean(part, unit, factor)])
+    means: list[Sequence[Cell]] = []
+    for axis, value, bounds in zip("xyz", part[f"mean_{unit}"], part["intervals"][f"mean_{unit}"], strict=True):
+        mean, ends = measured_cells(value, factor, bounds)
+        if bounds["lower"] is None:
+            # A mean without an interval may be zero up to rounding, so the digits follow the rms.
+            mean = Number(fixed(value * factor, decimals(part[f"rms_{unit}"] * factor, None, None)), value)
+        means.append((axis, mean, ends))
+    yield Grid(("mean vector", "", head), means)
     yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
     axes: list[Sequence[Cell]] = [
         (
@@ -244,15 +247,6 @@ def _statistics(document: Document, name: str, sign: str, unit: str, factor: flo
     yield Grid((f"largest {name} errors", *ids, *(title for title, _, _ in units)), largest)
 
 
-def _mean(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
-    for axis, value, bounds in zip("xyz", part[f"mean_{unit}"], part["intervals"][f"mean_{unit}"], strict=True):
-        mean, ends = measured_cells(value, factor, bounds)
-        if bounds["lower"] is None:
-            # A mean without an interval may be zero up to rounding, so the digits follow the rms.
-            mean = Number(fixed(value * factor, decimals(part[f"rms_{unit}"] * factor, None, None)), value)
-        yield axis, mean, ends
-
-
 def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
     unknown = [[None] * 3] * 3
     for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean")):
@@ -280,16 +274,14 @@ def _targets(document: Document) -> Section:
 def _methods(part: Document, unit: str) -> tuple[str, ...]:
     """Return the assumption of the intervals, their methods, and why an interval is missing."""
     intervals = part["intervals"]
-    methods: dict[str, list[str]] = {}
-    for name, bounds in (
+    all_bounds = (
         *((name, intervals[f"{key}_{unit}"]) for name, key in STATISTICS[:3]),
         ("95 % radius", part["radius95"]["zero_mean"]["interval"]),
         ("mean vector", intervals[f"mean_{unit}"][0]),
         ("covariance", intervals[f"covariance_{unit}2"]),
         ("principal axes", part["ellipsoid"][0]["interval"]),
-    ):
-        methods.setdefault(bounds["why"] or bounds["method"], []).append(name)
-    texts = (f"{', '.join(names)}: {method}" for method, names in methods.items())
+    )
+    texts = named_by_text((name, bounds["why"] or bounds["method"]) for name, bounds in all_bounds)
     return part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"
 
 
@@ -381,21 +373,24 @@ _GROUPS = (
     ("Repeatability: scatter of the visits, whatever their distance from the command", ("RP", "RD")),
     ("Drift: change of accuracy and repeatability during the run", ("dAP", "dRP", "shift")),
 )
-_AXES = ("xyz_m", ("x", "y", "z"))
-_ANGLES = ("abc_rad", ("a", "b", "c"))
-_DISTANCES = ("distance", ("mean l", "S_l"))
-_BETWEEN = ("between", ("between",))
+_BESIDE = {
+    "xyz_m": ("x", "y", "z"),
+    "abc_rad": ("a", "b", "c"),
+    "distance": ("mean l", "S_l"),
+    "between": ("between",),
+}
+"""Heads of what stands beside a value in a table by place."""
 _TABLES = (
-    ("AP", "Pose accuracy AP by pose, mm", "AP_p", _AXES),
-    ("AP", "Pose accuracy AP of orientation by pose, °", "", _ANGLES),
-    ("RP", "Pose repeatability RP by pose, mm (not accuracy)", "RP_l", _DISTANCES),
-    ("RP", "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", "", _ANGLES),
-    ("vAP", "Multi-directional variation vAP by pose, mm", "vAP", _BETWEEN),
-    ("E", "Exchangeability E by pose, mm", "E", _BETWEEN),
-    ("AD", "Distance accuracy AD by pair of poses, mm", "AD_p", _AXES),
-    ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)", "RD_p", _AXES),
+    ("AP", "Pose accuracy AP by pose, mm", "AP_p", "xyz_m"),
+    ("AP", "Pose accuracy AP of orientation by pose, °", "", "abc_rad"),
+    ("RP", "Pose repeatability RP by pose, mm (not accuracy)", "RP_l", "distance"),
+    ("RP", "Pose repeatability RP of orientation by pose, ± ° (not accuracy)", "", "abc_rad"),
+    ("vAP", "Multi-directional variation vAP by pose, mm", "vAP", "between"),
+    ("E", "Exchangeability E by pose, mm", "E", "between"),
+    ("AD", "Distance accuracy AD by pair of poses, mm", "AD_p", "xyz_m"),
+    ("RD", "Distance repeatability RD by pair of poses, ± mm (not accuracy)", "RD_p", "xyz_m"),
 )
-"""Criterion of each table by place, its title, the head of its value, and key and heads of what stands beside it."""
+"""Criterion of each table by place, its title, the head of its value, and key of what stands beside it."""
 _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 
 
@@ -439,8 +434,8 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         return
     for heading, symbols in _GROUPS:
         yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
-    for symbol, heading, head, beside in _TABLES:
-        yield _places(criteria[symbol], heading, head, beside, confidence, len(document["files"]) > 1)
+    for symbol, heading, head, key in _TABLES:
+        yield _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
     rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
     table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
     yield Section("Conditions of the standard's protocol", [table])
@@ -486,12 +481,9 @@ def _summary(criteria: Sequence[Document], confidence: float) -> Iterator[Block]
     yield Listing([*missing, *dict.fromkeys(note for part in criteria for note in part["notes"])])
 
 
-def _places(
-    criterion: Document, heading: str, head: str, beside: tuple[str, Sequence[str]], confidence: float, several: bool
-) -> Section:
+def _places(criterion: Document, heading: str, head: str, key: str, confidence: float, several: bool) -> Section:
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
-    (key, heads), has_files = beside, several and criterion["symbol"] != "E"
-    places = criterion["poses"]
+    has_files, places = several and criterion["symbol"] != "E", criterion["poses"]
     if key == "abc_rad" and all(place[key] is None for place in places):
         places = []
     if len(places) > _MAX_ROWS:
@@ -512,17 +504,13 @@ def _places(
             cells += [number(value, IN_MM if key == "xyz_m" else IN_DEGREES, bounds) for value, bounds in pairs]
         rows.append(cells)
     value_heads = ["visits", head, percent(confidence)] if head else []
-    return Section(heading, [Grid(("", *(["file"] * has_files), *value_heads, *heads), rows)])
+    return Section(heading, [Grid(("", *(["file"] * has_files), *value_heads, *_BESIDE[key]), rows)])
 
 
 def _interval_methods(criteria: Sequence[Document]) -> Iterator[str]:
     """Yield the method of each criterion's interval."""
-    methods: dict[str, list[str]] = {}
-    for part in criteria:
-        bounds = part["intervals"]["max_m"]
-        if part["max_m"] is not None:
-            methods.setdefault(bounds["why"] or bounds["method"].partition("; largest")[0], []).append(part["symbol"])
-    yield from (f"{', '.join(symbols)}: {method}" for method, symbols in methods.items())
+    known = [(part["symbol"], part["intervals"]["max_m"]) for part in criteria if part["max_m"] is not None]
+    yield from named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known)
     if any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria):
         yield (
             "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the "

@@ -16,6 +16,7 @@ from robacc.render.views.elements import (
     Section,
     Tile,
     amount,
+    named_by_text,
     number,
     percent,
     statistics_cells,
@@ -89,11 +90,8 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
     for title, group in groups.items():
         if group:
             yield _block(document, title, group, complete)
-    methods: dict[str, dict[str, None]] = {}
-    for row in rows:
-        for difference in row["differences"]:
-            methods.setdefault(difference["why"] or difference["method"], {})[_label(row["key"])] = None
-    yield Section("Differences", [Listing([f"{', '.join(names)}: {text}" for text, names in methods.items()])])
+    methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
+    yield Section("Differences", [Listing(named_by_text(methods))])
     if not complete:
         yield Section("Limitations", [Listing(document["notes"])])
         return

@@ -252,6 +252,14 @@ def first_of(texts: Sequence[str], most: int, others: str) -> list[str]:
     return [*texts[:most], *([f"and {len(texts) - most} {others}"] if len(texts) > most else [])]
 
 
+def named_by_text(entries: Iterable[tuple[str, str]]) -> list[str]:
+    """Return ``NAME, NAME: TEXT`` for each text of ``entries``, each a name and a text."""
+    names: dict[str, dict[str, None]] = {}
+    for name, text in entries:
+        names.setdefault(text, {})[name] = None
+    return [f"{', '.join(own)}: {text}" for text, own in names.items()]
+
+
 def percent(confidence: float) -> str:
     """Return ``95 % interval``, the head of a column."""
     return f"{100 * confidence:g} % interval"

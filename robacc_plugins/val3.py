@@ -20,7 +20,6 @@ from robacc.programs.program import (
     MotionType,
     Program,
     ProgramFrame,
-    ProgramMove,
     ProgramNote,
     ProgramNumber,
     ProgramSource,
@@ -134,12 +133,9 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 chosen = (
                     [f"{array}[{number}]"] if number.isdecimal() else [key for key in targets if _array(key) == array]
                 )
-                draft.moves += [
-                    ProgramMove(
-                        line, index, _KINDS[match[1]], tool if draft.targets[index].kind == "cartesian" else None
-                    )
-                    for index in (targets[key] for key in chosen if key in targets)
-                ]
+                for index in (targets[key] for key in chosen if key in targets):
+                    is_pose = draft.targets[index].kind == "cartesian"
+                    draft.moves.append((index, _KINDS[match[1]], tool if is_pose else None, None))
     return draft.program()
 
 

@@ -211,7 +211,7 @@ class _Reader:
         for file in self.files:
             self.read_motions(file, targets)
         bases = {_key(_rest(match)) for file in self.files for kind, match in file.statements if _frame_of(kind, match)}
-        moved = {move.target for move in self.draft.moves}
+        moved = {index for index, *_ in self.draft.moves}
         for name, index in targets.items():
             if (change := self.change_of(name)) is not None:
                 self.draft.dropped[index] = CHANGED.format(change)

@@ -56,7 +56,7 @@ def test_offs_and_reltool_are_listed() -> None:
 def test_elements_of_an_array_are_targets() -> None:
     program = read_program(SAMPLES / "array.mod")
     assert [target.name for target in program.targets] == ["cube{1}", "cube{2}", "cube{3}"]
-    assert [move.target for move in program.moves] == [0, 1, 2, 1]
+    assert program.moves == (0, 1, 2, 1)
     assert reasons(program) == ["the target is computed at run time"]
 
 

@@ -125,7 +125,7 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
         error = pose_error(part_of(repeated, index), poses, oriented)
         return error, jacobian[: len(error)]
 
-    solution = solve(evaluate, q0.reshape(joints, n * s), space)
+    solution = solve(evaluate, q0.reshape(joints, n * s), space, stay=False)
     error = np.sqrt(np.sum(np.square(space.weights[:, None] * solution.error), axis=0)).reshape(n, s)
     unlimited = np.isinf(low) & np.isinf(high)
     q = np.where(unlimited[:, None], np.arctan2(np.sin(solution.q), np.cos(solution.q)), solution.q)
@@ -210,7 +210,9 @@ class JointSolution:
     """``(N,)`` whether the last step was below the tolerance."""
 
 
-def solve(evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | None = None) -> JointSolution:
+def solve(
+    evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | None = None, *, stay: bool = True
+) -> JointSolution:
     """Return the joints nearest to ``start`` ``(J, N)`` whose error is least.
 
     Args:
@@ -218,6 +220,7 @@ def solve(evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | N
         start: Joints to stay near, as far as an arm is redundant.
         joints: Limits, scales and weights.
         first: Joints to begin with; None for ``start``.
+        stay: Return to the start as far as the arm is redundant; else each step is the shortest.
     """
     low, high, scale = (part[:, None] for part in (joints.low, joints.high, joints.scale))
     weights = joints.weights
@@ -238,7 +241,7 @@ def solve(evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | N
         damping[taken] = np.maximum(0.1 * damping[taken], _LEAST_DAMPING)
         damping[refused] = np.clip(30.0 * damping[refused], _RAISED, _MOST_DAMPING)
         matrix = weights[:, None, None] * jacobian[..., index] * scale
-        back = (start[:, index] - q[:, index]) / scale
+        back = stay * (start[:, index] - q[:, index]) / scale
         at_low, at_high = q[:, index] <= low, q[:, index] >= high
         step = _step(matrix, weights[:, None] * error[:, index], back, damping[index], at_low, at_high)
         settled[index] = np.max(np.abs(step), axis=0, initial=0.0) < _SETTLED

@@ -220,7 +220,7 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     evaluate = pose_evaluator(setting, Model(setting.nominal), wanted, oriented, (None, None), np.arange(data.n))
     solution = solve(evaluate, start, setting.joint_space(start, oriented))
     reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < _REACHED
-    reached |= (oriented and start.shape[0] < 6) & solution.settled
+    reached |= (oriented and start.shape[0] < 6) & solution.converged
     if not oriented:
         wanted = Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
     return WantedPoses("poses" if data.q is None else "poses and joints", wanted, oriented, solution.q, reached)
@@ -363,7 +363,7 @@ def refusals(
     # never reach every pose: what counts is whether a limit takes part.
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
     limited = [" and ".join(itertools.compress(names, stopped)) for stopped in at_limit.T]
-    failed = ~solution.settled | np.any(at_limit, axis=0)
+    failed = ~solution.converged | np.any(at_limit, axis=0)
     if not wanted.oriented or n_joints >= 6:
         failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
     remaining = _amounts(solution.error)
@@ -373,7 +373,7 @@ def refusals(
         lambda i: f"the correction would take {limited[i]} beyond the joint limit",
     )
     refuse(
-        failed & setting.follows_order & solution.settled,
+        failed & setting.follows_order & solution.converged,
         Cause.approach,
         "a joint moves less than its play since the previous target, so its direction of approach is unknown",
     )
@@ -480,7 +480,7 @@ def _solved(
     q, error, settled = nominal.copy(), np.zeros((joints.weights.size, n)), np.zeros(n, dtype=bool)
     if beside is not None:
         before, chosen = beside[0], ~beside[1]
-        q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.settled.copy()
+        q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.converged.copy()
         index = changed(setting.motion(before.q), setting.motion(q))
 
     def evaluator() -> Evaluate:
@@ -491,7 +491,7 @@ def _solved(
         if index.size == 0:
             break
         part = solve(evaluator(), nominal[:, index], joints, q[:, index])
-        q[:, index], error[:, index], settled[index] = part.q, part.error, part.settled
+        q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
         previous, motion = motion, setting.motion(q)
         index = changed(previous, motion)
     if index.size:

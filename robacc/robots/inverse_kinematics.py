@@ -31,18 +31,6 @@ _POOL = 2048
 """Configurations over the joint ranges; those with the nearest poses are the starts."""
 
 
-@dataclass(frozen=True, slots=True)
-class Solutions:
-    """Solutions for N poses from S starts each, starts last."""
-
-    q: Array
-    """``(J, N, S)`` joint variables, rad or m, within the limits."""
-    converged: NDArray[np.bool_]
-    """``(N, S)``: whether the pose is reached to rounding."""
-    error: Array
-    """``(N, S)`` remaining error: m, with rotation times the arm's length."""
-
-
 def joint_ranges(
     arm: Arm, endless: float = np.inf, purpose: str = "to search within", fix: str | None = None
 ) -> tuple[Array, Array]:
@@ -96,7 +84,7 @@ def pose_jacobian(arm: Arm, q: Array) -> tuple[Poses, Array]:
     return sweep.poses, jacobian
 
 
-def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> Solutions:
+def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> JointSolution:
     """Return joint variables for the desired poses, from several starts each.
 
     Args:
@@ -129,7 +117,7 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
     error = np.sqrt(np.sum(np.square(space.weights[:, None] * solution.error), axis=0)).reshape(n, s)
     unlimited = np.isinf(low) & np.isinf(high)
     q = np.where(unlimited[:, None], np.arctan2(np.sin(solution.q), np.cos(solution.q)), solution.q)
-    return Solutions(q.reshape(joints, n, s), error <= _REACHED * length, error)
+    return JointSolution(q.reshape(joints, n, s), error, error <= _REACHED * length)
 
 
 def _length(arm: Arm) -> float:
@@ -200,14 +188,14 @@ class JointSpace:
 
 @dataclass(frozen=True, slots=True)
 class JointSolution:
-    """Joints at the end of the iteration."""
+    """Joints at the end of the iteration, for N problems, or for N poses from S starts each with starts last."""
 
     q: Array
-    """``(J, N)`` rad or m."""
+    """``(J, N)`` rad or m, within the limits."""
     error: Array
-    """``(R, N)`` remaining error, m and rad."""
-    settled: NDArray[np.bool_]
-    """``(N,)`` whether the last step was below the tolerance."""
+    """``(R, N)`` remaining error, m and rad; from starts, its size ``(N, S)``: m, rotation times the arm's length."""
+    converged: NDArray[np.bool_]
+    """``(N,)`` whether the last step was below the tolerance; from starts, whether the pose is reached to rounding."""
 
 
 def solve(

@@ -185,15 +185,6 @@ def test_there_are_six_arms_of_every_kind() -> None:
     assert [joint.type for joint in robots["scara"].joints] == ["revolute", "revolute", "prismatic", "revolute"]
 
 
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared folder is not here")
-def test_robot_files_from_elsewhere_are_read_and_written() -> None:
-    paths = sorted(SHARED.rglob("robot.yaml"))
-    assert paths
-    for path in paths:
-        robot = read_robot(path)
-        assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
-
-
 def test_targets_and_mimics_are_written() -> None:
     robot = replace(parse_robot(URDF_LIKE, "x"), targets={"a": Frame((0, 0, 0.1))}, effect_units=(1.0, 1.0))
     assert parse_robot(robot_to_yaml(robot), "x") == robot

@@ -20,7 +20,6 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
-SHARED = PROJECT.parent / "shared"
 
 
 def test_a_file_says_what_it_says() -> None:

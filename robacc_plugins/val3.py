@@ -133,9 +133,10 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 chosen = (
                     [f"{array}[{number}]"] if number.isdecimal() else [key for key in targets if _array(key) == array]
                 )
-                for index in (targets[key] for key in chosen if key in targets):
-                    is_pose = draft.targets[index].kind == "cartesian"
-                    draft.moves.append((index, _KINDS[match[1]], tool if is_pose else None, None))
+                draft.moves += [
+                    (index, _KINDS[match[1]], tool if draft.targets[index].kind == "cartesian" else None, None)
+                    for index in (targets[key] for key in chosen if key in targets)
+                ]
     return draft.program()
 
 

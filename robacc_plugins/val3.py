@@ -20,7 +20,6 @@ from robacc.programs.program import (
     MotionType,
     Program,
     ProgramFrame,
-    ProgramMove,
     ProgramNote,
     ProgramNumber,
     ProgramSource,
@@ -135,9 +134,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                     [f"{array}[{number}]"] if number.isdecimal() else [key for key in targets if _array(key) == array]
                 )
                 draft.moves += [
-                    ProgramMove(
-                        line, index, _KINDS[match[1]], tool if draft.targets[index].kind == "cartesian" else None
-                    )
+                    (index, _KINDS[match[1]], tool if draft.targets[index].kind == "cartesian" else None, None)
                     for index in (targets[key] for key in chosen if key in targets)
                 ]
     return draft.program()

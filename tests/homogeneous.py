@@ -32,3 +32,8 @@ def shift(x: float | Matrix = 0.0, y: float | Matrix = 0.0, z: float | Matrix = 
 def frame(xyz: Sequence[float | Matrix], rpy: Sequence[float | Matrix]) -> Matrix:
     """Translation and Rz(yaw) Ry(pitch) Rx(roll)."""
     return shift(*xyz) @ turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])
+
+
+def dh(theta: float | Matrix, d: float | Matrix, a: float, alpha: float) -> Matrix:
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha), a row of a standard table."""
+    return turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)

@@ -23,12 +23,11 @@ from robacc.correction import (
     check_same_joints,
     circumstances,
     correction,
-    part_of,
 )
 from robacc.documents.compare import corrected_poses, correction_document, per_target_csv
 from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
-from robacc.geometry import Array
+from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
@@ -37,20 +36,21 @@ from robacc.prediction.model_uncertainty import nominal_robot
 from robacc.programs.program import Dialect, Program
 from robacc.programs.reading import read_program
 from robacc.programs.targets import (
-    FlangeTargets,
     allowed_by_status,
+    allowed_by_window,
     flange_targets,
     is_read,
     joint_targets,
     joint_window,
     leaves_configuration,
+    turned_into,
     values_at,
 )
 from robacc.programs.writing import with_targets
 from robacc.quantities import size
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges
+from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, part_of
 
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
@@ -418,21 +418,21 @@ def correct_program(
     arm, _ = load_robot(model)
     controller, _, doubts = _nominal(nominal, arm, model_fit(arm))
     flange_arm = replace(controller, tool=Frame(), targets={})
-    cartesian = flange_targets(program)
+    known, flange, unknown = flange_targets(program)
     hint = "; give the file that defines it with `frames`"
-    left = [(index, reason + hint * ("is in none of the files" in reason)) for index, reason in cartesian.unknown]
+    left = [(index, reason + hint * ("is in none of the files" in reason)) for index, reason in unknown]
     numbers, q = joint_targets(program)
     if numbers and q.shape[0] != len(flange_arm.variables):
         message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
         fix = "give the model of the arm that runs this program"
         raise InputError(Problem(message, program.file, program.targets[numbers[0]].line, fix=fix))
     groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})]
-    if cartesian.numbers:
-        solved, q_start, refused = _configured(program, cartesian, flange_arm)
+    if known:
+        solved, q_start, refused = _configured(program, known, flange, flange_arm)
         left += refused
-        wanted = part_of(cartesian.flange, solved)
+        wanted = part_of(flange, solved)
         poses = {"commanded_position": wanted.translation, "commanded_rotation": wanted.rotation}
-        groups.append((tuple(cartesian.numbers[i] for i in solved), {"q": q_start, **poses}))
+        groups.append((tuple(known[i] for i in solved), {"q": q_start, **poses}))
     values: list[Sequence[float] | None] = [None] * len(program.targets)
     results = []
     advice: str | None = None
@@ -465,37 +465,37 @@ def correct_program(
 
 
 def _configured(
-    program: Program, targets: FlangeTargets, flange_arm: Robot
+    program: Program, numbers: Sequence[int], flange: Poses, flange_arm: Robot
 ) -> tuple[NDArray[np.int64], Array | None, list[tuple[int, str]]]:
     """Return the targets with a solution in their configuration, ``(N,)`` and joints ``(J, N)``, and those without.
 
     A target without a solution has its number and the reason. Where no configuration is read, the joints are those of
     the last joint target before.
     """
-    before = _joints_before(program, targets.numbers)
-    chosen = [program.targets[i] for i in targets.numbers]
+    before = _joints_before(program, numbers)
+    chosen = [program.targets[i] for i in numbers]
     arm = Arm.of(replace(flange_arm, base=Frame()))
     variables = arm.robot.variables
     windows = [joint_window(program.dialect, target.configuration, len(variables)) for target in chosen]
-    if not any(windows):
+    if all(window is None for window in windows):
         return np.arange(len(chosen)), before, []
     limits, revolute = joint_ranges(arm), np.array([joint.type == "revolute" for joint in variables])
-    solutions = inverse_kinematics(arm, targets.flange, starts=_STARTS)
+    solutions = inverse_kinematics(arm, flange, starts=_STARTS)
     result = np.zeros((len(variables), len(chosen)))
     refused, solved = [], []
     previous = np.zeros(len(variables))
     for i, (target, window) in enumerate(zip(chosen, windows, strict=True)):
         q, usable = solutions.q[:, i], solutions.converged[i]
         if window is not None:
-            q = window.turned(q, limits, revolute)
-            usable = usable & window.allows(q)
+            q = turned_into(window, q, limits, revolute)
+            usable = usable & allowed_by_window(window, q)
             if program.dialect == Dialect.krl:
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
         if not usable.any():
             reason = f"the nominal robot has no solution in its configuration {target.configuration}"
-            refused.append((targets.numbers[i], reason))
+            refused.append((numbers[i], reason))
             continue
         distance = np.sum(np.square(q - previous[:, None]), axis=0)
         previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
@@ -509,13 +509,13 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
     before: dict[int, tuple[float, ...]] = {}
     last: tuple[float, ...] | None = None
     first: tuple[float, ...] | None = None
-    for move in program.moves:
-        target = program.targets[move.target]
+    for index in program.moves:
+        target = program.targets[index]
         if target.kind == "joint":
             last = target.values
             first = first or last
         elif last is not None:
-            before.setdefault(move.target, last)
+            before.setdefault(index, last)
     return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
 
 

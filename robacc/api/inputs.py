@@ -606,7 +606,7 @@ def _program(path: str) -> Measurements:
 
     # A KUKA program has its points in the file of the same name.
     program = max((read_program(name) for name in (path, *companions(path))), key=lambda item: len(item.targets))
-    targets = [program.targets[move.target] for move in program.moves] or list(program.targets)
+    targets = [program.targets[index] for index in program.moves] or list(program.targets)
     kinds = {target.kind for target in targets}
     if len(kinds) != 1:
         message = "the program has no targets in numbers" if not kinds else "the program mixes joints and poses"

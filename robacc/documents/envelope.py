@@ -29,7 +29,6 @@ from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
 from robacc.robots.description import IDENTITY
-from robacc.robots.description import read_identity as read_section
 from robacc.version import __version__
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
@@ -402,6 +401,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
         UsageError: A text has an unknown key.
     """
     from robacc.io.yaml_nodes import Source, compose, nearest
+    from robacc.robots.yaml_robot import IDENTITY_FIELDS, Units, read_fields
 
     identity: dict[str, str] = {}
     for source in sources:
@@ -409,7 +409,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
         if not sign or os.path.isfile(source):
             file = Source(source)
             top = file.section(compose(read_text(source), source), "", tuple(IDENTITY))
-            stated = {} if top is None else read_section(top)
+            stated = {} if top is None else read_fields(top, IDENTITY_FIELDS, Units())
             file.finish()
             if not stated:
                 fix = f"write at least one of {', '.join(IDENTITY)}"

@@ -65,7 +65,19 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     targets = {number: index for number, index in indices.items() if index is not None}
     if "MN" in sections:
         for match in _MOTION.finditer(text, sections["MN"].end(), first):
-            _add_motions(draft, match, targets)
+            instruction, place = match[2], (match.start(1), match.end())
+            if (offset := _OFFSET.search(instruction)) is not None:
+                draft.note(place, f"{offset[1]} moves the target at run time")
+            for point in list(_POINT.finditer(instruction))[: 2 if match[1] == "C" else 1]:
+                if point[1] == "PR" or not point[2].isdecimal():
+                    draft.note(place, "the target is in a register, which is known at run time only")
+                elif point[2] not in targets:
+                    draft.note(place, f"P[{point[2]}] is not a target of this program")
+                elif _INCREMENTAL.search(instruction):
+                    draft.dropped[targets[point[2]]] = f"the motion in line {source.line(place[0])} is incremental"
+                else:
+                    target = draft.targets[targets[point[2]]]
+                    draft.move(place, [targets[point[2]]], _KINDS[match[1]], target.tool, target.base)
     return draft.program()
 
 
@@ -108,20 +120,3 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
         # User frame 0 is the world frame.
         base=ProgramFrame(frames[1], Frame() if frames[1] == "0" else None) if frames else None,
     )
-
-
-def _add_motions(draft: Draft, match: re.Match[str], targets: dict[str, int]) -> None:
-    """Add the motions of an instruction, or notes on what it computes."""
-    instruction, place = match[2], (match.start(1), match.end())
-    if (offset := _OFFSET.search(instruction)) is not None:
-        draft.note(place, f"{offset[1]} moves the target at run time")
-    for point in list(_POINT.finditer(instruction))[: 2 if match[1] == "C" else 1]:
-        if point[1] == "PR" or not point[2].isdecimal():
-            draft.note(place, "the target is in a register, which is known at run time only")
-        elif point[2] not in targets:
-            draft.note(place, f"P[{point[2]}] is not a target of this program")
-        elif _INCREMENTAL.search(instruction):
-            draft.dropped[targets[point[2]]] = f"the motion in line {draft.source.line(place[0])} is incremental"
-        else:
-            index = targets[point[2]]
-            draft.move(place, [index], _KINDS[match[1]], draft.targets[index].tool, draft.targets[index].base)

@@ -207,11 +207,16 @@ class _Reader:
     def program(self) -> Program:
         """Return the program."""
         self.read_frames()
-        targets = self.read_targets()
+        targets: dict[str, int] = {}
+        for name, (value, *_) in self.files[0].values.items():
+            if self.type_of(name) in _TYPES and not _TABLE.match(name):
+                reason = f"{name} lacks some of the numbers of a target"
+                if (index := self.draft.declare(value.name, value.written, value.place, reason)) is not None:
+                    targets[name] = index
         for file in self.files:
             self.read_motions(file, targets)
         bases = {_key(_rest(match)) for file in self.files for kind, match in file.statements if _frame_of(kind, match)}
-        moved = {move.target for move in self.draft.moves}
+        moved = {index for index, *_ in self.draft.moves}
         for name, index in targets.items():
             if (change := self.change_of(name)) is not None:
                 self.draft.dropped[index] = CHANGED.format(change)
@@ -252,15 +257,6 @@ class _Reader:
                     continue
                 if _TABLE.match(name) or (value.type in ("FRAME", "") and not written.configuration):
                     self.frames[name] = written.frame
-
-    def read_targets(self) -> dict[str, int]:
-        """Add the targets that the program declares with numbers; return their indices by name."""
-        result = {}
-        for name, (value, *_) in self.files[0].values.items():
-            if self.type_of(name) in _TYPES and not _TABLE.match(name):
-                reason = f"{name} lacks some of the numbers of a target"
-                result[name] = self.draft.declare(value.name, value.written, value.place, reason)
-        return {name: index for name, index in result.items() if index is not None}
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:
         """Return the tool or base of a number."""

@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeVar
+from typing import Any, Literal
 
 import numpy as np
 
@@ -44,8 +44,7 @@ class ProgramSource:
     file: str
     text: str
     encoding: str
-    """``utf-8``, ``8-bit`` (Windows and other code pages), ``utf-16-le`` or ``utf-16-be``. The first two have a
-    character per byte, so that places in the text are places in the file."""
+    """``utf-8``, ``latin-1`` (for Windows and all other code pages), ``utf-16-le`` or ``utf-16-be``."""
     _starts: tuple[int, ...] = field(repr=False, compare=False)
 
     @classmethod
@@ -65,14 +64,10 @@ class ProgramSource:
     def excerpt(self, start: int, end: int) -> str:
         """Return a part of the text for a message: on one line, at most 60 characters, in the file's characters."""
         text = self.text[start : min(end, start + 200)]
-        if not self.encoding.startswith("utf-16"):
-            text = text.encode("latin-1").decode("utf-8" if self.encoding == "utf-8" else "cp1252", errors="replace")
+        if self.encoding == "latin-1":
+            text = text.encode("latin-1").decode("cp1252", errors="replace")
         text = " ".join(text.split())
         return text if len(text) <= 60 else text[:59] + "…"
-
-    def name(self, text: str) -> str:
-        """Return a name from the text in the file's characters."""
-        return text if text.isascii() or self.encoding != "utf-8" else text.encode("latin-1").decode("utf-8")
 
     def replaced(self, edits: Iterable[tuple[int, int, str]]) -> bytes:
         """Return the file's bytes with ``(start, end, text)`` replaced; the edits do not overlap."""
@@ -80,8 +75,7 @@ class ProgramSource:
         for start, end, text in sorted(edits):
             pieces += [self.text[position:start], text]
             position = end
-        whole = "".join((*pieces, self.text[position:]))
-        return whole.encode(self.encoding if self.encoding.startswith("utf-16") else "latin-1")
+        return "".join((*pieces, self.text[position:])).encode(self.encoding)
 
     def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
         """Return the error of a program that cannot be read."""
@@ -101,14 +95,14 @@ def _decode(data: bytes, file: str) -> tuple[str, str]:
         raise InputError(Problem("is not a text file: it contains a NUL byte", file, before.count(b"\n") + 1, fix=fix))
     wrong = _not_decoded(data, "utf-8")
     if wrong is None:
-        return data.decode("latin-1"), "utf-8"
+        return data.decode("utf-8"), "utf-8"
     # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
     if has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN):
         line = data.count(b"\n", 0, wrong) + 1
         message = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
         raise InputError(Problem(message, file, line, fix="save it in one encoding"))
-    return data.decode("latin-1"), "8-bit"
+    return data.decode("latin-1"), "latin-1"
 
 
 def _not_decoded(data: bytes, encoding: str) -> int | None:
@@ -208,7 +202,6 @@ def to_native(convention: Convention | None, values: Array, near: Array) -> Arra
     return np.concatenate((values[:3], convention.numbers(values[3:], near[3:])))
 
 
-_T = TypeVar("_T")
 MotionType = Literal["joint", "linear", "circular", "other"]
 
 
@@ -287,18 +280,6 @@ class ProgramTarget:
 
 
 @dataclass(frozen=True, slots=True)
-class ProgramMove:
-    """Motion instruction to a target, in the order of the text."""
-
-    line: int
-    target: int
-    """Index of the target in ``Program.targets``."""
-    motion: MotionType
-    tool: ProgramFrame | None = None
-    base: ProgramFrame | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class ProgramNote:
     """Part of the program that is left as it is, and the reason."""
 
@@ -316,8 +297,8 @@ class Program:
     dialect: str
     source: ProgramSource
     targets: tuple[ProgramTarget, ...]
-    moves: tuple[ProgramMove, ...]
-    """Motions to ``targets`` in the order of the text; loops and branches are not followed."""
+    moves: tuple[int, ...]
+    """Index of the target of each motion in the order of the text; loops and branches are not followed."""
     notes: tuple[ProgramNote, ...] = ()
     """Everything that the program computes at run time or that the reader does not know, by line."""
 
@@ -335,7 +316,8 @@ class Draft:
     source: ProgramSource
     dialect: str
     targets: list[ProgramTarget] = field(default_factory=list)
-    moves: list[ProgramMove] = field(default_factory=list)
+    moves: list[tuple[int, MotionType, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
+    """Index of the target, type, tool and base of each motion."""
     notes: list[ProgramNote] = field(default_factory=list)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
@@ -352,8 +334,7 @@ class Draft:
             self.note(target.place, "a number of this target is a placeholder")
             return None
         line = self.source.line(target.place[0])
-        name = self.source.name(name) or f"line {line}"
-        self.targets.append(replace(target, name=name, line=line, tool=tool, base=base))
+        self.targets.append(replace(target, name=name or f"line {line}", line=line, tool=tool, base=base))
         return len(self.targets) - 1
 
     def declare(self, name: str, target: ProgramTarget | None, place: tuple[int, int], reason: str) -> int | None:
@@ -374,9 +355,8 @@ class Draft:
         """Add the motions of the instruction at a place to targets that were found, or a note why there is none."""
         if isinstance(found, str):
             self.note(place, found)
-            return
-        line = self.source.line(place[0])
-        self.moves += [ProgramMove(line, index, motion, tool, base) for index in found if index is not None]
+        else:
+            self.moves += [(index, motion, tool, base) for index in found if index is not None]
 
     def program(self) -> Program:
         """Return the program, its targets with their values and what all motions to each have in common."""
@@ -386,22 +366,21 @@ class Draft:
             self.notes.append(ProgramNote(target.line, text, reason))
         kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
         places = {index: place for place, index in enumerate(kept)}
-        moves = tuple(replace(move, target=places[move.target]) for move in self.moves if move.target in places)
-        by_target: dict[int, list[ProgramMove]] = {}
-        for move in moves:
-            by_target.setdefault(move.target, []).append(move)
-        targets = [self.targets[i] for i in kept]
+        moves = tuple(places[index] for index, *_ in self.moves if index in places)
+        used: dict[int, list[tuple[object, ...]]] = {}
+        for index, *circumstances in self.moves:
+            used.setdefault(index, []).append(tuple(circumstances))
+        targets = []
+        for index in kept:
+            target = self.targets[index]
+            # What all motions to the target have in common.
+            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 3,)), strict=True)
+            motion, tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
+            targets.append(replace(target, motion=motion, tool=target.tool or tool, base=target.base or base))
         for convention, rows in by_convention(dict(enumerate(targets))):
             values = to_values(convention, native_of([targets[i] for i in rows]))
             for i, column in zip(rows, values.T.tolist(), strict=True):
-                target, used = targets[i], by_target.get(i, ())
-                targets[i] = replace(
-                    target,
-                    values=tuple(column),
-                    motion=_common([move.motion for move in used]),
-                    tool=target.tool or _common([move.tool for move in used]),
-                    base=target.base or _common([move.base for move in used]),
-                )
+                targets[i] = replace(targets[i], values=tuple(column))
         notes = tuple(sorted(self.notes, key=lambda note: note.line))
         return Program(self.source.file, self.dialect, self.source, tuple(targets), moves, notes)
 
@@ -418,8 +397,3 @@ def native_of(targets: Sequence[ProgramTarget]) -> Array:
     """Return the programs' numbers ``(components, N)`` of targets of one convention, m and rad."""
     rows = [[number.value * number.unit for number in target.numbers] for target in targets]
     return np.array(rows, dtype=float).T
-
-
-def _common(values: Sequence[_T]) -> _T | None:
-    """Return what all values are, or None."""
-    return values[0] if values and all(value == values[0] for value in values) else None

@@ -124,9 +124,22 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     module, draft = _Module.of(source), Draft(source, Dialect.rapid)
     text = module.text
     frames = {name: ProgramFrame(name, Frame()) for name in ("tool0", "wobj0")}
+    targets: dict[tuple[int, str], list[int | None]] = {}
+    # An array has an index for each element; it is None for an element that is no target.
     for other in (*map(_Module.of, others), module):
-        _read_frames(other, frames)
-    targets = _read_targets(module, draft)
+        changed = {name for _, name in other.changes}
+        for match in (match for match in _DECLARATION.finditer(other.text) if match[5] is not None):
+            kind, name = match[2].lower(), match[3]
+            if kind in ("tooldata", "wobjdata"):
+                # A frame that the module changes is unknown.
+                frame = None if name.lower() in changed else _frame(other.text, match.span(5), kind)
+                frames[name.lower()] = ProgramFrame(name, frame)
+            elif other is module:
+                elements = (items(text, match.span(5)) if match[4] else []) or [match.span(5)]
+                indices = targets[module.routine(match.start()), name.lower()] = []
+                for i, place in enumerate(elements):
+                    written, reason = _written(text, place, kind), f"{name} lacks some of the numbers of a {kind}"
+                    indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
     for (routine, name), indices in targets.items():
         if (position := module.change_of(routine, name)) is not None:
             reason = CHANGED.format(source.line(position))
@@ -154,34 +167,6 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
         draft.note(match.span(), reason)
     return draft.program()
-
-
-def _read_frames(module: _Module, frames: dict[str, ProgramFrame]) -> None:
-    """Add the tools and work objects that a module declares; a frame that it changes is unknown."""
-    changed = {name for _, name in module.changes}
-    for match in _DECLARATION.finditer(module.text):
-        kind, name = match[2].lower(), match[3]
-        if kind in ("tooldata", "wobjdata") and match[5] is not None:
-            frame = None if name.lower() in changed else _frame(module.text, match.span(5), kind)
-            frames[name.lower()] = ProgramFrame(name, frame)
-
-
-def _read_targets(module: _Module, draft: Draft) -> dict[tuple[int, str], list[int | None]]:
-    """Add the targets that a module declares with numbers; return their indices by routine and name.
-
-    An array has an index for each element; it is None for an element that is no target.
-    """
-    targets: dict[tuple[int, str], list[int | None]] = {}
-    for match in _DECLARATION.finditer(module.text):
-        kind, name = match[2].lower(), match[3]
-        if kind not in ("robtarget", "jointtarget") or match[5] is None:
-            continue
-        elements = (items(module.text, match.span(5)) if match[4] else []) or [match.span(5)]
-        indices = targets[module.routine(match.start()), name.lower()] = []
-        for i, place in enumerate(elements):
-            written, reason = _written(module.text, place, kind), f"{name} lacks some of the numbers of a {kind}"
-            indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
-    return targets
 
 
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:

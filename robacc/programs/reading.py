@@ -179,5 +179,4 @@ def with_frames(program: Program, table: Mapping[str, Mapping[str, Frame]]) -> P
         return ProgramFrame(frame.name, names.get(frame.name.lower())) if frame.frame is None else frame
 
     targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
-    moves = [replace(m, tool=known(m.tool, tools), base=known(m.base, bases)) for m in program.moves]
-    return replace(program, targets=tuple(targets), moves=tuple(moves))
+    return replace(program, targets=tuple(targets))

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,20 +27,13 @@ from robacc.robots.arm import Arm
 # Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.
 
 
-@dataclass(frozen=True, slots=True)
-class FlangeTargets:
-    """Cartesian targets of a program whose tool and base are known."""
+def flange_targets(program: Program) -> tuple[tuple[int, ...], Poses, tuple[tuple[int, str], ...]]:
+    """Return the Cartesian targets of a program whose tool and base are known, and the flange's poses at them.
 
-    numbers: tuple[int, ...]
-    """Index of each in ``Program.targets``."""
-    flange: Poses
-    """Pose of the flange in the robot's base frame, over N."""
-    unknown: tuple[tuple[int, str], ...]
-    """Index of each other Cartesian target, and the reason."""
-
-
-def flange_targets(program: Program) -> FlangeTargets:
-    """Return the flange's poses at the Cartesian targets of a program."""
+    Returns:
+        Index of each of these targets in ``Program.targets``; the flange's poses over them in the robot's base frame;
+        index of each other Cartesian target, with the reason.
+    """
     reasons = {
         i: _unknown(target.tool, "tool") or _unknown(target.base, "base")
         for i, target in enumerate(program.targets)
@@ -52,8 +44,7 @@ def flange_targets(program: Program) -> FlangeTargets:
     values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
     poses = Poses(rotation_from_quaternion(values[3:]), values[:3])
     base, tool = _poses(target.base for target in targets), _poses(target.tool for target in targets)
-    unknown = tuple((i, reason) for i, reason in reasons.items() if reason)
-    return FlangeTargets(numbers, base @ poses @ tool.inverse(), unknown)
+    return numbers, base @ poses @ tool.inverse(), tuple((i, reason) for i, reason in reasons.items() if reason)
 
 
 def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
@@ -61,7 +52,7 @@ def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[t
 
     Args:
         program: Program of the targets.
-        numbers: Index of each target, as of :attr:`FlangeTargets.numbers`.
+        numbers: Index of each target.
         flange: Poses over the same targets.
     """
     base, tool = _poses(program.targets[i].base for i in numbers), _poses(program.targets[i].tool for i in numbers)
@@ -181,64 +172,52 @@ _READ_WHOLE = (Dialect.krl, Dialect.rapid)
 """Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
-_CF_AXES = (0, 3, 5)
-"""Joints of cf1, cf4 and cf6."""
 
 
-@dataclass(frozen=True, slots=True)
-class JointWindow:
-    """Range of each joint that a configuration allows, rad; infinite where it says nothing."""
+def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | None:
+    """Return the least and the largest value ``(2, J)`` of each joint that a configuration allows, rad.
 
-    low: Array
-    """``(J,)`` rad"""
-    high: Array
-    """``(J,)`` rad"""
-
-    def allows(self, q: Array) -> NDArray[np.bool_]:
-        """Return ``(N,)`` whether each column of joints ``(J, N)``, rad, lies in the window."""
-        low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
-        return np.asarray(np.all((q > low) & (q < high), axis=0))
-
-    def turned(self, q: Array, limits: tuple[Array, Array], revolute: NDArray[np.bool_]) -> Array:
-        """Return joints ``(J, N)`` with whole turns added where these bring a revolute joint into the window.
-
-        Args:
-            q: Joints, rad.
-            limits: Lower and upper joint limits, each ``(J,)``, rad or m.
-            revolute: ``(J,)`` whether a joint turns.
-        """
-        low, high = self.low[:, None] - _AT_BORDER, self.high[:, None] + _AT_BORDER
-        up, down = (np.maximum(np.ceil(gap / (2.0 * np.pi)), 0.0) for gap in (low - q, q - high))
-        moved = q + 2.0 * np.pi * (up - down)
-        fits = (moved > low) & (moved < high) & (moved >= limits[0][:, None]) & (moved <= limits[1][:, None])
-        return np.where(fits & revolute[:, None], moved, q)
-
-
-def joint_window(dialect: str, configuration: str, n_joints: int) -> JointWindow | None:
-    """Return the joints that a configuration allows; None where it is not given, or not read."""
+    They are infinite where it says nothing; None where it is not given, or not read.
+    """
+    low, high = window = np.repeat([[-np.inf], [np.inf]], _N_AXES, axis=1)
+    numbers = [int(number) for number in _NUMBERS.findall(configuration)]
     if n_joints != _N_AXES:
         return None
-    low, high = np.full(_N_AXES, -np.inf), np.full(_N_AXES, np.inf)
-    if dialect == Dialect.krl:
-        turn = _bits(_TURN, configuration)
-        if turn is None:
-            return None if _bits(_STATUS, configuration) is None else JointWindow(low, high)
+    if dialect == Dialect.krl and (turn := _bits(_TURN, configuration)) is not None:
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
-        return JointWindow(np.where(is_negative, low, 0.0), np.where(is_negative, 0.0, high))
-    if dialect == Dialect.fanuc:
-        turns = [int(number) for number in _NUMBERS.findall(configuration)]
-        if len(turns) != 3:
-            return None
-        low[5], high[5] = _turn_range(turns[2])
-        if turns[0] == turns[1]:
-            low[3], high[3] = _turn_range(turns[0])
-        return JointWindow(low, high)
-    quarters = [int(number) for number in _NUMBERS.findall(configuration)[:3]]
-    if dialect == Dialect.rapid and len(quarters) == 3:
-        low[list(_CF_AXES)] = 0.5 * np.pi * np.array(quarters)
-        high[list(_CF_AXES)] = 0.5 * np.pi * (np.array(quarters) + 1)
-        return JointWindow(low, high)
-    return None
+        low[~is_negative] = high[is_negative] = 0.0
+    elif dialect == Dialect.fanuc and len(numbers) == 3:
+        window[:, 5] = _turn_range(numbers[2])
+        if numbers[0] == numbers[1]:
+            window[:, 3] = _turn_range(numbers[0])
+    elif dialect == Dialect.rapid and len(numbers) >= 3:
+        # Quarter turns of the axes 1, 4 and 6.
+        window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
+    elif dialect != Dialect.krl or _bits(_STATUS, configuration) is None:
+        return None
+    return window
+
+
+def allowed_by_window(window: Array, q: Array) -> NDArray[np.bool_]:
+    """Return ``(N,)`` whether each column of joints ``(J, N)``, rad, lies in the window of a configuration."""
+    low, high = window[:, :, None]
+    return np.asarray(np.all((q > low - _AT_BORDER) & (q < high + _AT_BORDER), axis=0))
+
+
+def turned_into(window: Array, q: Array, limits: tuple[Array, Array], revolute: NDArray[np.bool_]) -> Array:
+    """Return joints ``(J, N)`` with whole turns added where these bring a revolute joint into a window.
+
+    Args:
+        window: From :func:`joint_window`.
+        q: Joints, rad.
+        limits: Lower and upper joint limits, each ``(J,)``, rad or m.
+        revolute: ``(J,)`` whether a joint turns.
+    """
+    low, high = window[:, :, None] + _AT_BORDER * np.array([-1, 1])[:, None, None]
+    up, down = (np.maximum(np.ceil(gap / (2.0 * np.pi)), 0.0) for gap in (low - q, q - high))
+    moved = q + 2.0 * np.pi * (up - down)
+    fits = (moved > low) & (moved < high) & (moved >= limits[0][:, None]) & (moved <= limits[1][:, None])
+    return np.where(fits & revolute[:, None], moved, q)
 
 
 def is_read(dialect: str, configuration: str, n_joints: int) -> bool:
@@ -259,8 +238,8 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
     """
     window = joint_window(dialect, configuration, before.size)
     if window is not None:
-        inside = (before > window.low) & (before < window.high)
-        if np.any(inside & ((after < window.low) | (after > window.high))):
+        inside = (before > window[0]) & (before < window[1])
+        if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
     is_flipped = before.size == _N_AXES and before[4] * after[4] < 0
     return bool(dialect not in _READ_WHOLE and configuration and is_flipped)

@@ -76,17 +76,26 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         InputError: The text is truncated.
     """
     script = _Script(source)
-    script.check_complete()
-    draft = script.draft
-    calls = [match for match in _MOTION.finditer(script.text) if match[1]]
+    draft, text, fix = script.draft, script.text, "save the script again"
+    blocks = unclosed(
+        (match[1], match.start(1), match[1] != "end")
+        for match in _BLOCK.finditer(text)
+        if _EVENTS.get(match[1]) not in (None, "next") and (match[1] == "end" or not _ONE_LINE.match(text, match.end()))
+    )
+    if blocks:
+        raise source.error(f"is truncated: this {blocks[0][0]} has no end", blocks[0][1], fix)
+    brackets = unclosed((m[0], m.start(), m[0] in "[(") for m in re.finditer(r"[\[\]()]", text))
+    if brackets:
+        raise source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
+    calls = [match for match in _MOTION.finditer(text) if match[1]]
     tools = timeline(script.events([match for match in calls if match[1] == "set_tcp"]))
     for match in (match for match in calls if match[1] != "set_tcp"):
-        places, end = arguments(script.text, match.end())
+        places, end = arguments(text, match.end())
         motion = _KINDS[match[1]]
         for place in places[: 2 if motion == "circular" else 1]:
             draft.move((match.start(), end + 1), script.target(place), motion, tools(match.start()), _BASE)
     for place in script.literals.values():
-        if place[0] not in script.used and script.text[place[0]] == "p":
+        if place[0] not in script.used and text[place[0]] == "p":
             draft.note(place, "is a pose that no motion goes to directly")
     return draft.program()
 
@@ -109,21 +118,6 @@ class _Script:
             else:
                 self.literals[name] = place
         self.literals = {name: place for name, place in self.literals.items() if name not in self.changed}
-
-    def check_complete(self) -> None:
-        """Raise InputError where a block or a bracket is not closed."""
-        text, fix = self.text, "save the script again"
-        blocks = unclosed(
-            (match[1], match.start(1), match[1] != "end")
-            for match in _BLOCK.finditer(text)
-            if _EVENTS.get(match[1]) not in (None, "next")
-            and (match[1] == "end" or not _ONE_LINE.match(text, match.end()))
-        )
-        if blocks:
-            raise self.draft.source.error(f"is truncated: this {blocks[0][0]} has no end", blocks[0][1], fix)
-        brackets = unclosed((m[0], m.start(), m[0] in "[(") for m in re.finditer(r"[\[\]()]", text))
-        if brackets:
-            raise self.draft.source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
 
     def argument(self, place: Place) -> tuple[str, Place]:
         """Return the variable of an argument, empty for none, and the place of its numbers, without its keyword."""

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import UsageError
-from robacc.geometry import Array
 from robacc.programs.program import (
-    Convention,
     Dialect,
     Program,
     ProgramNumber,
@@ -26,10 +23,10 @@ from robacc.programs.program import (
 # Numbers written as the program writes them: decimals, column width, sign and leading zero.
 
 
-def edit(
+def _edit(
     source: ProgramSource, number: ProgramNumber, value: float, decimals: int, bare_point: bool
-) -> tuple[int, int, str] | None:
-    """Return the edit ``(start, end, text)`` that gives a number the ``value`` (program's unit); None for no change.
+) -> Iterator[tuple[int, int, str]]:
+    """Yield the edit ``(start, end, text)`` that gives a number the ``value`` (program's unit), if it changes.
 
     Args:
         source: Text of the program.
@@ -38,23 +35,22 @@ def edit(
         decimals: Least decimals; a number with more keeps them.
         bare_point: Omit the zero before the decimal point.
     """
-    old = source.text[number.start : number.end]
+    start, end = number.start, number.end
+    old = source.text[start:end]
     decimals = max(decimals, 0 if "e" in old.lower() else len(old.partition(".")[2]))
     new = f"{value:.{decimals}f}"
     if float(new) == number.value or new == f"{number.value:.{decimals}f}":
-        return None
+        return
     new = _shortened(new, bare_point)
     if old.startswith("+") and not new.startswith("-"):
         new = f"+{new}"
-    start = number.start
-    spaces = start
-    while spaces > 0 and source.text[spaces - 1] == " ":
-        spaces -= 1
-    if start - spaces >= 2:
+    before = source.text[max(start - 80, 0) : start]
+    spaces = len(before) - len(before.rstrip(" "))
+    if spaces >= 2:
         # A column that is aligned to the right: the spaces give way, all but the last.
-        start = spaces + 1
-        new = new.rjust(number.end - start)
-    return start, number.end, new
+        start -= spaces - 1
+        new = new.rjust(end - start)
+    yield start, end, new
 
 
 def _shortened(number: str, bare_point: bool) -> str:
@@ -98,34 +94,21 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         wanted = np.array([values[i] for i in rows], dtype=float).T
         old = np.array([target.values for target in targets], dtype=float).T
         native = to_native(convention, wanted, native_of(targets))
-        turned, moved = _changes(convention, old, wanted)
-        for k, target in enumerate(targets):
-            for c, number in enumerate(target.numbers):
-                if not (moved[k] if convention is None or c < 3 else turned[k]):
-                    continue
-                value = float(native[c, k]) / number.unit
-                part = edit(program.source, number, value, _least_decimals(program.dialect, number, c), bare_point)
-                if part is not None:
-                    edits.append(part)
+        is_moved = np.any(np.abs(wanted - old)[: None if convention is None else 3] > _SAME, axis=0)
+        is_new = np.repeat(is_moved[None], len(native), axis=0)
+        if convention is not None:
+            unit = wanted[3:] / np.sqrt(np.sum(np.square(wanted[3:]), axis=0))
+            # Quaternions of equal rotations agree to rounding, and the angle between them to four times that.
+            is_new[3:] = rotation_distance(old[3:], unit) > 4 * _SAME
+        for c, k in np.argwhere(is_new).tolist():
+            number = targets[k].numbers[c]
+            resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
+            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
+            if program.dialect == Dialect.rapid and number.unit == 1.0:
+                decimals = _QUATERNION_DECIMALS
+            decimals = _FANUC_DECIMALS if program.dialect == Dialect.fanuc else decimals
+            edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return program.source.replaced(edits)
-
-
-def _changes(convention: Convention | None, old: Array, new: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return for each target whether its orientation, and whether its position or joints change."""
-    if convention is None:
-        moved = np.any(np.abs(new - old) > _SAME, axis=0)
-        return moved, moved
-    unit = new[3:] / np.sqrt(np.sum(np.square(new[3:]), axis=0))
-    # Quaternions of equal rotations agree to rounding, and the angle between them to four times that.
-    return rotation_distance(old[3:], unit) > 4 * _SAME, np.any(np.abs(new[:3] - old[:3]) > _SAME, axis=0)
-
-
-def _least_decimals(dialect: str, number: ProgramNumber, component: int) -> int:
-    """Return the least decimals of a number."""
-    if dialect == Dialect.fanuc or (dialect == Dialect.rapid and number.unit == 1.0):
-        return _FANUC_DECIMALS if dialect == Dialect.fanuc else _QUATERNION_DECIMALS
-    resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (component >= 3 or number.unit < 1) else _LENGTH_DIGITS
-    return max(0, round(-float(np.log10(resolution / number.unit))))
 
 
 # New programs that go to given joints: one motion to each, slow, with a stop for the measurement.

@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 
 from robacc.geometry import Poses, rpy_from_rotation
-from robacc.io.yaml_nodes import YamlSection
 
 Convention = Literal["standard", "modified", "urdf"]
 JointType = Literal["revolute", "prismatic", "fixed"]
@@ -257,10 +256,3 @@ IDENTITY = {
     "remarks": "Remarks",
 }
 """Keys of an identity and their labels on a page, in the order of the page."""
-
-
-def read_identity(section: YamlSection) -> dict[str, str]:
-    """Return the identity of a section with the keys of :data:`IDENTITY`; its source collects problems."""
-    nodes = {key: section.get(key) for key in IDENTITY}
-    texts = {key: section.source.text(node, section.at(key)) for key, node in nodes.items() if node is not None}
-    return {key: text for key, text in texts.items() if text is not None}

@@ -1,17 +1,20 @@
-"""Inverse kinematics: damped least squares on the chain's exact Jacobian.
+"""Inverse kinematics: damped Newton steps on an exact Jacobian, for nominal arms and for models of real ones.
 
-Each problem is one desired pose and one start. With r the pose's error (position, and the rotation vector times a
-length, so that both are lengths) and J its Jacobian to the joint variables, a step solves
+All poses are solved at once. With e the error of a pose, A its Jacobian to the joints and r
+the way back to the joints of the start, a step is
 
-    (J^T J + lambda D) dq = J^T r,    D = diag(J^T J) + a floor
+    as many joints as errors, or more:  dq = r + A^T (A A^T + mu)^-1 (e - A r)
+    fewer joints than errors:           dq = (A^T A + mu)^-1 A^T e
 
-(K. Levenberg 1944; D. W. Marquardt 1963; for arms C. W. Wampler 1986), lambda falling where a step brings the target
-nearer and rising elsewhere. Steps stop at the joint limits; a joint that is at a limit and would leave its range is
-fixed for the step. All problems are solved side by side, poses last.
+Rotations count as lengths by a weight (m per rad), and so do slides as angles. The first form ends at the solution
+nearest to the start (D. E. Whitney 1969), the second at the least weighted error. The damping mu falls where a step
+brings the target nearer and rises elsewhere (K. Levenberg 1944), so that singular poses stay in place. Joints stop at
+their limits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,29 +25,10 @@ from robacc.geometry import Array, Poses, compose, log_so3, rms_length, transpos
 from robacc.robots.arm import Arm
 from robacc.robots.library import low_discrepancy
 
-_STEPS = 80
 _REACHED = 1e-11
 """Residual, in units of the arm's length, at which a pose counts as reached; some hundred roundings."""
-_SLOW, _PATIENCE = 0.98, 6
-"""Ratio and number of steps: a descent ends after so many steps that leave more than this share of the residual."""
-_FIRST_DAMPING = 1e-3
-_MIN_DAMPING, _MAX_DAMPING = 1e-12, 1e6
-_FLOOR = 1e-6
-"""Lowest scale of the damping as a share of the largest: a joint without effect on the pose does not move."""
 _POOL = 2048
 """Configurations over the joint ranges; those with the nearest poses are the starts."""
-
-
-@dataclass(frozen=True, slots=True)
-class Solutions:
-    """Solutions for N poses from S starts each, starts last."""
-
-    q: Array
-    """``(J, N, S)`` joint variables, rad or m, within the limits."""
-    converged: NDArray[np.bool_]
-    """``(N, S)``: whether the pose is reached to rounding."""
-    error: Array
-    """``(N, S)`` remaining error: m, with rotation times the arm's length."""
 
 
 def joint_ranges(
@@ -100,7 +84,7 @@ def pose_jacobian(arm: Arm, q: Array) -> tuple[Poses, Array]:
     return sweep.poses, jacobian
 
 
-def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> Solutions:
+def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> JointSolution:
     """Return joint variables for the desired poses, from several starts each.
 
     Args:
@@ -120,13 +104,20 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
         q0 = np.repeat(starts[:, None, :], desired.translation.shape[1], axis=1)
     joints, n, s = q0.shape
     repeated = Poses(np.repeat(desired.rotation, s, axis=2), np.repeat(desired.translation, s, axis=1))
-    q, error = _descend(arm, repeated, q0.reshape(joints, n * s), oriented, length)
-    low, high = (limits[:, None] for limits in joint_ranges(arm))
+    low, high = joint_ranges(arm)
+    scale = np.array([1.0 if joint.type == "revolute" else length for joint in arm.robot.variables])
+    space = JointSpace(low, high, scale, length, np.repeat([1.0, length][: 1 + oriented], 3))
+
+    def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
+        poses, jacobian = pose_jacobian(arm, q)
+        error = pose_error(part_of(repeated, index), poses, oriented)
+        return error, jacobian[: len(error)]
+
+    solution = solve(evaluate, q0.reshape(joints, n * s), space, stay=False)
+    error = np.sqrt(np.sum(np.square(space.weights[:, None] * solution.error), axis=0)).reshape(n, s)
     unlimited = np.isinf(low) & np.isinf(high)
-    q = np.where(unlimited, np.arctan2(np.sin(q), np.cos(q)), q)
-    return Solutions(
-        np.clip(q, low, high).reshape(joints, n, s), (error <= _REACHED * length).reshape(n, s), error.reshape(n, s)
-    )
+    q = np.where(unlimited[:, None], np.arctan2(np.sin(solution.q), np.cos(solution.q)), solution.q)
+    return JointSolution(q.reshape(joints, n, s), error, error <= _REACHED * length)
 
 
 def _length(arm: Arm) -> float:
@@ -151,53 +142,133 @@ def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float
     return starts
 
 
-def _residual(poses: Poses, desired: Poses, weight: float) -> tuple[Array, Array]:
-    """Return the error ``(6, M)``, m, rotations times ``weight`` (m; 0 for positions alone), and its norm ``(M,)``."""
-    turn = log_so3(compose(desired.rotation, transpose(poses.rotation)))
-    residual = np.concatenate((desired.translation - poses.translation, weight * turn))
-    return residual, np.sqrt(np.sum(np.square(residual), axis=0))
+def pose_error(wanted: Poses, poses: Poses, oriented: bool) -> Array:
+    """Return the way from ``poses`` to ``wanted``: m, and for oriented targets a rotation vector in rad."""
+    position = wanted.translation - poses.translation
+    if not oriented:
+        return position
+    return np.concatenate((position, log_so3(compose(wanted.rotation, transpose(poses.rotation)))))
 
 
-def _descend(arm: Arm, desired: Poses, q: Array, oriented: bool, length: float) -> tuple[Array, Array]:
-    """Return joint variables ``(J, M)`` and residual norms ``(M,)`` of M problems after Levenberg-Marquardt steps."""
-    weight = length if oriented else 0.0
-    low, high = (limits[:, None] for limits in joint_ranges(arm))
-    q = np.clip(q, low, high)
-    error = np.full(q.shape[1], np.inf)
-    damping = np.full(q.shape[1], _FIRST_DAMPING)
-    stalled = np.zeros(q.shape[1], dtype=int)
-    open_ = np.arange(q.shape[1])
-    for _ in range(_STEPS):
-        target = Poses(desired.rotation[..., open_], desired.translation[:, open_])
-        poses, jacobian = pose_jacobian(arm, q[:, open_])
-        residual, before = _residual(poses, target, weight)
-        jacobian[3:] *= weight
-        trial = np.clip(q[:, open_] + _step(jacobian, residual, q[:, open_], low, high, damping[open_]), low, high)
-        _, after = _residual(arm.chain.forward(trial), target, weight)
-        nearer = after < before
-        q[:, open_] = np.where(nearer, trial, q[:, open_])
-        damping[open_] = np.clip(damping[open_] * np.where(nearer, 0.1, 8.0), _MIN_DAMPING, _MAX_DAMPING)
-        error[open_] = np.where(nearer, after, before)
-        # A problem is done at a tenth of the residual that counts as reached, or out of reach after slow steps.
-        slow = ~nearer | (error[open_] > _SLOW * before)
-        stalled[open_] = np.where(slow, stalled[open_] + 1, 0)
-        unfinished = (error[open_] > 0.1 * _REACHED * length) & (stalled[open_] < _PATIENCE)
-        open_ = open_[unfinished]
-        if open_.size == 0:
+def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
+    """Return some of the poses."""
+    return Poses(poses.rotation[..., index], poses.translation[:, index])
+
+
+# Damped steps to wanted poses, all targets at once.
+
+_PATIENCE = 5
+"""Steps without gain after which a target is given up."""
+_SETTLED = 1e-11
+"""Step (rad, slides in arm lengths) at which a target is done, far below any resolution."""
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-14, 1e-16, 1e3
+_RAISED = 1e-7
+"""Damping after the first step that brings a target no nearer."""
+_LARGEST_STEP = 0.3
+"""rad: largest step of a joint; longer steps leave the configuration."""
+
+Evaluate = Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
+"""Errors ``(R, M)`` and their Jacobian ``(R, J, M)`` at joints ``(J, M)`` of the targets with numbers ``(M,)``."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointSpace:
+    """Joints of an arm and errors of its pose, as the solver scales and limits them."""
+
+    low: Array
+    """``(J,)`` rad or m; -inf without a limit."""
+    high: Array
+    scale: Array
+    """``(J,)`` size of a joint's unit step: 1 rad, or the arm's length for a slide."""
+    length: float
+    """Size of the arm, m: RMS distance of its target from its base."""
+    weights: Array
+    """``(R,)`` weight of each component of the error: 1 for m, a length for rad."""
+
+
+@dataclass(frozen=True, slots=True)
+class JointSolution:
+    """Joints at the end of the iteration, for N problems, or for N poses from S starts each with starts last."""
+
+    q: Array
+    """``(J, N)`` rad or m, within the limits."""
+    error: Array
+    """``(R, N)`` remaining error, m and rad; from starts, its size ``(N, S)``: m, rotation times the arm's length."""
+    converged: NDArray[np.bool_]
+    """``(N,)`` whether the last step was below the tolerance; from starts, whether the pose is reached to rounding."""
+
+
+def solve(
+    evaluate: Evaluate, start: Array, joints: JointSpace, first: Array | None = None, *, stay: bool = True
+) -> JointSolution:
+    """Return the joints nearest to ``start`` ``(J, N)`` whose error is least.
+
+    Args:
+        evaluate: Errors and Jacobian.
+        start: Joints to stay near, as far as an arm is redundant.
+        joints: Limits, scales and weights.
+        first: Joints to begin with; None for ``start``.
+        stay: Return to the start as far as the arm is redundant; else each step is the shortest.
+    """
+    low, high, scale = (part[:, None] for part in (joints.low, joints.high, joints.scale))
+    weights = joints.weights
+    q, n = np.clip(start if first is None else first, low, high), start.shape[1]
+    error, jacobian = np.zeros((weights.size, n)), np.zeros((weights.size, len(start), n))
+    cost, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
+    stalled, settled = np.zeros(n, dtype=int), np.zeros(n, dtype=bool)
+    index, trial = np.arange(n), q.copy()
+    for _ in range(40):
+        # Joints that bring a target nearer are taken; elsewhere the damping rises.
+        new_error, new_jacobian = evaluate(trial[:, index], index)
+        new_cost = np.sum(np.square(weights[:, None] * new_error), axis=0)
+        nearer = new_cost <= cost[index] * (1.0 + 1e-9) + np.square(1e-13 * np.max(weights))
+        taken, refused = index[nearer], index[~nearer]
+        stalled[index] = np.where(new_cost < 0.999 * cost[index], 0, stalled[index] + 1)
+        q[:, taken], cost[taken] = trial[:, taken], new_cost[nearer]
+        error[:, taken], jacobian[..., taken] = new_error[:, nearer], new_jacobian[..., nearer]
+        damping[taken] = np.maximum(0.1 * damping[taken], _LEAST_DAMPING)
+        damping[refused] = np.clip(30.0 * damping[refused], _RAISED, _MOST_DAMPING)
+        matrix = weights[:, None, None] * jacobian[..., index] * scale
+        back = stay * (start[:, index] - q[:, index]) / scale
+        at_low, at_high = q[:, index] <= low, q[:, index] >= high
+        step = _step(matrix, weights[:, None] * error[:, index], back, damping[index], at_low, at_high)
+        settled[index] = np.max(np.abs(step), axis=0, initial=0.0) < _SETTLED
+        trial[:, index] = np.clip(q[:, index] + step * scale, low, high)
+        index = index[~settled[index] & (stalled[index] < _PATIENCE)]
+        if index.size == 0:
             break
-    return q, error
+    return JointSolution(q, error, settled)
 
 
-def _step(jacobian: Array, residual: Array, q: Array, low: Array, high: Array, damping: Array) -> Array:
-    """Return the damped step ``(J, M)``; joints at a limit that would leave their range stay fixed."""
-    gradient = np.einsum("ijm,im->jm", jacobian, residual)
-    fixed = ((q <= low) & (gradient < 0)) | ((q >= high) & (gradient > 0))
-    jacobian = np.where(fixed, 0.0, jacobian)
-    gradient = np.where(fixed, 0.0, gradient)
-    matrix = np.einsum("ijm,ikm->mjk", jacobian, jacobian)
-    diagonal = np.einsum("mjj->mj", matrix)
-    scale = diagonal + _FLOOR * np.max(diagonal, axis=1, keepdims=True, initial=0.0) + 1e-300
-    matrix = matrix + np.einsum("mj,jk->mjk", damping[:, None] * scale, np.eye(q.shape[0]))
-    # A fixed joint's row is zero but for its damping; a unit diagonal keeps the matrix regular at any damping.
-    matrix[:, np.arange(q.shape[0]), np.arange(q.shape[0])] += fixed.T
-    return np.asarray(np.linalg.solve(matrix, gradient.T[..., None])[..., 0].T)
+def _step(
+    matrix: Array, error: Array, back: Array, damping: Array, at_low: NDArray[np.bool_], at_high: NDArray[np.bool_]
+) -> Array:
+    """Return the scaled step ``(J, M)``; joints at a limit that would leave their range stay."""
+    fixed = np.zeros(back.shape, dtype=bool)
+    for _ in range(back.shape[0] + 1):
+        step = _damped_step(matrix, error, back, damping)
+        added = ((at_low & (step < 0.0)) | (at_high & (step > 0.0))) & ~fixed
+        if not added.any():
+            break
+        fixed |= added
+        matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
+        damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
+    largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
+    return np.asarray(step * np.minimum(1.0, _LARGEST_STEP / largest))
+
+
+def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Array:
+    """Return steps ``(J, M)`` for scaled Jacobians ``(R, J, M)``, errors ``(R, M)`` and ways back ``(J, M)``."""
+    rows, columns = matrix.shape[:2]
+    stacked = np.moveaxis(matrix, 2, 0)
+    transposed = np.swapaxes(stacked, 1, 2)
+    size = np.maximum(np.einsum("mij,mij->m", stacked, stacked), 1e-300) / min(rows, columns)
+    weak = (damping * size)[:, None, None]
+    if columns < rows:
+        normal = transposed @ stacked + weak * np.eye(columns)
+        return np.asarray(np.linalg.solve(normal, transposed @ error.T[..., None])[..., 0].T)
+    if columns == rows:
+        back = np.zeros_like(back)
+    remaining = error - np.einsum("ijm,jm->im", matrix, back)
+    normal = stacked @ transposed + weak * np.eye(rows)
+    return np.asarray(back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T)

@@ -272,6 +272,7 @@ BASE_LINK = "base"
 _MAX_GRAVITY = 50.0
 """m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
+IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, _text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
 _FRAME = {"xyz": _vector(_length), "rpy": _vector(_angle)}
 _FRAME_WITH_TOLERANCE = _section({**_FRAME, "tolerance": _tolerances(_COORDINATES)})
@@ -298,7 +299,7 @@ _ROBOT: dict[str, Kind] = {
     "campaign": _section({"poses": _DIGESTS, "before": _section(_BEFORE), "effects": _EFFECTS}, into=_campaign),
     "mass_uncertainty": _checked(_number, _SHARE),
     "fit": _mapping("`write_model` writes it"),
-    "identity": _section(dict.fromkeys(IDENTITY, _text)),
+    "identity": _section(IDENTITY_FIELDS),
 }
 _TOP_KEYS = (
     "robacc",

@@ -16,7 +16,7 @@ from robacc.geometry import Poses
 from robacc.measurements import Measurements
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
-from robacc.programs.targets import flange_targets, joint_window, leaves_configuration
+from robacc.programs.targets import allowed_by_window, flange_targets, joint_window, leaves_configuration, turned_into
 from robacc.programs.writing import write_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
@@ -108,7 +108,7 @@ ENDMODULE
     assert result.n_corrected == 3
     assert any("Offs(p2" in warning for warning in result.warnings)
     path.write_bytes(result.data)
-    commanded = flange_targets(read_program(path)).flange
+    commanded = flange_targets(read_program(path))[1]
     # The joints at which the controller has the commanded poses, by the corrected joint of the same pose.
     direct = correct(
         Measurements(np.zeros((3, 2)), q=Q[:, 1:]),
@@ -133,7 +133,7 @@ def test_the_configuration_of_the_program_decides() -> None:
     }
     for (dialect, text), expected in cases.items():
         window = joint_window(dialect, text, 6)
-        assert window.allows(q).tolist() == expected
+        assert allowed_by_window(window, q).tolist() == expected
     assert joint_window("val3", "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert (joint_window(Dialect.krl, "T 5", 7), joint_window(Dialect.krl, "", 6)) == (None, None)
@@ -145,11 +145,11 @@ def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
     # The first two numbers are unequal: sources differ on the axes that they count.
     for text, fourth in (("N U T, 0, 1, -1", 0.1), ("N U T, 1, 1, -1", 0.1 + 2 * np.pi)):
         window = joint_window(Dialect.fanuc, text, 6)
-        turned = window.turned(q, wide, revolute)[:, 0]
+        turned = turned_into(window, q, wide, revolute)[:, 0]
         np.testing.assert_allclose(turned, [0.1, 0.2, 0.3, fourth, 0.2, 0.4 - 2 * np.pi])
     window = joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6)
     beyond = np.array([[0, 0, 0, 0, 0, 3.2], [0, 0, 0, 3.2, 0, 0], [3.2, 0, 0, 0, 3.2, 0]]).T
-    assert window.allows(beyond).tolist() == [False, False, True]
+    assert allowed_by_window(window, beyond).tolist() == [False, False, True]
 
 
 def test_a_correction_into_another_configuration_is_seen() -> None:
@@ -169,13 +169,15 @@ def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     limits, revolute = (np.full(6, -6.1), np.full(6, 6.1)), np.ones(6, dtype=bool)
     window = joint_window(Dialect.krl, "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
-    np.testing.assert_allclose(window.turned(q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi])
-    assert not window.allows(window.turned(q, limits, revolute))[0]
+    np.testing.assert_allclose(
+        turned_into(window, q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi]
+    )
+    assert not allowed_by_window(window, turned_into(window, q, limits, revolute))[0]
     wide = (np.full(6, -np.inf), np.full(6, np.inf))
     window = joint_window(Dialect.rapid, "[0,-4,4,0]", 6)
-    turned = window.turned(q, wide, revolute)
+    turned = turned_into(window, q, wide, revolute)
     np.testing.assert_allclose(turned[[3, 5], 0], [0.1 - 2 * np.pi, 0.4 + 2 * np.pi])
-    assert window.allows(turned)[0]
+    assert allowed_by_window(window, turned)[0]
 
 
 def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:

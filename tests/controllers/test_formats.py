@@ -12,6 +12,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 import yaml
+from homogeneous import dh, frame, shift, turn
 from scipy.spatial.transform import Rotation
 
 from robacc.api.export import ExportFormatName
@@ -48,27 +49,8 @@ UR10E = {
 }
 
 
-def transform(rotation: Rotation, xyz: Array | tuple[float, ...] = (0, 0, 0)) -> Array:
-    result = np.eye(4)
-    result[:3, :3] = rotation.as_matrix()
-    result[:3, 3] = xyz
-    return result
-
-
-def about(axis: str, angle: float) -> Array:
-    return transform(Rotation.from_euler(axis, angle))
-
-
-def along(x: float = 0, y: float = 0, z: float = 0) -> Array:
-    return transform(Rotation.identity(), (x, y, z))
-
-
-def of_frame(frame: Frame) -> Array:
-    return transform(Rotation.from_euler("xyz", frame.rpy), frame.xyz)
-
-
-def dh(theta: float, d: float, a: float, alpha: float) -> Array:
-    return about("z", theta) @ along(z=d) @ along(x=a) @ about("x", alpha)
+def of_frame(place: Frame) -> Array:
+    return frame(place.xyz, place.rpy)
 
 
 def perturbed(path: Path, seed: int = 3) -> Robot:
@@ -111,15 +93,11 @@ def test_a_dh_table_gives_the_same_poses(path: Path, is_perturbed: bool) -> None
     robot = perturbed(path) if is_perturbed else parse_robot(path.read_text(encoding="utf-8"), path.name)
     table = dh_table(joint_frames(robot))
     q = samples(robot)
-    made = []
-    for values in q.T:
-        pose = of_frame(robot.base) @ table.base.matrices()
-        for row, joint, value in zip(table.rows, robot.variables, values, strict=True):
-            is_revolute = joint.type == "revolute"
-            theta, d = row.theta + value * is_revolute, row.d + value * (not is_revolute)
-            pose = pose @ dh(theta, d, row.a, row.alpha)
-        made.append(pose @ table.tool.matrices() @ of_frame(robot.tool))
-    assert_same(np.array(made), model_poses(robot, q), 1e-9)
+    made = of_frame(robot.base) @ table.base.matrices()
+    for row, joint, values in zip(table.rows, robot.variables, q, strict=True):
+        is_revolute = joint.type == "revolute"
+        made = made @ dh(row.theta + values * is_revolute, row.d + values * (not is_revolute), row.a, row.alpha)
+    assert_same(made @ table.tool.matrices() @ of_frame(robot.tool), model_poses(robot, q), 1e-9)
 
 
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
@@ -143,21 +121,17 @@ def test_json_holds_both_tables() -> None:
     document = json.loads(export_model(robot, "json").text)
     q = samples(robot)
 
-    def frame(key: str) -> Array:
-        return of_frame(Frame(tuple(document[key]["xyz"]), tuple(document[key]["rpy"])))
-
-    modified, standard = [], []
-    for values in q.T:
-        first = second = frame("dh_base")
-        for joint, value in zip(document["joints"], values, strict=True):
-            row, other = joint["dh"], joint["modified_dh"]
-            first = first @ dh(row["theta"] + value, row["d"], row["a"], row["alpha"])
-            second = second @ about("x", other["alpha"]) @ along(x=other["a"])
-            second = second @ about("z", other["theta"] + value) @ along(z=other["d"])
-        standard.append(first @ frame("dh_tool"))
-        modified.append(second @ frame("modified_dh_tool"))
-    assert_same(np.array(standard), model_poses(robot, q), 1e-9)
-    assert_same(np.array(modified), model_poses(robot, q), 1e-9)
+    base, *tools = (
+        frame(document[key]["xyz"], document[key]["rpy"]) for key in ("dh_base", "dh_tool", "modified_dh_tool")
+    )
+    standard = modified = base
+    for joint, values in zip(document["joints"], q, strict=True):
+        row, other = joint["dh"], joint["modified_dh"]
+        standard = standard @ dh(row["theta"] + values, row["d"], row["a"], row["alpha"])
+        modified = modified @ turn(0, other["alpha"]) @ shift(other["a"])
+        modified = modified @ turn(2, other["theta"] + values) @ shift(z=other["d"])
+    for poses, tool in zip((standard, modified), tools, strict=True):
+        assert_same(poses @ tool, model_poses(robot, q), 1e-9)
 
 
 def deltas(text: str) -> dict[str, list[float]]:
@@ -168,18 +142,11 @@ def deltas(text: str) -> dict[str, list[float]]:
 def ur_poses(text: str, nominal: dict[str, tuple[float, ...]], q: Array) -> Array:
     """What the controller computes at the flange from its nominal table and a calibration file."""
     change = deltas(text)
-    result = []
-    for values in q.T:
-        pose = np.eye(4)
-        for i, value in enumerate(values):
-            pose = pose @ dh(
-                value + change["theta"][i],
-                nominal["d"][i] + change["d"][i],
-                nominal["a"][i] + change["a"][i],
-                nominal["alpha"][i] + change["alpha"][i],
-            )
-        result.append(pose)
-    return np.array(result)
+    pose = np.eye(4)
+    for i, values in enumerate(q):
+        d, a, alpha = (nominal[name][i] + change[name][i] for name in ("d", "a", "alpha"))
+        pose = pose @ dh(values + change["theta"][i], d, a, alpha)
+    return pose
 
 
 def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
@@ -213,16 +180,12 @@ def test_calibration_conf_is_read_and_comes_back() -> None:
 
 def link_poses(text: str, q: Array) -> Array:
     """What a URDF with the origins of a kinematics file computes at the last joint's frame."""
-    links = {name: value for name, value in yaml.safe_load(text)["kinematics"].items() if name != "hash"}
-    result = []
-    for values in q.T:
-        pose = np.eye(4)
-        for link, value in zip(links.values(), values, strict=True):
-            rpy = (link["roll"], link["pitch"], link["yaw"])
-            pose = pose @ transform(Rotation.from_euler("xyz", rpy), (link["x"], link["y"], link["z"]))
-            pose = pose @ about("z", value)
-        result.append(pose)
-    return np.array(result)
+    links = [value for name, value in yaml.safe_load(text)["kinematics"].items() if name != "hash"]
+    pose = np.eye(4)
+    for link, values in zip(links, q, strict=True):
+        origin = frame((link["x"], link["y"], link["z"]), (link["roll"], link["pitch"], link["yaw"]))
+        pose = pose @ origin @ turn(2, values)
+    return pose
 
 
 @pytest.mark.parametrize(("form", "name"), [("ur-kinematics", "ur10"), ("xarm", "panda")])
@@ -269,20 +232,17 @@ def urdf_poses(text: str, q: Array) -> Array:
             chain.append(joints[link])
             link = joints[link].find("parent").get("link")  # type: ignore[union-attr]
         chains.append(chain[::-1])
-    chain = max(chains, key=len)
-    result = []
-    for values in q.T:
-        pose, remaining = np.eye(4), list(values)
-        for joint in chain:
-            origin = joint.find("origin")
-            numbers = {} if origin is None else origin.attrib
-            xyz, rpy = ([float(v) for v in numbers.get(key, "0 0 0").split()] for key in ("xyz", "rpy"))
-            pose = pose @ transform(Rotation.from_euler("xyz", rpy), tuple(xyz))
-            if joint.get("type") != "fixed":
-                axis = np.array([float(v) for v in joint.find("axis").get("xyz").split()])  # type: ignore[union-attr]
-                pose = pose @ transform(Rotation.from_rotvec(remaining.pop(0) * axis))
-        result.append(pose)
-    return np.array(result)
+    pose, remaining = np.eye(4), list(q)
+    for joint in max(chains, key=len):
+        origin = joint.find("origin")
+        numbers = {} if origin is None else origin.attrib
+        pose = pose @ frame(*([float(v) for v in numbers.get(key, "0 0 0").split()] for key in ("xyz", "rpy")))
+        if joint.get("type") != "fixed":
+            axis = np.array([float(v) for v in joint.find("axis").get("xyz").split()])  # type: ignore[union-attr]
+            turned = np.tile(np.eye(4), (q.shape[1], 1, 1))
+            turned[:, :3, :3] = Rotation.from_rotvec(np.outer(remaining.pop(0), axis)).as_matrix()
+            pose = pose @ turned
+    return pose
 
 
 def written_poses(form: str, exported: ExportedModel, nominal: Robot, model: Robot, q: Array) -> Array:

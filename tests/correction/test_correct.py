@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from arms import CONFIGS, arm, circumstances
+from homogeneous import dh
 from numpy.typing import NDArray
 from slow_parameters import some_fast
 
@@ -43,14 +44,6 @@ def joint_targets(q: Array) -> Measurements:
 
 
 # -- a simulation of its own: homogeneous matrices, and equilibrium from the potential energy
-
-
-def dh(theta: float, d: float, a: float, alpha: float) -> Array:
-    """The matrix of a row of a standard table."""
-    ct, st, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array(
-        [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]]
-    )
 
 
 def frames_of(robot: Robot, q: Array, geometry: dict[str, dict[str, float]]) -> list[Array]:

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from homogeneous import frame
 
 from robacc.errors import InputError
 from robacc.gravity import weight_torques
@@ -38,18 +39,12 @@ branches:
 SLIDE = -2e-3 * 180 / np.pi
 
 
-def about_y(angle: float, xyz: tuple[float, float, float]) -> np.ndarray:
-    c, s = np.cos(angle), np.sin(angle)
-    x, y, z = xyz
-    return np.array([[c, 0, s, x], [0, 1, 0, y], [-s, 0, c, z], [0, 0, 0, 1.0]])
-
-
 def energy(waist: float, lift: float, shoulder: float, elbow: float, slide: float) -> float:
     """Potential energy of all links."""
-    trunk = about_y(waist, (0, 0, 0.6))
-    arm = trunk @ about_y(lift, (0, -0.3, 0.5))
-    upper = trunk @ about_y(shoulder, (0, 0.3, 0.5))
-    fore = upper @ about_y(elbow, (0.35, 0, 0))
+    trunk = frame((0, 0, 0.6), (0, waist, 0))
+    arm = trunk @ frame((0, -0.3, 0.5), (0, lift, 0))
+    upper = trunk @ frame((0, 0.3, 0.5), (0, shoulder, 0))
+    fore = upper @ frame((0.35, 0, 0), (0, elbow, 0))
     bodies = [
         (trunk, 14.0, (0.02, 0, 0.25)),
         (arm, 3.0, (0.15, 0, 0.02)),
@@ -57,7 +52,7 @@ def energy(waist: float, lift: float, shoulder: float, elbow: float, slide: floa
         (fore, 2.0, (0.12, 0.01, 0)),
         (trunk, 5.0, (-0.1 + slide, 0, 0.33)),
     ]
-    return sum(mass * GRAVITY * float((frame @ np.append(com, 1.0))[2]) for frame, mass, com in bodies)
+    return sum(mass * GRAVITY * float((place @ np.append(com, 1.0))[2]) for place, mass, com in bodies)
 
 
 def torques(waist: float, lift: float, shoulder: float) -> list[float]:

@@ -42,8 +42,8 @@ def test_targets_are_points_and_joints_whose_numbers_are_written() -> None:
 
 def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
     program = read_program(SAMPLES / "cell.dtx")
-    flange = flange_targets(program)
-    places = {program.targets[number].name: k for k, number in enumerate(flange.numbers)}
+    numbers, flange, _ = flange_targets(program)
+    places = {program.targets[number].name: k for k, number in enumerate(numbers)}
     table = transform(362.042, -49.91, -265.9, 0, 0, 90)
     gripper = transform(0, 5, 180, 0, 45, 0)
     pick = transform(169.837325, -700.0334453, 372.398311, -179.999244, -0.000734286, 88.845311)
@@ -55,8 +55,8 @@ def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
     assert set(places) == set(expected)
     for name, matrix in expected.items():
         k = places[name]
-        np.testing.assert_allclose(flange.flange.translation[:, k], 1e-3 * matrix[:3, 3], atol=1e-12)
-        np.testing.assert_allclose(flange.flange.rotation[..., k], matrix[:3, :3], atol=1e-12)
+        np.testing.assert_allclose(flange.translation[:, k], 1e-3 * matrix[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(flange.rotation[..., k], matrix[:3, :3], atol=1e-12)
 
 
 def test_a_frame_that_a_program_sets_is_unknown() -> None:

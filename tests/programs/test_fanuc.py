@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.errors import InputError
 from robacc.programs.reading import read_program
 from robacc.programs.writing import with_targets
 
@@ -65,25 +63,3 @@ def test_columns_stay_aligned() -> None:
     values = [(-0.0005, *target.values[1:]) for target in program.targets]
     lines = with_targets(program, values).decode("cp1252").splitlines()
     assert "\tX =     -.500  mm,\tY =   397.980  mm,\tZ =  1033.305  mm," in lines
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("/PROG A\n/MN\n   1:J P[1] 100% FINE ;\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT", "is truncated: it has no /END"),
-        ("/PROG A\n/MN\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT : 1,\n/END\n", ":4: is truncated: this position has no }"),
-    ],
-)
-def test_truncated_programs_get_one_message(text: str, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.ls"
-    path.write_bytes(text.encode())
-    with pytest.raises(InputError, match=message) as caught:
-        read_program(path)
-    assert len(caught.value.problems) == 1
-
-
-def test_a_binary_program_says_how_to_export_it(tmp_path: Path) -> None:
-    path = tmp_path / "a.tp"
-    path.write_bytes(b"\0\1\2")
-    with pytest.raises(InputError, match="binary TP program"):
-        read_program(path)

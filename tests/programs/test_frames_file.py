@@ -10,6 +10,7 @@ import pytest
 from robacc.errors import InputError
 from robacc.programs.program import ProgramFrame
 from robacc.programs.reading import read_program
+from robacc.robots.description import Frame
 
 SAMPLES = Path(__file__).parent / "samples"
 FRAMES = """
@@ -21,22 +22,14 @@ bases: {1: {xyz: [1000, 0, 0]}}
 """
 
 
-def test_frames_are_taken_by_number(tmp_path: Path) -> None:
+def test_frames_are_taken_by_number_and_default_for_those_without_a_name(tmp_path: Path) -> None:
     path = tmp_path / "frames.yaml"
     path.write_text(FRAMES, encoding="utf-8")
-    targets = read_program(SAMPLES / "pick.ls", [path]).targets
-    tool, base = targets[0].tool, targets[0].base
-    np.testing.assert_allclose(tool.frame.xyz, (0, 0, 0.12))
-    np.testing.assert_allclose(tool.frame.rpy, (0, np.pi / 2, 0))
-    np.testing.assert_allclose(base.frame.xyz, (1, 0, 0))
-
-
-def test_default_stands_for_a_frame_without_a_name(tmp_path: Path) -> None:
-    path = tmp_path / "frames.yaml"
-    path.write_text(FRAMES, encoding="utf-8")
-    program = read_program(SAMPLES / "lines.script", [path])
-    assert program.targets[0].tool == ProgramFrame("default", program.targets[0].tool.frame)  # type: ignore[union-attr]
-    assert all(target.tool is not None and target.tool.frame is not None for target in program.targets)
+    target = read_program(SAMPLES / "pick.ls", [path]).targets[0]
+    np.testing.assert_allclose((target.tool.frame.xyz, target.tool.frame.rpy), ((0, 0, 0.12), (0, np.pi / 2, 0)))
+    np.testing.assert_allclose(target.base.frame.xyz, (1, 0, 0))
+    targets = read_program(SAMPLES / "lines.script", [path]).targets
+    assert {target.tool for target in targets} == {ProgramFrame("default", Frame((0.0, 0.0, 0.05)))}
 
 
 def test_problems_have_line_and_key(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ def test_new_programs_are_read_back(dialect: Dialect, tmp_path: Path) -> None:
     program = read_program(path)
     assert program.dialect is dialect
     assert program.notes == ()
-    order = [move.target for move in program.moves]
+    order = list(program.moves)
     assert [program.targets[i].kind for i in order] == ["joint"] * 2
     assert [program.targets[i].motion for i in order] == ["joint"] * 2
     for i, wanted in zip(order, JOINTS, strict=True):

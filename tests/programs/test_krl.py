@@ -105,23 +105,6 @@ def test_spline_motions_name_their_frames_themselves() -> None:
     assert moving.base.frame is None, "a base on a moving unit is not known from the text"
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (b"DEF a()\r\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\r\n", "line 1|:1: is truncated"),
-        (b"PTP XP1\r\n", "has no DEF"),
-        (b"DEF a()\r\n; K\xc3\xbcche\r\n; K\xfcche\r\nEND\r\n", ":3: mixes UTF-8 with another encoding"),
-        (b"DEF a()\r\n\0\0\r\nEND\r\n", ":2: is not a text file"),
-    ],
-)
-def test_bad_programs_get_one_message(text: bytes, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.src"
-    path.write_bytes(text)
-    with pytest.raises(InputError, match=message) as caught:
-        read_program(path)
-    assert len(caught.value.problems) == 1
-
-
 def test_a_huge_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robacc.programs.reading.PROGRAM_LIMIT", 1000)
     path = tmp_path / "huge.src"

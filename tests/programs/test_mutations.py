@@ -66,3 +66,35 @@ def test_damaged_programs_do_not_crash(path: Path, tmp_path: Path) -> None:
         moved = [tuple(value + 1e-3 for value in target.values) for target in program.targets]
         assert with_targets(program, moved) != data or not moved
     assert set(messages) <= {1}, "one message a file"
+
+
+@pytest.mark.parametrize(
+    ("suffix", "text", "message"),
+    [
+        (
+            "ls",
+            b"/PROG A\n/MN\n   1:J P[1] 100% FINE ;\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT",
+            "is truncated: it has no /END",
+        ),
+        (
+            "ls",
+            b"/PROG A\n/MN\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT : 1,\n/END\n",
+            ":4: is truncated: this position has no }",
+        ),
+        ("mod", b"MODULE a\r\nPROC main()\r\nMoveL p10,v1", ":2: is truncated: this PROC has no ENDPROC"),
+        ("mod", b"MODULE a\r\nPROC main()\r\nENDPROC\r\n", ":1: is truncated: this MODULE has no ENDMODULE"),
+        ("mod", b"MODULE a\r\nENDPROC\r\nENDMODULE\r\n", ":2: ENDPROC ends no PROC"),
+        ("script", b"def a():\n  movej([0,0,0,0,0,0])\n", ":1: is truncated: this def has no end"),
+        ("script", b"def a():\n  movej([0,0,0,\nend\n", ":2: is truncated: this bracket is not closed"),
+        ("src", b"DEF a()\r\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\r\n", "line 1|:1: is truncated"),
+        ("src", b"PTP XP1\r\n", "has no DEF"),
+        ("src", b"DEF a()\r\n; K\xc3\xbcche\r\n; K\xfcche\r\nEND\r\n", ":3: mixes UTF-8 with another encoding"),
+        ("src", b"DEF a()\r\n\0\0\r\nEND\r\n", ":2: is not a text file"),
+    ],
+)
+def test_bad_programs_get_one_message(suffix: str, text: bytes, message: str, tmp_path: Path) -> None:
+    path = tmp_path / f"bad.{suffix}"
+    path.write_bytes(text)
+    with pytest.raises(InputError, match=message) as caught:
+        read_program(path)
+    assert len(caught.value.problems) == 1

@@ -5,10 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.errors import InputError
 from robacc.programs.reading import read_program
 
 SAMPLES = Path(__file__).parent / "samples"
@@ -59,21 +57,6 @@ def test_variables_that_change_are_left_alone() -> None:
         10: "the program assigns start at run time in line 9",
         13: "the program assigns other at run time in line 12",
     }
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("def a():\n  movej([0,0,0,0,0,0])\n", ":1: is truncated: this def has no end"),
-        ("def a():\n  movej([0,0,0,\nend\n", ":2: is truncated: this bracket is not closed"),
-    ],
-)
-def test_truncated_scripts_get_one_message(text: str, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "bad.script"
-    path.write_bytes(text.encode())
-    with pytest.raises(InputError, match=message) as caught:
-        read_program(path)
-    assert len(caught.value.problems) == 1
 
 
 def test_a_routine_that_sets_the_tcp_through_another_leaves_it_unknown(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from homogeneous import shift, turn
+from homogeneous import dh
 
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
@@ -48,16 +48,12 @@ def test_joints_turn_by_their_own_and_the_coupled_variables() -> None:
     robot = parse_robot(PALLETISER.replace("tool: {xyz: [10, 20, 100], rpy: [5, 0, 30]}\n", ""), "p.yaml")
     q = np.array([0.3, -0.2, 0.5, 0.7])
     quarter = np.pi / 2
-
-    def link(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
-        return turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)
-
     expected = (
-        link(q[0], 0.8, 0.15, -quarter)
-        @ link(q[1] - quarter, 0, 0.9, 0)
-        @ link(quarter - (q[2] + q[1]), 0, 1.0, 0)
-        @ link(q[2], 0, 0.2, -quarter)
-        @ link(q[3], -0.1, 0, np.pi)
+        dh(q[0], 0.8, 0.15, -quarter)
+        @ dh(q[1] - quarter, 0, 0.9, 0)
+        @ dh(quarter - (q[2] + q[1]), 0, 1.0, 0)
+        @ dh(q[2], 0, 0.2, -quarter)
+        @ dh(q[3], -0.1, 0, np.pi)
     )
     assert robot.variable_names == ("j1", "j2", "j3", "j4")
     np.testing.assert_allclose(build_chain(robot).forward(q[:, None]).matrices()[0], expected, atol=1e-14)

@@ -20,7 +20,6 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
-SHARED = PROJECT.parent / "shared"
 
 
 def test_a_file_says_what_it_says() -> None:
@@ -183,15 +182,6 @@ def test_there_are_six_arms_of_every_kind() -> None:
     assert set(robots) >= {"puma560", "stanford", "ur10", "irb1600", "panda", "scara"}
     assert {robot.convention for robot in robots.values()} == {"standard", "modified"}
     assert [joint.type for joint in robots["scara"].joints] == ["revolute", "revolute", "prismatic", "revolute"]
-
-
-@pytest.mark.skipif(not SHARED.is_dir(), reason="the shared folder is not here")
-def test_robot_files_from_elsewhere_are_read_and_written() -> None:
-    paths = sorted(SHARED.rglob("robot.yaml"))
-    assert paths
-    for path in paths:
-        robot = read_robot(path)
-        assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
 
 
 def test_targets_and_mimics_are_written() -> None:

@@ -50,7 +50,7 @@ class FileTask(NamedTuple):
 
 def estimate_file(task: FileTask) -> FileOutcome:
     """Estimate a file and write its results, as the command does for a single file; an error becomes its outcome."""
-    from robacc.api.estimate import estimate
+    from robacc.api.accuracy import estimate
     from robacc.io.json_text import json_pieces
 
     started = time.perf_counter()

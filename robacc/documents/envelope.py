@@ -28,8 +28,7 @@ from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
-from robacc.robots.description import IDENTITY
-from robacc.robots.description import read_identity as read_section
+from robacc.robots.description import IDENTITY, read_identity as read_section
 from robacc.version import __version__
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.

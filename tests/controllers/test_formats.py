@@ -14,7 +14,7 @@ import pytest
 import yaml
 from scipy.spatial.transform import Rotation
 
-from robacc.api.export import ExportFormatName
+from robacc.api.models import ExportFormatName
 from robacc.controllers import (
     ExportedModel,
     dh_table,

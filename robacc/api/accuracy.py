@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from typing import Annotated, Any, ClassVar, Literal, TextIO
+
+import numpy as np
 
 from robacc.accuracy.estimation import (
     EstimateResult,
@@ -54,7 +55,9 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.joint_readings import rounding_in_errors
-from robacc.documents.accuracy import ESTIMATE_ITSELF, ISO9283, ISO9283_POSES, estimate_poses, per_pose_csv
+from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
+from robacc.documents.envelope import csv_text
+from robacc.documents.parts import pose_document
 from robacc.errors import Note, UsageError
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
@@ -83,9 +86,9 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        statistics = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
-        registered = None if self.alignment is None else self.alignment.robot
-        return {**ESTIMATE_ITSELF.write(self), **estimate_poses(self.data, self.robot, registered, statistics)}
+        by_frame = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
+        poses = pose_document(self.data, self.data.position - by_frame["base"].errors)
+        return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
 
     def draw(self, stream: TextIO, full: bool = False, poses: str | None = None, robot: str | None = None) -> None:
         """Write one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
@@ -94,7 +97,13 @@ class Estimate(Result, EstimateResult):
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
-        return per_pose_csv(self, self.data)
+        columns: dict[str, Iterable[Any] | None] = {"line": map(self.data.line, range(self.data.n))}
+        columns |= {name: getattr(self.data, name) for name in ("pose", "cycle", "visit", "target")}
+        for prefix, unit, errors in (("d", "m", self.errors.position), ("r", "rad", self.errors.rotation)):
+            if errors is not None:
+                columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", errors, strict=True)}
+                columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", errors, errors))
+        return csv_text(columns)
 
 
 @call
@@ -292,6 +301,7 @@ class Iso9283Poses(CsvResult):
     """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
 
     command: ClassVar[str] = "iso9283-poses"
+    keys = ISO9283_POSES
     proposal: Proposal
     robot: Robot
     cycles: int
@@ -302,10 +312,6 @@ class Iso9283Poses(CsvResult):
         """Yield the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""
         yield from (f"# {line}\n" for line in proposal_comments(self.proposal, self.robot.name))
         yield from pose_pieces(planned_poses(self.proposal, self.cycles, self.payload_kg), attained=False)
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        return ISO9283_POSES.write(self.proposal, file_sha256=sha256(self.csv().encode()).hexdigest())
 
     def draw(self, stream: TextIO) -> None:
         """Write the cube, the commanded poses and the joints."""

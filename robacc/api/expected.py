@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, cast
@@ -47,8 +47,9 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import InputFile, csv_text
-from robacc.documents.expected import PLAN, prediction_charts, prediction_csv, prediction_document
+from robacc.documents.expected import PLAN, PREDICT
 from robacc.documents.gate import read_gate
+from robacc.documents.parts import rounded
 from robacc.errors import UsageError
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -129,12 +130,32 @@ class Predicted(Result, Prediction):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        own = prediction_document(self, self.allocation, self.comparison, self.coverage)
-        return {**own, **prediction_charts(self, self.robot)}
+        configurations, reached = self.configurations, self._reached()
+        return PREDICT.write(
+            self,
+            warranty_map=warranty_map(self, reached) if self.is_calibrated else None,
+            poses={
+                "label": [configurations.label(i) for i in range(configurations.n)],
+                "q": rounded(configurations.q),
+                "commanded_m": rounded(reached),
+            },
+        )
+
+    def _reached(self) -> Array:
+        """Return the positions ``(3, N)`` of the target, m."""
+        return build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n).translation
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
-        return prediction_csv(self, self.robot.variable_names)
+        configurations = self.configurations
+        columns: dict[str, Iterable[Any] | None] = {"pose": map(configurations.label, range(configurations.n))}
+        columns |= dict(zip(self.robot.variable_names, configurations.q, strict=True))
+        for errors in (self.position, self.orientation):
+            unit = errors.unit
+            columns |= {f"rms_{unit}": errors.pose_rms, f"radius95_{unit}": errors.pose_radius95}
+            for i, j in zip(*np.triu_indices(3), strict=True):
+                columns[f"v_{'xyz'[i]}{'xyz'[j]}_{unit}2"] = errors.covariance[i, j]
+        return csv_text(columns)
 
     def map_csv(self, voxel: str | float = "100mm") -> str:
         """Return a CSV with a row for each voxel of the workspace: its errors, and the grade that it holds.
@@ -148,8 +169,7 @@ class Predicted(Result, Prediction):
         edge = size(voxel, "length", "`voxel`")
         if edge <= 0:
             raise UsageError("`voxel`: expected a length above zero")
-        poses = build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n)
-        voxels = warranty_map(self, poses.translation, edge)
+        voxels = warranty_map(self, self._reached(), edge)
         columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
         for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
             columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
@@ -317,6 +337,7 @@ class Planned(CsvResult, CampaignPlan):
     """Planned poses and the expected result, with the inputs."""
 
     command: ClassVar[str] = "plan"
+    keys = PLAN
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
@@ -362,10 +383,6 @@ class Planned(CsvResult, CampaignPlan):
             name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
             for name, group in groups.items()
         }
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        return PLAN.write(self)
 
 
 @call

@@ -1,4 +1,4 @@
-"""Calls of ``robacc simulate``, ``robacc export`` and ``robacc init --from``: what a model gives, and models of controllers."""
+"""Calls of ``robacc simulate``, ``robacc export`` and ``robacc init --from``: what a model gives."""
 
 from __future__ import annotations
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
 from robacc.documents.keys import Kind
-from robacc.documents.parts import outside_document
 from robacc.errors import UsageError
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
@@ -143,8 +142,7 @@ class Result:
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        payload: dict[str, Any] = self.keys.write(self)
-        return payload
+        return self.keys.write(self)
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.
@@ -162,10 +160,8 @@ class Result:
 
             loaded = read_gate(os.fspath(gate))
             inputs = (*inputs, *loaded.records)
-        payload, use = self.payload(), self.made.use
-        if use is not None and use.robot is not None:
-            payload["outside_validity"] = outside_document(use.outside)
-        document = envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
+        made = self.made
+        document = envelope(self.command, self.payload(), options=made.options, inputs=inputs, seed=made.seed)
         if loaded is None:
             return document
         return {**document, "gate": gate_document(evaluate_gate(loaded.gate, document, loaded.baselines))}

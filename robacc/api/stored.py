@@ -1,4 +1,4 @@
-"""Calls of ``robacc check``, ``robacc compare`` and ``robacc compare --paired``: results against gates and each other."""
+"""Calls of ``robacc check``, ``robacc compare`` and ``robacc compare --paired``: results against others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import InputFile, StoredResult, understood
-from robacc.documents.gate import gate_document, read_gate
+from robacc.documents.gate import CHECK, read_gate
 from robacc.errors import InputError, Problem, UsageError
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 from robacc.prediction.model_fit import model_fit
@@ -28,12 +28,8 @@ class Checked(Result, GateOutcome):
     """Outcome of a gate, with the result that was checked."""
 
     command: ClassVar[str] = "check"
+    keys = CHECK
     result: StoredResult
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys."""
-        keys = ("schema", "robacc", "command", "inputs")
-        return {"result": {key: self.result.document.get(key) for key in keys}, "gate": gate_document(self)}
 
 
 @call

@@ -182,8 +182,11 @@ CHECK = part(
                 }
             ),
             "Evaluated result.",
+            lambda checked: {
+                key: checked.result.document.get(key) for key in ("schema", "robacc", "command", "inputs")
+            },
         ),
-        "gate": Key(GATE_RESULT),
+        "gate": Key(GATE_RESULT, source=""),
     },
     about="Evaluation of a gate on a stored result.",
 )

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
-from robacc.api.parameters import BaseLink, CampaignUse, Help, PosesSource, Scale, StrPath, TipLink, call
+from robacc.api.parameters import (
+    BaseLink,
+    CampaignUse,
+    Help,
+    PosesSource,
+    Scale,
+    StrPath,
+    TipLink,
+    call,
+    length_and_angle,
+)
 from robacc.api.result import CsvResult, Provenance, fields_of, options_of
 from robacc.correction import (
     Cause,
@@ -394,11 +404,7 @@ def _limits(
             return limits, "none"
         largest = fit.largest_correction
         return replace(limits, position=_TWICE * largest[0], orientation=_TWICE * largest[1]), "model"
-    parts = most.split(",") if isinstance(most, str) else [most]
-    if len(parts) > 2:
-        raise UsageError(f"`most`: expected a length and perhaps an angle, as in 3mm,0.5deg, found {most!r}")
-    position = size(parts[0], "length", "`most`")
-    angle = size(parts[1], "angle", "`most`") if len(parts) == 2 else None
+    position, angle = length_and_angle("most", most, "3mm,0.5deg")
     return replace(limits, position=position, orientation=angle), "option"
 
 

@@ -42,6 +42,8 @@ from robacc.api.parameters import (
     call,
     check_range,
     count_or_path,
+    length_and_angle,
+    masses,
     numbers,
 )
 from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
@@ -254,7 +256,7 @@ def predict(
         raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
     if path_of(poses) == path_of(against) == STDIN:
         raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
-    noise_std = _noise(noise)
+    noise_std = length_and_angle("noise", noise, "0.02mm,0.01deg")
     if isinstance(poses, np.ndarray):
         poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
     arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
@@ -313,19 +315,6 @@ def predict(
         measured=measured,
         made=Provenance(options, inputs, seed, use),
     )
-
-
-def _noise(noise: str | Noise | None) -> Noise:
-    """Return the standard deviations of position (m) and orientation (rad).
-
-    Raises:
-        UsageError: ``noise`` is not one or two sizes of at least zero.
-    """
-    sizes = noise.split(",") if isinstance(noise, str) else noise or ()
-    if len(sizes) > 2:
-        raise UsageError(f"`noise`: expected a length and perhaps an angle, as in 0.02mm,0.01deg, found {noise!r}")
-    position, rotation = (*sizes, None, None)[:2]
-    return optional_size(position, "length", "`noise`"), optional_size(rotation, "angle", "`noise`")
 
 
 _MOST_PAYLOADS = 5
@@ -642,11 +631,8 @@ def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:
     Raises:
         UsageError: There are too many, two are equal, or a mass is negative or not finite.
     """
-    masses = sorted(map(float, payloads))
-    for mass in masses:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
-    if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
-        listed = ", ".join(f"{mass:g}" for mass in masses)
+    ordered = sorted(masses("payload", payloads))
+    if len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS:
+        listed = ", ".join(f"{mass:g}" for mass in ordered)
         raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
-    return tuple(masses)
+    return tuple(ordered)

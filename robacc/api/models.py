@@ -21,6 +21,7 @@ from robacc.api.parameters import (
     StrPath,
     TipLink,
     call,
+    masses,
     numbers,
     temperatures,
 )
@@ -163,11 +164,8 @@ def simulate(
         motion=motion,
         time_step=time_step,
         temperature=None if ends is None else (float(ends[0]), float(ends[1])),
-        payloads=tuple(map(float, payload)),
+        payloads=masses("payload", payload),
     )
-    for mass in plan.payloads:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
     if not all(map(math.isfinite, plan.temperature or ())):
         raise UsageError("`temperature`: expected finite numbers")
     if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):

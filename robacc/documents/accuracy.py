@@ -263,6 +263,18 @@ ESTIMATE = part(
     },
     about="Cartesian error at each measured pose, its covariances, and an accuracy grade.",
 )
+SUMMARY = part(
+    {
+        "n_poses": Key(count, "Measured poses."),
+        "rms_m": Key(size, "Rms position error, m.", "position.rms"),
+        "p95_m": Key(size, "95th percentile of the position error, m.", "position.p95"),
+        "max_m": Key(size, "Largest length of an error, m.", "position.max"),
+        "rms_rad": Key(size | None, "Rms orientation error, rad, or null.", "orientation.rms"),
+        "grade": Key(text, "Grade.", "grade.grade"),
+        "demonstrated": Key(flag, "True if the grade is confirmed.", "grade.demonstrated"),
+    }
+)
+"""Main figures of an estimate."""
 _ENTRY = part(
     {
         "file": Key(text, "Name of the file.", "name"),
@@ -283,22 +295,7 @@ _ENTRY = part(
             "Problems of the file.",
         ),
         "n_problems": Key(count, "Total number of problems."),
-        "summary": Key(
-            part(
-                {
-                    "n_poses": Key(count, "Measured poses."),
-                    "rms_m": Key(size, "Rms position error, m."),
-                    "p95_m": Key(size, "95th percentile of the position error, m."),
-                    "max_m": Key(size, "Largest length of an error, m."),
-                    "rms_rad": Key(size | None, "Rms orientation error, rad, or null.", "orientation_rms"),
-                    "grade": Key(text, "Grade."),
-                    "demonstrated": Key(flag, "True if the grade is confirmed."),
-                }
-            )
-            | None,
-            "Main figures; null if there are none.",
-            "headline",
-        ),
+        "summary": Key(SUMMARY | None, "Main figures; null if there are none."),
         "gate": Key(GATE_RESULT | None, "Gate outcome; null without a gate."),
         "written": Key(text | None, "Name of the result's file, or null."),
         "result": Key(table(), "Complete result, as robacc.estimate/1.", lambda _: LEFT_OUT, optional=True),

@@ -605,9 +605,9 @@ def _demands(
     demands: list[Demand] = []
     records: tuple[InputFile, ...] = ()
     if gate is not None:
-        loaded = read_gate(os.fspath(gate))
-        records = loaded.records
-        for criterion in loaded.gate.criteria:
+        loaded, _, gate_records = read_gate(os.fspath(gate))
+        records = tuple(gate_records)
+        for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
                 name = cast(Statistic, statistic)

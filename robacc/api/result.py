@@ -153,18 +153,16 @@ class Result:
         Raises:
             InputError: The gate cannot be read.
         """
-        inputs, loaded = self.made.inputs, None
-        if gate is not None:
-            from robacc.documents.gate import gate_document, read_gate
-            from robacc.gates.evaluate import evaluate_gate
-
-            loaded = read_gate(os.fspath(gate))
-            inputs = (*inputs, *loaded.records)
         made = self.made
-        document = envelope(self.command, self.payload(), options=made.options, inputs=inputs, seed=made.seed)
-        if loaded is None:
-            return document
-        return {**document, "gate": gate_document(evaluate_gate(loaded.gate, document, loaded.baselines))}
+        options, inputs, seed = made.options, made.inputs, made.seed
+        if gate is None:
+            return envelope(self.command, self.payload(), options=options, inputs=inputs, seed=seed)
+        from robacc.documents.gate import gate_document, read_gate
+        from robacc.gates.evaluate import evaluate_gate
+
+        criteria, baselines, records = read_gate(os.fspath(gate))
+        document = envelope(self.command, self.payload(), options=options, inputs=(*inputs, *records), seed=seed)
+        return {**document, "gate": gate_document(evaluate_gate(criteria, document, baselines))}
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
         """Return the document as text: the output of the command with ``--format json``, byte for byte.

@@ -58,11 +58,11 @@ def check(
         >>> print(checked.outcome, checked.exit_status)
         fail 4
     """
-    loaded = read_gate(os.fspath(gate))
+    loaded, baselines, records = read_gate(os.fspath(gate))
     stored = load_result(result)
     with understood(stored.name, stored.command):
-        outcome = evaluate_gate(loaded.gate, stored.document, loaded.baselines)
-    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *loaded.records), None))
+        outcome = evaluate_gate(loaded, stored.document, baselines)
+    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records), None))
 
 
 Source = StrPath | Result | StoredResult

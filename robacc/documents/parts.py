@@ -125,6 +125,7 @@ INPUT = part(
         "reading": Key(
             table(),
             "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
+            lambda file: dict(file.reading) if file.reading else LEFT_OUT,
             optional=True,
         ),
         "identity": Key(
@@ -133,6 +134,7 @@ INPUT = part(
                 "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
                 "absent without any."
             ),
+            lambda file: dict(file.identity) if file.identity else LEFT_OUT,
             optional=True,
         ),
     },

@@ -19,43 +19,45 @@ from robacc.api import HOMES as _HOMES
 from robacc.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from robacc.api.check import Checked as Checked
-    from robacc.api.check import check as check
-    from robacc.api.compare import Compared as Compared
-    from robacc.api.compare import ComparedTargets as ComparedTargets
-    from robacc.api.compare import compare as compare
-    from robacc.api.compare import compare_paired as compare_paired
-    from robacc.api.correct import Corrected as Corrected
-    from robacc.api.correct import correct as correct
-    from robacc.api.estimate import Estimate as Estimate
-    from robacc.api.estimate import estimate as estimate
-    from robacc.api.export import Exported as Exported
-    from robacc.api.export import export as export
-    from robacc.api.export import import_ as import_
-    from robacc.api.fitting import Calibrated as Calibrated
-    from robacc.api.fitting import Traced as Traced
-    from robacc.api.fitting import calibrate as calibrate
-    from robacc.api.fitting import trace as trace
-    from robacc.api.inputs import read_poses as read_poses
-    from robacc.api.inputs import read_result as read_result
-    from robacc.api.inputs import write_poses as write_poses
-    from robacc.api.inputs import write_robot as write_robot
-    from robacc.api.iso9283 import Iso9283 as Iso9283
-    from robacc.api.iso9283 import Iso9283Poses as Iso9283Poses
-    from robacc.api.iso9283 import iso9283 as iso9283
-    from robacc.api.iso9283 import iso9283_poses as iso9283_poses
-    from robacc.api.plan import Planned as Planned
-    from robacc.api.plan import plan as plan
-    from robacc.api.predict import Predicted as Predicted
-    from robacc.api.predict import predict as predict
-    from robacc.api.result import Result as Result
-    from robacc.api.result import schema as schema
-    from robacc.api.simulate import Simulated as Simulated
-    from robacc.api.simulate import simulate as simulate
-    from robacc.errors import InputError as InputError
-    from robacc.errors import Problem as Problem
-    from robacc.errors import RobaccError as RobaccError
-    from robacc.errors import UsageError as UsageError
+    from robacc.api.accuracy import (
+        Estimate as Estimate,
+        Iso9283 as Iso9283,
+        Iso9283Poses as Iso9283Poses,
+        estimate as estimate,
+        iso9283 as iso9283,
+        iso9283_poses as iso9283_poses,
+    )
+    from robacc.api.correct import Corrected as Corrected, correct as correct
+    from robacc.api.expected import Planned as Planned, Predicted as Predicted, plan as plan, predict as predict
+    from robacc.api.fitting import Calibrated as Calibrated, Traced as Traced, calibrate as calibrate, trace as trace
+    from robacc.api.inputs import (
+        read_poses as read_poses,
+        read_result as read_result,
+        write_poses as write_poses,
+        write_robot as write_robot,
+    )
+    from robacc.api.models import (
+        Exported as Exported,
+        Simulated as Simulated,
+        export as export,
+        import_ as import_,
+        simulate as simulate,
+    )
+    from robacc.api.result import Result as Result, schema as schema
+    from robacc.api.stored import (
+        Checked as Checked,
+        Compared as Compared,
+        ComparedTargets as ComparedTargets,
+        check as check,
+        compare as compare,
+        compare_paired as compare_paired,
+    )
+    from robacc.errors import (
+        InputError as InputError,
+        Problem as Problem,
+        RobaccError as RobaccError,
+        UsageError as UsageError,
+    )
     from robacc.measurements import Measurements as Measurements
     from robacc.modelling.robot_file import read_robot as read_robot
     from robacc.poses.reading import PoseFile as PoseFile

@@ -10,29 +10,15 @@ from robacc.errors import Problem
 
 
 @dataclass(frozen=True, slots=True)
-class EstimateHeadline:
-    """Metrics of an estimate that the table of several files shows."""
-
-    n_poses: int
-    rms: float
-    """RMS of the position error's length, m; the next two are of the length too."""
-    p95: float
-    max: float
-    orientation_rms: float | None
-    """rad"""
-    grade: str
-    demonstrated: bool
-
-
-@dataclass(frozen=True, slots=True)
 class FileOutcome:
-    """Outcome of a file: its headline, or the problems that prevented it."""
+    """Outcome of a file: its main figures, or the problems that prevented it."""
 
     name: str
     """Unique name: the file's, with as many of its folders as needed."""
     exit_status: int
     """Exit status of the command on this file alone."""
-    headline: EstimateHeadline | None = None
+    summary: Mapping[str, Any] | None = None
+    """Main figures of the estimate, by their keys in a document."""
     problems: tuple[Problem, ...] = ()
     n_problems: int = 0
     """Number of problems, of which ``problems`` are the first."""
@@ -46,14 +32,10 @@ class FileOutcome:
     @property
     def failed(self) -> bool:
         """True where there is no result."""
-        return self.headline is None
+        return self.summary is None
 
 
 def exit_status(outcomes: list[FileOutcome]) -> int:
     """Return the exit status for all files: 1 a defect, 3 a file without a result, else the worst of the gates."""
-    statuses = {outcome.exit_status for outcome in outcomes}
-    if 1 in statuses:
-        return 1
-    if any(outcome.failed for outcome in outcomes):
-        return 3
-    return 4 if 4 in statuses else 5 if 5 in statuses else 0
+    statuses = {3 if outcome.exit_status == 2 else outcome.exit_status for outcome in outcomes}
+    return min(statuses, default=0, key=(1, 3, 4, 5, 0).index)

@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import load_grade_scale, load_poses, load_robot
-from robacc.api.parameters import BaseLink, CampaignUse, Help, PosesSource, Scale, StrPath, TipLink, call
+from robacc.api.parameters import (
+    BaseLink,
+    CampaignUse,
+    Help,
+    PosesSource,
+    Scale,
+    StrPath,
+    TipLink,
+    call,
+    length_and_angle,
+)
 from robacc.api.result import CsvResult, Provenance, fields_of, options_of
 from robacc.correction import (
     Cause,
@@ -24,10 +34,11 @@ from robacc.correction import (
     circumstances,
     correction,
 )
-from robacc.documents.compare import corrected_poses, correction_document, per_target_csv
-from robacc.documents.envelope import InputFile
+from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
+from robacc.documents.envelope import InputFile, csv_text
+from robacc.documents.parts import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, UsageError
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
@@ -84,7 +95,25 @@ class Corrected(CsvResult, Correction):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        return correction_document(self, self.given, self.model)
+        given, (wanted, command) = self.given, self._framed_poses()
+        targets = CORRECTED.write(
+            self.targets,
+            line=[given.line(i) for i in range(given.n)],
+            pose=texts(given.pose),
+            target=texts(given.target),
+            wanted_m=rounded(wanted.translation),
+            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
+            command_m=rounded(command.translation),
+            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
+            before=self.before,
+            after=self.after,
+        )
+        return CORRECT.write(self, targets=targets)
+
+    def _framed_poses(self) -> tuple[Poses, Poses]:
+        """Return wanted and commanded poses in the frame of the Cartesian targets."""
+        frame = self.targets.setting
+        return frame.from_measuring(self.targets.wanted.poses), frame.from_measuring(self.targets.command)
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
@@ -92,11 +121,50 @@ class Corrected(CsvResult, Correction):
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
         for _, place, reason in self.unchanged:
             yield f"# {place} of the targets is not corrected: {reason}\n"
-        yield from pose_pieces(corrected_poses(self, self.given), attained=False)
+        targets, (wanted, _) = self.targets, self._framed_poses()
+        corrected = replace(
+            self.given,
+            position=np.zeros((3, self.given.n)),
+            rotation=None,
+            q=targets.q,
+            commanded_position=wanted.translation,
+            commanded_rotation=wanted.rotation if targets.wanted.oriented else None,
+            sigma_position=None,
+            sigma_rotation=None,
+            payload=targets.data.payload,
+            temperature=targets.data.temperature,
+            time=targets.data.time,
+        )
+        yield from pose_pieces(corrected, attained=False)
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        return per_target_csv(self, self.given)
+        given, targets, (_, command) = self.given, self.targets, self._framed_poses()
+        stages = {"before": self.before, "after": self.after}
+        columns: dict[str, Iterable[Any] | None] = {
+            "line": map(given.line, range(given.n)),
+            "pose": given.pose,
+            "target": given.target,
+            "corrected": ["yes" if refusal is None else "no" for refusal in targets.refusals],
+        }
+        for names, values in (
+            ("command_x_m command_y_m command_z_m", command.translation),
+            ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
+            ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", targets.correction),
+        ):
+            columns |= dict(zip(names.split(), values, strict=True))
+        for stage, errors in stages.items():
+            columns |= {
+                f"{stage}_m": errors.position,
+                f"{stage}_rad": errors.orientation,
+                f"{stage}_rms_m": errors.position_rms,
+                f"{stage}_rms_rad": orientation_rms(errors),
+                f"{stage}_bound95_m": errors.position_bound,
+                f"{stage}_bound95_rad": errors.orientation_bound,
+            }
+        columns |= {f"{stage}_grade": errors.grades for stage, errors in stages.items()}
+        columns["reason"] = ["" if refusal is None else refusal.reason for refusal in targets.refusals]
+        return csv_text(columns)
 
     @property
     def unchanged(self) -> list[tuple[int, str, str]]:
@@ -336,11 +404,7 @@ def _limits(
             return limits, "none"
         largest = fit.largest_correction
         return replace(limits, position=_TWICE * largest[0], orientation=_TWICE * largest[1]), "model"
-    parts = most.split(",") if isinstance(most, str) else [most]
-    if len(parts) > 2:
-        raise UsageError(f"`most`: expected a length and perhaps an angle, as in 3mm,0.5deg, found {most!r}")
-    position = size(parts[0], "length", "`most`")
-    angle = size(parts[1], "angle", "`most`") if len(parts) == 2 else None
+    position, angle = length_and_angle("most", most, "3mm,0.5deg")
     return replace(limits, position=position, orientation=angle), "option"
 
 

@@ -32,6 +32,7 @@ from typing import (
 from robacc.errors import UsageError
 from robacc.plug_ins import plug_in_names
 from robacc.prediction import DEFAULT_SAMPLES
+from robacc.quantities import optional_size
 from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
@@ -161,6 +162,33 @@ def numbers(name: str, text: str, separator: str = ",") -> tuple[float, ...]:
     if not all(map(math.isfinite, values)):
         raise UsageError(f"`{name}`: expected numbers separated by {separator!r}, found {text!r}")
     return values
+
+
+def length_and_angle(
+    name: str, value: str | float | Sequence[float | None] | None, example: str
+) -> tuple[float | None, float | None]:
+    """Return a length, m, and an angle, rad, of text such as ``3mm,0.5deg``, of a number in m or of a pair.
+
+    Raises:
+        UsageError: The value is not one or two sizes of at least zero.
+    """
+    parts = value.split(",") if isinstance(value, str) else [value] if isinstance(value, float | int) else value or ()
+    if len(parts) > 2:
+        raise UsageError(f"`{name}`: expected a length and perhaps an angle, as in {example}, found {value!r}")
+    length, angle = (*parts, None, None)[:2]
+    return optional_size(length, "length", f"`{name}`"), optional_size(angle, "angle", f"`{name}`")
+
+
+def masses(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    """Return masses in kg as numbers.
+
+    Raises:
+        UsageError: A mass is negative or not finite.
+    """
+    for mass in values:
+        if not 0 <= mass < math.inf:
+            raise UsageError(f"`{name}`: expected masses of at least 0 kg, found {mass:g}")
+    return tuple(map(float, values))
 
 
 def temperatures(name: str, text: str) -> tuple[float, float]:

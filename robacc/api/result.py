@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, TextIO
 from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
 from robacc.documents.keys import Kind
-from robacc.documents.parts import outside_document
 from robacc.errors import UsageError
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
@@ -143,8 +142,7 @@ class Result:
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        payload: dict[str, Any] = self.keys.write(self)
-        return payload
+        return self.keys.write(self)
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.
@@ -155,20 +153,16 @@ class Result:
         Raises:
             InputError: The gate cannot be read.
         """
-        inputs, loaded = self.made.inputs, None
-        if gate is not None:
-            from robacc.documents.gate import gate_document, read_gate
-            from robacc.gates.evaluate import evaluate_gate
+        made = self.made
+        options, inputs, seed = made.options, made.inputs, made.seed
+        if gate is None:
+            return envelope(self.command, self.payload(), options=options, inputs=inputs, seed=seed)
+        from robacc.documents.gate import gate_document, read_gate
+        from robacc.gates.evaluate import evaluate_gate
 
-            loaded = read_gate(os.fspath(gate))
-            inputs = (*inputs, *loaded.records)
-        payload, use = self.payload(), self.made.use
-        if use is not None and use.robot is not None:
-            payload["outside_validity"] = outside_document(use.outside)
-        document = envelope(self.command, payload, options=self.made.options, inputs=inputs, seed=self.made.seed)
-        if loaded is None:
-            return document
-        return {**document, "gate": gate_document(evaluate_gate(loaded.gate, document, loaded.baselines))}
+        criteria, baselines, records = read_gate(os.fspath(gate))
+        document = envelope(self.command, self.payload(), options=options, inputs=(*inputs, *records), seed=seed)
+        return {**document, "gate": gate_document(evaluate_gate(criteria, document, baselines))}
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
         """Return the document as text: the output of the command with ``--format json``, byte for byte.

@@ -185,7 +185,7 @@ def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
     if gate is not None and gate != "-" and (_is_file(gate) or os.path.isdir(gate) or not os.path.exists(gate)):
         from robacc.documents.gate import baseline_path, read_gate
 
-        inputs += [baseline_path(gate, name) for name in read_gate(gate).gate.baselines]
+        inputs += [baseline_path(gate, name) for name in read_gate(gate)[1]]
     is_folder_allowed = len(_texts(parameters.get("poses"))) > 1
     written: dict[str, str] = {}
     for name in sorted(outputs):

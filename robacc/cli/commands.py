@@ -446,7 +446,7 @@ def compare(
 
     Example: robacc compare arm1.json arm2.json --grade D
     """
-    from robacc.api.compare import compare_paired
+    from robacc.api.stored import compare_paired
     from robacc.render.views.compare import comparison_view, paired_view
 
     targets = {"model": model, "nominal": nominal, "noise": noise}

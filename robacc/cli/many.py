@@ -19,7 +19,7 @@ from robacc import parallel
 from robacc.cli import output
 from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, UsageError
-from robacc.outcomes import EstimateHeadline, FileOutcome, exit_status
+from robacc.outcomes import FileOutcome, exit_status
 from robacc.render.text import say, say_error, say_warnings
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
@@ -50,7 +50,8 @@ class FileTask(NamedTuple):
 
 def estimate_file(task: FileTask) -> FileOutcome:
     """Estimate a file and write its results, as the command does for a single file; an error becomes its outcome."""
-    from robacc.api.estimate import estimate
+    from robacc.api.accuracy import estimate
+    from robacc.documents.accuracy import SUMMARY
     from robacc.io.json_text import json_pieces
 
     started = time.perf_counter()
@@ -69,18 +70,8 @@ def estimate_file(task: FileTask) -> FileOutcome:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
     else:
-        position, rotation, grade = result.position, result.orientation, result.grade
-        headline = EstimateHeadline(
-            n_poses=result.n_poses,
-            rms=position.rms,
-            p95=position.p95,
-            max=position.max,
-            orientation_rms=None if rotation is None else rotation.rms,
-            grade=grade.grade,
-            demonstrated=grade.demonstrated,
-        )
         status, written = 0 if gate is None else gate["exit_status"], task.result and PurePath(task.result).name
-        outcome = FileOutcome(task.name, status, headline, warnings=warnings, gate=gate, written=written)
+        outcome = FileOutcome(task.name, status, SUMMARY.write(result), warnings=warnings, gate=gate, written=written)
     return replace(outcome, seconds=time.perf_counter() - started)
 
 

@@ -8,12 +8,11 @@ missing value is null, and ``why`` gives the reason.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from robacc.documents.envelope import csv_text, significant_document
+from robacc.documents.envelope import significant_document
 from robacc.documents.gate import GATE_KEY, GATE_RESULT
 from robacc.documents.keys import (
     LEFT_OUT,
@@ -48,7 +47,6 @@ from robacc.documents.parts import (
     ROBOT,
     STATISTICS,
     WARNINGS,
-    pose_document,
     robot_document,
     rounded,
     texts,
@@ -57,10 +55,7 @@ from robacc.geometry import quaternion_from_rotation
 from robacc.io.json_text import json_text
 
 if TYPE_CHECKING:
-    from robacc.accuracy.estimation import ErrorFrame, EstimateResult, FrameStatistics
-    from robacc.measurements import Measurements
     from robacc.outcomes import FileOutcome
-    from robacc.robots.description import Robot
 
 _WORST = part(
     {
@@ -221,8 +216,18 @@ ESTIMATE_ITSELF = part(
     }
 )
 """Keys of the estimate itself."""
-_DATA = part(
+
+
+def _stated_noise(result: Any) -> Document | None:
+    """Return the noise that the file states; None if it states none."""
+    position, orientation = result.data.stated_noise
+    is_stated = position is not None or orientation is not None
+    return {"position_m": position, "orientation_rad": orientation, "source": "file"} if is_stated else None
+
+
+ESTIMATE = part(
     {
+        **(ESTIMATE_ITSELF.keys or {}),
         "noise": Key(
             part(
                 {
@@ -233,8 +238,14 @@ _DATA = part(
             )
             | None,
             "Measurement noise that the file states, rms over poses; null if it states none.",
+            _stated_noise,
         ),
-        "robot": Key(ROBOT | None),
+        "robot": Key(
+            ROBOT | None,
+            source=lambda result: robot_document(
+                result.robot, result.data.q, result.alignment and result.alignment.robot
+            ),
+        ),
         "poses": Key(POSES),
         "position_by_frame": Key(
             part(
@@ -247,13 +258,23 @@ _DATA = part(
             ),
             "Position errors in the axes of each frame.",
         ),
-    }
-)
-"""Keys of the data: measurement noise, robot, every pose, and position errors in both frames."""
-ESTIMATE = part(
-    {**(ESTIMATE_ITSELF.keys or {}), **(_DATA.keys or {}), "outside_validity": OUTSIDE_KEY, "gate": GATE_KEY},
+        "outside_validity": OUTSIDE_KEY,
+        "gate": GATE_KEY,
+    },
     about="Cartesian error at each measured pose, its covariances, and an accuracy grade.",
 )
+SUMMARY = part(
+    {
+        "n_poses": Key(count, "Measured poses."),
+        "rms_m": Key(size, "Rms position error, m.", "position.rms"),
+        "p95_m": Key(size, "95th percentile of the position error, m.", "position.p95"),
+        "max_m": Key(size, "Largest length of an error, m.", "position.max"),
+        "rms_rad": Key(size | None, "Rms orientation error, rad, or null.", "orientation.rms"),
+        "grade": Key(text, "Grade.", "grade.grade"),
+        "demonstrated": Key(flag, "True if the grade is confirmed.", "grade.demonstrated"),
+    }
+)
+"""Main figures of an estimate."""
 _ENTRY = part(
     {
         "file": Key(text, "Name of the file.", "name"),
@@ -274,22 +295,7 @@ _ENTRY = part(
             "Problems of the file.",
         ),
         "n_problems": Key(count, "Total number of problems."),
-        "summary": Key(
-            part(
-                {
-                    "n_poses": Key(count, "Measured poses."),
-                    "rms_m": Key(size, "Rms position error, m."),
-                    "p95_m": Key(size, "95th percentile of the position error, m."),
-                    "max_m": Key(size, "Largest length of an error, m."),
-                    "rms_rad": Key(size | None, "Rms orientation error, rad, or null.", "orientation_rms"),
-                    "grade": Key(text, "Grade."),
-                    "demonstrated": Key(flag, "True if the grade is confirmed."),
-                }
-            )
-            | None,
-            "Main figures; null if there are none.",
-            "headline",
-        ),
+        "summary": Key(SUMMARY | None, "Main figures; null if there are none."),
         "gate": Key(GATE_RESULT | None, "Gate outcome; null without a gate."),
         "written": Key(text | None, "Name of the result's file, or null."),
         "result": Key(table(), "Complete result, as robacc.estimate/1.", lambda _: LEFT_OUT, optional=True),
@@ -304,34 +310,6 @@ ESTIMATE_MANY = part(
     },
     about="Estimates of several files.",
 )
-
-
-def estimate_poses(
-    data: Measurements, robot: Robot | None, registered: Robot | None, by_frame: Mapping[ErrorFrame, FrameStatistics]
-) -> Document:
-    """Return the keys of the data: measurement noise, robot, every pose, and position errors in both frames."""
-    noise = None
-    if data.sigma_position is not None or data.sigma_rotation is not None:
-        noise = dict(zip(("position_m", "orientation_rad"), data.stated_noise, strict=True), source="file")
-    return _DATA.write(
-        {
-            "noise": noise,
-            "robot": robot_document(robot, data.q, registered),
-            "poses": pose_document(data, data.position - by_frame["base"].errors),
-            "position_by_frame": by_frame,
-        }
-    )
-
-
-def per_pose_csv(result: EstimateResult, data: Measurements) -> str:
-    """Return a CSV row for each pose: its line, its ids, the error vector and its length, in m and rad."""
-    columns: dict[str, Iterable[Any] | None] = {"line": map(data.line, range(data.n))}
-    columns |= {name: getattr(data, name) for name in ("pose", "cycle", "visit", "target")}
-    for prefix, unit, errors in (("d", "m", result.errors.position), ("r", "rad", result.errors.rotation)):
-        if errors is not None:
-            columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", errors, strict=True)}
-            columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", errors, errors))
-    return csv_text(columns)
 
 
 def many_pieces(head: Mapping[str, Any], outcomes: Iterable[tuple[FileOutcome, str | None]]) -> Iterator[str]:
@@ -587,12 +565,17 @@ ISO9283_POSES = part(
                 }
             ),
             "Cube of the five poses.",
-            "",
+            "proposal",
         ),
-        "orientation": Key(choice("down", "forward", "own", "free"), "Orientation of the tool."),
-        "target": Key(text | None, "Target, for a robot with several targets."),
-        "joint_margin": Key(
-            number | None, "Smallest distance of a joint to its limits, as a share of its range.", "margin"
+        **within(
+            "proposal",
+            {
+                "orientation": Key(choice("down", "forward", "own", "free"), "Orientation of the tool."),
+                "target": Key(text | None, "Target, for a robot with several targets."),
+                "joint_margin": Key(
+                    number | None, "Smallest distance of a joint to its limits, as a share of its range.", "margin"
+                ),
+            },
         ),
         "poses": Key(
             array(
@@ -607,18 +590,20 @@ ISO9283_POSES = part(
                 5,
             ),
             "Poses P1 to P5.",
-            lambda proposal: [
+            lambda result: [
                 {
                     "pose": f"P{i + 1}",
-                    "position_m": proposal.poses.translation[:, i],
-                    "quaternion": quaternion_from_rotation(proposal.poses.rotation[..., i]),
-                    "q": proposal.q[:, i],
+                    "position_m": result.proposal.poses.translation[:, i],
+                    "quaternion": quaternion_from_rotation(result.proposal.poses.rotation[..., i]),
+                    "q": q,
                 }
-                for i in range(proposal.q.shape[1])
+                for i, q in enumerate(result.proposal.q.T)
             ],
         ),
-        **NOTES,
-        "file_sha256": Key(digest, "SHA-256 of the written CSV file."),
+        **within("proposal", NOTES),
+        "file_sha256": Key(
+            digest, "SHA-256 of the written CSV file.", lambda result: sha256(result.csv().encode()).hexdigest()
+        ),
     },
     about="Cube of ISO 9283 in an arm's workspace and its five poses.",
 )

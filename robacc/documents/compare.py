@@ -5,15 +5,12 @@ With them stand the corrected poses, and the targets of a correction as CSV.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections import Counter
-from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.documents.envelope import csv_text
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
     Document,
@@ -30,16 +27,13 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded, texts
-from robacc.geometry import quaternion_from_rotation
+from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
     from robacc.comparison.comparing import ResultComparison
     from robacc.correction import Correction, ExpectedErrors
-    from robacc.geometry import Array, Poses
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
+    from robacc.geometry import Array
 
 _NAME = {"name": Key(text, "Name of the result.")}
 _DIFFERENCE = {
@@ -349,7 +343,8 @@ COMPARE_PAIRED = part(
 # A correction.
 
 
-def _orientation_rms(errors: ExpectedErrors) -> Array | None:
+def orientation_rms(errors: ExpectedErrors) -> Array | None:
+    """Return the rms orientation error of each target, rad; None where the model does not know it."""
     return errors.orientation_rms if errors.orientation_is_known else None
 
 
@@ -407,7 +402,7 @@ _BOUNDS = part(
         "rms_rad": Key(
             array(number) | None,
             "Rms orientation error to expect, rad; null if the model was fitted to positions alone.",
-            _orientation_rms,
+            orientation_rms,
         ),
         "bound95_m": Key(
             array(number) | None, "Bound of 95 % of the position errors, m; null without uncertainty.", "position_bound"
@@ -421,7 +416,7 @@ _BOUNDS = part(
     }
 )
 """Expected error of each target."""
-_CORRECTED = part(
+CORRECTED = part(
     {
         "line": Key(array(integer), "Line of the file."),
         "pose": Key(array(text) | None, "Name; null without a column pose."),
@@ -482,6 +477,45 @@ _CORRECTED = part(
     }
 )
 """Columns with an entry for each target."""
+
+
+def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
+    """Return RMS and largest length; None without any."""
+    if metrics is None or math.isnan(metrics.max):
+        return None
+    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+
+
+def _expected(result: Correction, errors: ExpectedErrors) -> Document:
+    """Return the expected errors of the corrected targets together."""
+    document: Document = {"position": None, "orientation": None, "grades": None}
+    for name, unit, length, rms, bound in (
+        ("position", "m", errors.position, errors.position_rms, errors.position_bound),
+        ("orientation", "rad", errors.orientation, orientation_rms(errors), errors.orientation_bound),
+    )[: 2 if result.targets.wanted.oriented else 1]:
+        if (extent := _extent(result.metrics(length), unit)) is not None:
+            document[name] = {
+                **extent,
+                f"expected_rms_{unit}": None if rms is None else result.metrics(rms).rms,
+                f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
+            }
+    if errors.grades is not None:
+        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        # The best grade first.
+        names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
+        document["grades"] = {name: counts[name] for name in names}
+    return document
+
+
+def _correction(result: Correction) -> Document:
+    """Return the sizes of the correction."""
+    metrics, oriented = result.correction_metrics, result.targets.wanted.oriented
+    return {
+        "position": _extent(metrics.position, "m"),
+        "orientation": _extent(metrics.orientation, "rad") if oriented else None,
+    }
+
+
 CORRECT = part(
     {
         "n_targets": Key(count, "Number of targets."),
@@ -502,10 +536,11 @@ CORRECT = part(
             "targets.setting.frame",
         ),
         "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
-        "model": Key(text, "Name of the model."),
+        "model": Key(text, "Name of the model.", "model.name"),
         "joints": Key(
             array(part({"name": Key(text, "Name of the joint."), "type": Key(text, "revolute or prismatic.")})),
             "Joints in chain order.",
+            "model.variables",
         ),
         "limit": Key(
             part(
@@ -519,7 +554,11 @@ CORRECT = part(
             "",
         ),
         "weight_m_per_rad": Key(
-            number | None, "Weight of orientation against position, m per rad; null for arms with six axes or more."
+            number | None,
+            "Weight of orientation against position, m per rad; null for arms with six axes or more.",
+            lambda result: (
+                result.limits.weight if len(result.model.variables) < 6 and result.targets.wanted.oriented else None
+            ),
         ),
         "correction": Key(
             part(
@@ -536,6 +575,7 @@ CORRECT = part(
                 }
             ),
             "Command less wanted pose, over the corrected targets.",
+            _correction,
         ),
         "expected": Key(
             part(
@@ -545,122 +585,11 @@ CORRECT = part(
                 }
             ),
             "Expected errors of the corrected targets.",
+            lambda result: {"before": _expected(result, result.before), "after": _expected(result, result.after)},
         ),
         "scale": Key(text, "Name of the grade scale.", "scale.name"),
-        "targets": Key(_CORRECTED, "Columns with an entry for each target."),
+        "targets": Key(CORRECTED, "Columns with an entry for each target."),
         "notes": Key(array(text), "Assumptions and limitations."),
     },
     about="Commands that make the real arm reach its targets, and the expected errors before and after.",
 )
-
-
-def correction_document(result: Correction, given: Measurements, model: Robot) -> Document:
-    """Return the keys of a correction; arrays stay arrays, with targets first."""
-    targets, oriented = result.targets, result.targets.wanted.oriented
-    metrics = result.correction_metrics
-    wanted, command = framed_poses(result)
-    return CORRECT.write(
-        result,
-        model=model.name,
-        joints=model.variables,
-        weight_m_per_rad=result.limits.weight if len(model.variables) < 6 and oriented else None,
-        correction={
-            "position": _extent(metrics.position, "m"),
-            "orientation": _extent(metrics.orientation, "rad") if oriented else None,
-        },
-        expected={"before": _expected(result, result.before), "after": _expected(result, result.after)},
-        targets=_CORRECTED.write(
-            targets,
-            line=[given.line(i) for i in range(given.n)],
-            pose=texts(given.pose),
-            target=texts(given.target),
-            wanted_m=rounded(wanted.translation),
-            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
-            command_m=rounded(command.translation),
-            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
-            before=result.before,
-            after=result.after,
-        ),
-    )
-
-
-def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
-    """Return RMS and largest length; None without any."""
-    if metrics is None or math.isnan(metrics.max):
-        return None
-    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
-
-
-def _expected(result: Correction, errors: ExpectedErrors) -> Document:
-    """Return the expected errors of the corrected targets together."""
-    document: Document = {"position": None, "orientation": None, "grades": None}
-    for name, unit, length, rms, bound in (
-        ("position", "m", errors.position, errors.position_rms, errors.position_bound),
-        ("orientation", "rad", errors.orientation, _orientation_rms(errors), errors.orientation_bound),
-    )[: 2 if result.targets.wanted.oriented else 1]:
-        if (extent := _extent(result.metrics(length), unit)) is not None:
-            document[name] = {
-                **extent,
-                f"expected_rms_{unit}": None if rms is None else result.metrics(rms).rms,
-                f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
-            }
-    if errors.grades is not None:
-        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
-        # The best grade first.
-        names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
-        document["grades"] = {name: counts[name] for name in names}
-    return document
-
-
-def framed_poses(result: Correction) -> tuple[Poses, Poses]:
-    """Return wanted and commanded poses in the frame of the Cartesian targets."""
-    targets = result.targets
-    return targets.setting.from_measuring(targets.wanted.poses), targets.setting.from_measuring(targets.command)
-
-
-def corrected_poses(result: Correction, given: Measurements) -> Measurements:
-    """Return the targets with their corrected joints, and the wanted poses as commanded poses."""
-    wanted, _ = framed_poses(result)
-    return dataclasses.replace(
-        given,
-        position=np.zeros((3, given.n)),
-        rotation=None,
-        q=result.targets.q,
-        commanded_position=wanted.translation,
-        commanded_rotation=wanted.rotation if result.targets.wanted.oriented else None,
-        sigma_position=None,
-        sigma_rotation=None,
-        payload=result.targets.data.payload,
-        temperature=result.targets.data.temperature,
-        time=result.targets.data.time,
-    )
-
-
-def per_target_csv(result: Correction, given: Measurements) -> str:
-    """Return a CSV row for each target: its line and ids, the command, the correction and the expected errors."""
-    targets, (_, command) = result.targets, framed_poses(result)
-    stages = {"before": result.before, "after": result.after}
-    columns: dict[str, Iterable[Any] | None] = {
-        "line": map(given.line, range(given.n)),
-        "pose": given.pose,
-        "target": given.target,
-        "corrected": ["yes" if refusal is None else "no" for refusal in targets.refusals],
-    }
-    for names, values in (
-        ("command_x_m command_y_m command_z_m", command.translation),
-        ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
-        ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", targets.correction),
-    ):
-        columns |= dict(zip(names.split(), values, strict=True))
-    for stage, errors in stages.items():
-        columns |= {
-            f"{stage}_m": errors.position,
-            f"{stage}_rad": errors.orientation,
-            f"{stage}_rms_m": errors.position_rms,
-            f"{stage}_rms_rad": _orientation_rms(errors),
-            f"{stage}_bound95_m": errors.position_bound,
-            f"{stage}_bound95_rad": errors.orientation_bound,
-        }
-    columns |= {f"{stage}_grade": errors.grades for stage, errors in stages.items()}
-    columns["reason"] = ["" if refusal is None else refusal.reason for refusal in targets.refusals]
-    return csv_text(columns)

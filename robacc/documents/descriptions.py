@@ -294,7 +294,6 @@ EFFECTS = part(
 
 SIMULATE = part(
     {
-        "outside_validity": OUTSIDE_KEY,
         "n_poses": Key(count, "Number of rows.", "data.n"),
         "effects": Key(
             array(text),
@@ -305,6 +304,7 @@ SIMULATE = part(
         "file_sha256": Key(
             digest, "SHA-256 of the written file.", lambda simulated: sha256(simulated.csv().encode()).hexdigest()
         ),
+        "outside_validity": OUTSIDE_KEY,
     },
     about="Properties of a file of simulated poses.",
 )

@@ -117,12 +117,6 @@ class InputFile:
         reading = path.reading.document() if isinstance(path, PoseFile) else None
         return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading, identity)
 
-    def document(self) -> dict[str, Any]:
-        """Return the record as it stands in a result."""
-        stated = {"reading": self.reading, "identity": self.identity}
-        own = {key: dict(texts) for key, texts in stated.items() if texts}
-        return {"name": self.name, "sha256": self.sha256, "kind": self.kind, **own}
-
 
 def schema_version(command: str) -> int:
     """Return the version of the schema that results of ``command`` follow."""
@@ -153,7 +147,7 @@ def envelope(
         "robacc": __version__,
         "command": command,
         "options": dict(options),
-        "inputs": [file.document() for file in inputs],
+        "inputs": [INPUT.write(file) for file in inputs],
         "seed": seed,
         **significant_document(payload),
     }

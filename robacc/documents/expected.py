@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robacc.documents.envelope import csv_text
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
     Document,
@@ -43,16 +41,10 @@ from robacc.documents.parts import (
     texts,
 )
 from robacc.planning.candidates import targets_in_base
-from robacc.prediction.predicting import warranty_map
-from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
 
 if TYPE_CHECKING:
     from robacc.planning.campaign import CampaignPlan
-    from robacc.prediction.comparison import MeasuredComparison
-    from robacc.prediction.model_uncertainty import Coverage
-    from robacc.prediction.predicting import Allocation, Prediction
-    from robacc.robots.description import Robot
 
 # A prediction.
 
@@ -157,7 +149,18 @@ _ERRORS = {
     for unit, name in QUANTITIES
 }
 """Predicted errors by unit."""
-_PREDICTION = part(
+
+
+def _covered(result: Any) -> Document | None:
+    """Return the measured poses within their bounds, of each quantity; None without any."""
+    if not result.coverage:
+        return None
+    first = result.coverage[0]
+    document: Document = {"probability": first.probability, "registered": first.registered, "orientation": None}
+    return document | {item.quantity: item for item in result.coverage}
+
+
+PREDICT = part(
     {
         "n_poses": Key(count, "Number of configurations.", "configurations.n"),
         "frame": Key(choice("tool"), "Axes of the covariances.", lambda _: "tool"),
@@ -409,6 +412,7 @@ _PREDICTION = part(
             )
             | None,
             "Comparison of the prediction with measured poses; null without them.",
+            "comparison",
         ),
         "coverage": Key(
             part(
@@ -429,13 +433,9 @@ _PREDICTION = part(
             )
             | None,
             "Measured poses within the bound of their error; null without them, and for tolerances.",
+            _covered,
         ),
         **NOTES,
-    }
-)
-"""Keys of the prediction itself."""
-_CHARTS = part(
-    {
         "warranty_map": Key(
             part(
                 {
@@ -458,7 +458,7 @@ _CHARTS = part(
             | None,
             "Grade by voxel of the workspace, of a prediction from the fit of a model; else null.",
         ),
-        "robot": Key(ROBOT | None),
+        "robot": Key(ROBOT | None, source=lambda result: robot_document(result.robot, result.configurations.q)),
         "poses": Key(
             part(
                 {
@@ -469,57 +469,11 @@ _CHARTS = part(
             ),
             "Poses of the prediction.",
         ),
-    }
-)
-"""Keys for charts."""
-PREDICT = part(
-    {**(_PREDICTION.keys or {}), **(_CHARTS.keys or {}), "outside_validity": OUTSIDE_KEY, "gate": GATE_KEY},
+        "outside_validity": OUTSIDE_KEY,
+        "gate": GATE_KEY,
+    },
     about="Covariances, error budget and grade predicted from parameter tolerances.",
 )
-
-
-def prediction_document(
-    prediction: Prediction,
-    allocation: Allocation | None = None,
-    comparison: MeasuredComparison | None = None,
-    coverage: Sequence[Coverage] = (),
-) -> Document:
-    """Return the keys of the prediction; arrays stay arrays, which :mod:`robacc.io.json_text` writes."""
-    covered: Document | None = None
-    if coverage:
-        covered = {"probability": coverage[0].probability, "registered": coverage[0].registered, "orientation": None}
-        covered |= {item.quantity: COVERED.write(item) for item in coverage}
-    return _PREDICTION.write(prediction, allocation=allocation, against=comparison, coverage=covered)
-
-
-def prediction_charts(prediction: Prediction, robot: Robot) -> Document:
-    """Return the keys for charts: the robot's outline, and the poses of the prediction."""
-    configurations = prediction.configurations
-    reached = build_chain(robot).poses(configurations.scalars, configurations.n)
-    return _CHARTS.write(
-        {
-            "warranty_map": warranty_map(prediction, reached.translation) if prediction.is_calibrated else None,
-            "robot": robot_document(robot, configurations.q),
-            "poses": {
-                "label": list(configurations.labels),
-                "q": rounded(configurations.q),
-                "commanded_m": rounded(reached.translation),
-            },
-        }
-    )
-
-
-def prediction_csv(prediction: Prediction, joint_names: Sequence[str]) -> str:
-    """Return a CSV row for each pose: its label, joint variables and predicted errors (m, rad, tool frame)."""
-    configurations = prediction.configurations
-    columns: dict[str, Iterable[Any] | None] = {"pose": configurations.labels}
-    columns |= dict(zip(joint_names, configurations.q, strict=True))
-    for errors in (prediction.position, prediction.orientation):
-        unit = errors.unit
-        columns |= {f"rms_{unit}": errors.pose_rms, f"radius95_{unit}": errors.pose_radius95}
-        for i, j in zip(*np.triu_indices(3), strict=True):
-            columns[f"v_{'xyz'[i]}{'xyz'[j]}_{unit}2"] = errors.covariance[i, j]
-    return csv_text(columns)
 
 
 # A plan of a measurement.

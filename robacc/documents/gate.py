@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -182,8 +181,11 @@ CHECK = part(
                 }
             ),
             "Evaluated result.",
+            lambda checked: {
+                key: checked.result.document.get(key) for key in ("schema", "robacc", "command", "inputs")
+            },
         ),
-        "gate": Key(GATE_RESULT),
+        "gate": Key(GATE_RESULT, source=""),
     },
     about="Evaluation of a gate on a stored result.",
 )
@@ -198,19 +200,14 @@ def gate_document(outcome: GateOutcome) -> Document:
 # Read a gate file and the baselines that it names.
 
 
-@dataclass(frozen=True, slots=True)
-class LoadedGate:
-    """A gate with its baselines."""
-
-    gate: Gate
-    baselines: Mapping[str, Mapping[str, Any]]
-    """Documents of the baselines, by their paths in the gate."""
-    records: tuple[InputFile, ...]
-    """Records of the gate file and the baselines."""
+Baselines = Mapping[str, Mapping[str, Any]]
+"""Documents of the baselines, by their paths in the gate."""
 
 
-def read_gate(path: str) -> LoadedGate:
-    """Return the gate of a file with its baselines, whose paths start from the folder of the gate file.
+def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
+    """Return the gate of a file, its baselines, and the records of all these files.
+
+    Paths of baselines start from the folder of the gate file.
 
     Raises:
         InputError: One of the files cannot be read, is not a gate, or is not a result.
@@ -230,7 +227,7 @@ def read_gate(path: str) -> LoadedGate:
         records.append(InputFile.at(place, stored.sha256, "baseline"))
     if problems:
         raise InputError(problems)
-    return LoadedGate(gate, baselines, tuple(records))
+    return gate, baselines, records
 
 
 def baseline_path(gate: str, name: str) -> str:

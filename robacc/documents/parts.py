@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from robacc.fitting.parameters import ParameterCovariance
     from robacc.geometry import Array
     from robacc.measurements import Measurements
-    from robacc.modelling.validity import OutsideValidity
     from robacc.robots.description import Robot
 
 QUANTITIES = (("m", "position"), ("rad", "orientation"))
@@ -97,9 +96,17 @@ OUTSIDE = part(
         ),
     }
 )
-OUTSIDE_KEY = Key(
-    OUTSIDE, "Poses outside the validity range of the robot file's effects.", lambda _: LEFT_OUT, optional=True
-)
+
+
+def _outside(result: Any) -> Any:
+    """Return the poses outside the validity ranges of a result's model; nothing without a robot."""
+    use = result.made.use
+    if use is None or use.robot is None:
+        return LEFT_OUT
+    return use.outside or {"n_poses": 0, "position_std_max_m": 0.0, "ranges": []}
+
+
+OUTSIDE_KEY = Key(OUTSIDE, "Poses outside the validity range of the robot file's effects.", _outside, optional=True)
 """Key that the use of a model adds to a result."""
 
 INPUT = part(
@@ -118,6 +125,7 @@ INPUT = part(
         "reading": Key(
             table(),
             "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
+            lambda file: dict(file.reading) if file.reading else LEFT_OUT,
             optional=True,
         ),
         "identity": Key(
@@ -126,6 +134,7 @@ INPUT = part(
                 "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
                 "absent without any."
             ),
+            lambda file: dict(file.identity) if file.identity else LEFT_OUT,
             optional=True,
         ),
     },
@@ -387,12 +396,6 @@ ROBOT = part(
     "robot",
     "Robot and its outline; null without a robot.",
 )
-
-
-def outside_document(outside: OutsideValidity | None) -> Document:
-    """Return the key ``outside_validity``; None is a model without ranges."""
-    nothing = {"n_poses": 0, "position_std_max_m": 0.0, "ranges": []}
-    return OUTSIDE.write(nothing if outside is None else outside)
 
 
 def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> Document | None:

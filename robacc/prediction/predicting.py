@@ -21,8 +21,7 @@ from robacc.accuracy.grade import Quantity, Scale
 from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, transpose
-from robacc.io.yaml_nodes import Source, describe, nearest
-from robacc.io.yaml_nodes import compose as parsed
+from robacc.io.yaml_nodes import Source, compose as parsed, describe, nearest
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import TURN_OF_ANGLE, Arm

@@ -413,7 +413,7 @@ def test_import_is_cheap_and_names_load_when_used() -> None:
         "print(robacc.estimate.__module__, 'numpy' in sys.modules, 'yourdfpy' in sys.modules, 'typer' in sys.modules)"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split("\n")[:2] == ["[]", "robacc.api.estimate True False False"]
+    assert run.stdout.split("\n")[:2] == ["[]", "robacc.api.accuracy True False False"]
 
 
 def test_every_name_is_there_and_seen_by_type_checkers() -> None:

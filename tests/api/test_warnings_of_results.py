@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 import robacc
-from robacc.documents.compare import per_target_csv
 
 ROOT = Path(__file__).resolve().parents[2] / "sample_data"
 CLEAN, NOMINAL = ROOT / "poses.csv", ROOT / "robot.yaml"
@@ -42,7 +41,7 @@ def test_a_fit_to_positions_expects_no_orientation_error() -> None:
     after = document["expected"]["after"]
     assert after["position"]["expected_rms_m"] > 0
     assert (after["orientation"]["expected_rms_rad"], document["targets"]["after"]["rms_rad"]) == (None, None)
-    columns = next(csv.reader(io.StringIO(per_target_csv(result, result.given))))
+    columns = next(csv.reader(io.StringIO(result.per_target_csv())))
     assert "after_rms_m" in columns
     assert "after_rms_rad" not in columns
 

@@ -15,7 +15,7 @@ import yaml
 from homogeneous import dh, frame, shift, turn
 from scipy.spatial.transform import Rotation
 
-from robacc.api.export import ExportFormatName
+from robacc.api.models import ExportFormatName
 from robacc.controllers import (
     ExportedModel,
     dh_table,

@@ -15,8 +15,7 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
-from robacc.geometry import compose as product
-from robacc.geometry import log_so3, transpose
+from robacc.geometry import compose as product, log_so3, transpose
 from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

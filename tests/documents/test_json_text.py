@@ -9,8 +9,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 from robacc.documents.envelope import InputFile, csv_text, envelope
 from robacc.io.json_text import json_pieces, json_text

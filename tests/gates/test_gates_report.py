@@ -15,8 +15,16 @@ from robacc.gates.evaluate import CriterionEvaluation, Decision, GateOutcome, Ou
 from robacc.gates.gate_file import Gate, GateCriterion
 from robacc.outcomes import FileOutcome
 from robacc.render.views.elements import draw
-from robacc.render.views.gate import gate_view, github_annotations, limit, markdown, probability, sentence, title
-from robacc.render.views.gate import junit as suites
+from robacc.render.views.gate import (
+    gate_view,
+    github_annotations,
+    junit as suites,
+    limit,
+    markdown,
+    probability,
+    sentence,
+    title,
+)
 
 
 def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:

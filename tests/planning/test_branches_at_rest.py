@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import robacc
-from robacc.api.plan import Planned
+from robacc.api.expected import Planned
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
 

@@ -10,7 +10,7 @@ import yaml
 from commands import refused
 
 import robacc
-from robacc.api.plan import Planned
+from robacc.api.expected import Planned
 
 ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
 FIT = "base_frame,tool_frame,joint_offset,payload_compliance[j2,j3]"

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
@@ -131,19 +130,18 @@ def test_every_function_takes_any_batch_shape(shape: tuple[int, ...]) -> None:
     assert rotations.shape == (3, 3, *shape)
     for index in np.ndindex(shape):
         at = (..., *index)
-        vector, other, rotation = vectors[at], others[at], exp_so3(vectors[at])
-        for batch, single in (
-            (rotations, rotation),
-            (log_so3(rotations), log_so3(rotation)),
-            (rpy_from_rotation(rotations), rpy_from_rotation(rotation)),
-            (left_jacobian_inverse(vectors), left_jacobian_inverse(vector)),
-            (quaternion_from_rotation(rotations), quaternion_from_rotation(rotation)),
-            (cross(vectors, others), np.cross(vector, other)),
-            (rotate(rotations, others), rotation @ other),
-            (rotate_back(rotations, others), rotation.T @ other),
-            (compose(rotations, rotations), rotation @ rotation),
-        ):
-            np.testing.assert_allclose(batch[at], single, atol=1e-14)
+        rotation = exp_so3(vectors[at])
+        np.testing.assert_allclose(rotations[at], rotation, atol=1e-15)
+        np.testing.assert_allclose(log_so3(rotations)[at], log_so3(rotation), atol=1e-15)
+        np.testing.assert_allclose(rpy_from_rotation(rotations)[at], rpy_from_rotation(rotation), atol=1e-14)
+        np.testing.assert_allclose(left_jacobian_inverse(vectors)[at], left_jacobian_inverse(vectors[at]), atol=1e-14)
+        np.testing.assert_allclose(
+            quaternion_from_rotation(rotations)[at], quaternion_from_rotation(rotation), atol=1e-15
+        )
+        np.testing.assert_allclose(cross(vectors, others)[at], np.cross(vectors[at], others[at]), atol=1e-15)
+        np.testing.assert_allclose(rotate(rotations, others)[at], rotation @ others[at], atol=1e-14)
+        np.testing.assert_allclose(rotate_back(rotations, others)[at], rotation.T @ others[at], atol=1e-14)
+        np.testing.assert_allclose(compose(rotations, rotations)[at], rotation @ rotation, atol=1e-14)
 
 
 def test_poses_are_homogeneous_matrices() -> None:

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from robot_files import MINIMAL, URDF_LIKE, edit
 
 from robacc.modelling.robot_file import read_robot

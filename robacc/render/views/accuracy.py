@@ -295,17 +295,17 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
     yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
     has_gate = any(outcome.gate is not None for outcome in outcomes)
-    has_turn = any(each.headline is not None and each.headline.orientation_rms is not None for each in outcomes)
+    has_turn = any(each.summary is not None and each.summary["rms_rad"] is not None for each in outcomes)
     rows = [
         (outcome.name, "failed")
-        if (done := outcome.headline) is None
+        if (done := outcome.summary) is None
         else (
             outcome.name,
-            str(done.n_poses),
-            *(three_digits(size * IN_MM) for size in (done.rms, done.p95, done.max)),
-            *([number(done.orientation_rms, IN_DEGREES)] * has_turn),
-            done.grade,
-            "yes" if done.demonstrated else "no",
+            str(done["n_poses"]),
+            *(three_digits(done[key] * IN_MM) for key in ("rms_m", "p95_m", "max_m")),
+            *([number(done["rms_rad"], IN_DEGREES)] * has_turn),
+            done["grade"],
+            "yes" if done["demonstrated"] else "no",
             *(["–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label] * has_gate),
         )
         for outcome in outcomes
@@ -336,16 +336,16 @@ def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
     """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
     entries = []
     for outcome in outcomes:
-        head, done = f"robacc estimate {outcome.name}", outcome.headline
+        head, done = f"robacc estimate {outcome.name}", outcome.summary
         entries += [("warning", head, warning) for warning in outcome.warnings]
         if done is None:
             entries.append(("error", head, _reason(outcome)))
             continue
-        sizes = zip(("rms", "95th pct.", "max"), (done.rms, done.p95, done.max), strict=True)
+        sizes = (("rms", done["rms_m"]), ("95th pct.", done["p95_m"]), ("max", done["max_m"]))
         parts = [
-            f"{done.n_poses} poses",
+            f"{done['n_poses']} poses",
             *(f"{name} {with_unit(size)}" for name, size in sizes),
-            f"grade {done.grade}, {'confirmed' if done.demonstrated else 'not confirmed'}",
+            f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}",
             *([] if outcome.gate is None else [title(outcome.gate)]),
         ]
         entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))

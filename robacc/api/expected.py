@@ -1,39 +1,59 @@
-"""Call of the command ``robacc plan``."""
+"""Calls of ``robacc predict`` and ``robacc plan``."""
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, cast
 
+import numpy as np
+
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import default_scale
-from robacc.api.inputs import load_grade_scale, load_poses, load_robot, optional
+from robacc.api.inputs import (
+    STDIN,
+    fitted_pose_warnings,
+    load_grade_scale,
+    load_poses,
+    load_robot,
+    load_text,
+    optional,
+    path_of,
+)
 from robacc.api.parameters import (
     BaseLink,
+    Campaign,
+    Confidence,
     Help,
+    IgnoreLimits,
     Ordered,
     PosesSource,
     RobotArgument,
     RobotSource,
+    Samples,
     Scale,
     Seed,
+    StrictRange,
     StrPath,
     TipLink,
     call,
     check_range,
     count_or_path,
+    length_and_angle,
+    masses,
     numbers,
 )
-from robacc.api.result import CsvResult, Provenance, fields_of, options_of, use_model
+from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import InputFile
-from robacc.documents.expected import PLAN
+from robacc.documents.envelope import InputFile, csv_text
+from robacc.documents.expected import PLAN, PREDICT
 from robacc.documents.gate import read_gate
+from robacc.documents.parts import rounded
 from robacc.errors import UsageError
+from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
@@ -55,10 +75,247 @@ from robacc.planning.candidates import (
 )
 from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
+from robacc.prediction import DEFAULT_SAMPLES
+from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
+from robacc.prediction.model_fit import model_fit
+from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
+from robacc.prediction.predicting import (
+    NORMAL,
+    Allocation,
+    Prediction,
+    allocate as allocate_tolerances,
+    configurations_of,
+    parse_tolerances,
+    predict_accuracy,
+    sampled_configurations,
+    step_limits,
+    uncertain_parameters,
+    warranty_map,
+)
 from robacc.programs.writing import SUFFIX, write_program
 from robacc.quantities import optional_size, size
 from robacc.render.views.expected import plan_comments
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Predicted(Result, Prediction):
+    """Predicted accuracy, with the inputs."""
+
+    command: ClassVar[str] = "predict"
+    robot: Robot
+    """Robot as its file describes it."""
+    allocation: Allocation | None
+    """Tolerances that would reach the requested grade."""
+    comparison: MeasuredComparison | None
+    """Comparison of the prediction with measured poses."""
+    coverage: tuple[Coverage, ...]
+    """Measured poses within the bounds of a model file; empty for predictions from tolerances."""
+    planned: Measurements | None
+    """Poses given for the prediction."""
+    measured: Measurements | None
+    """Measured poses that the prediction is compared with."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
+        fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
+        hint = None if self.comparison is None else self.comparison.hint
+        return (
+            *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
+            *fitted_pose_warnings(self.robot, against),
+            *(() if self.made.use is None else self.made.use.warnings),
+            *(() if fit is None else fit.warnings),
+            *(() if hint is None else (hint,)),
+        )
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        configurations, reached = self.configurations, self._reached()
+        return PREDICT.write(
+            self,
+            warranty_map=warranty_map(self, reached) if self.is_calibrated else None,
+            poses={
+                "label": list(configurations.labels),
+                "q": rounded(configurations.q),
+                "commanded_m": rounded(reached),
+            },
+        )
+
+    def _reached(self) -> Array:
+        """Return the positions ``(3, N)`` of the target, m."""
+        return build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n).translation
+
+    def per_pose_csv(self) -> str:
+        """Return a CSV with one row a configuration: joint variables and the prediction (m, rad, tool frame)."""
+        configurations = self.configurations
+        columns: dict[str, Iterable[Any] | None] = {"pose": configurations.labels}
+        columns |= dict(zip(self.robot.variable_names, configurations.q, strict=True))
+        for errors in (self.position, self.orientation):
+            unit = errors.unit
+            columns |= {f"rms_{unit}": errors.pose_rms, f"radius95_{unit}": errors.pose_radius95}
+            for i, j in zip(*np.triu_indices(3), strict=True):
+                columns[f"v_{'xyz'[i]}{'xyz'[j]}_{unit}2"] = errors.covariance[i, j]
+        return csv_text(columns)
+
+    def map_csv(self, voxel: str | float = "100mm") -> str:
+        """Return a CSV with a row for each voxel of the workspace: its errors, and the grade that it holds.
+
+        Args:
+            voxel: Edge of a voxel, m or text such as ``"100mm"``.
+
+        Raises:
+            UsageError: The edge is no length above zero.
+        """
+        edge = size(voxel, "length", "`voxel`")
+        if edge <= 0:
+            raise UsageError("`voxel`: expected a length above zero")
+        voxels = warranty_map(self, self._reached(), edge)
+        columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
+        for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
+            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
+        return csv_text({**columns, "grade": voxels.grades})
+
+
+@call
+def predict(
+    robot: RobotArgument,
+    *,
+    poses: Annotated[
+        PosesSource | Array | None,
+        Help(
+            "CSV of poses; the prediction is for their joints.",
+            "FILE",
+            "Or poses read before, or joint variables ``(J, N)``, rad or m.",
+            holds="measured poses",
+        ),
+    ] = None,
+    samples: Samples = None,
+    target: Annotated[
+        str | None, Help("Target of the sampled configurations, for a robot with several.", "NAME")
+    ] = None,
+    tolerances: Annotated[
+        StrPath | None, Help("Tolerance file (YAML); overrides the tolerances of the robot file.", "FILE")
+    ] = None,
+    scale: Scale = None,
+    allocate: Annotated[str | None, Help("Grade to find tolerances for.", "GRADE")] = None,
+    against: Annotated[
+        PosesSource | None,
+        Help("CSV of measured poses to compare the prediction with.", "FILE", holds="measured poses"),
+    ] = None,
+    align: Annotated[
+        str | Sequence[str],
+        Help("Frames to fit to the poses of `against` first: base_frame, tool_frame or both.", "FRAME,…"),
+    ] = (),
+    noise: Annotated[
+        str | Noise | None,
+        Help(
+            "Standard deviation of the measurement noise along and about an axis, such as 0.02mm,0.01deg.",
+            "P[,R]",
+            "Or ``(m, rad)``.",
+        ),
+    ] = None,
+    confidence: Confidence = 0.95,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
+) -> Predicted:
+    """Covariances, error budget and grade predicted from parameter tolerances, or from the fit of a model file.
+
+    The prediction is for the joints of ``poses``, else of ``against``, else for configurations over the joint ranges.
+    For a model file that ``write_model`` wrote, it is that of the calibrated arm: uncertainty of the coefficients,
+    repeatability and unexplained error. With ``tolerances``, it is that of arms made with these tolerances.
+
+    Returns:
+        The predicted covariances (m, rad), the budget and the grade, with the allocation and the comparison.
+
+    Raises:
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the robot.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.predict("configs/robots/puma560.yaml", samples=200)
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0].name}")
+        0.37 mm rms; largest contribution: j1.d
+    """
+    arguments = locals()
+    if poses is not None and samples is not None:
+        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
+    if against is not None and samples is not None:
+        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
+    for name, value in (("align", align or None), ("noise", noise)):
+        if value is not None and against is None:
+            raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
+    if target is not None and (poses is not None or against is not None):
+        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
+    if path_of(poses) == path_of(against) == STDIN:
+        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
+    noise_std = length_and_angle("noise", noise, "0.02mm,0.01deg")
+    if isinstance(poses, np.ndarray):
+        poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
+    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
+    read_tolerances, tolerance_record = optional(
+        load_text, tolerances, "tolerances", lambda text, name: parse_tolerances(text, name, arm)
+    )
+    grades, scale_record = load_grade_scale(scale)
+    grades = grades or default_scale()
+    if allocate is not None:
+        step_limits(grades, allocate)  # raises for an unknown grade before poses are read
+    # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
+    fit = model_fit(arm) if tolerances is None and allocate is None else None
+    toleranced, meaning = read_tolerances or (arm, NORMAL)
+    parameters = uncertain_parameters(toleranced) if fit is None else ()
+    reading = {"ordered": ordered, "ignore_limits": ignore_limits}
+    # A prediction needs joints only; poses to compare with are measured.
+    planned, planned_record = optional(load_poses, poses, arm, attained=False, **reading)
+    measured, measured_record = optional(load_poses, against, arm, kind="against", **reading)
+    used, used_record = (planned, planned_record) if measured is None else (measured, measured_record)
+    is_measured = measured is not None
+    use = use_model(arm, used, used_record, campaign=campaign, strict_range=strict_range, measured=is_measured)
+    arm = use.robot or arm
+    predicted = planned or measured
+    if predicted is not None:
+        configurations = configurations_of(arm, predicted)
+    else:
+        configurations = sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
+    if fit is None:
+        prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
+    else:
+        prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
+    aligned = effect_names(align)
+    comparison: MeasuredComparison | None = None
+    covered: tuple[Coverage, ...] = ()
+    if fit is not None and measured is not None:
+        covered = coverage(arm, fit, measured, seed, aligned, noise_std)
+    elif measured is not None:
+        comparison = compare_with_measured(
+            arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
+        )
+    options = options_of(
+        predict,
+        arguments,
+        samples=configurations.n if predicted is None else None,
+        align=list(aligned),
+        noise=list(noise) if isinstance(noise, tuple) else noise,
+    )
+    inputs = (arm_record, *tolerance_record, *scale_record, *planned_record, *measured_record)
+    return Predicted(
+        **fields_of(prediction),
+        robot=arm,
+        allocation=None if allocate is None else allocate_tolerances(arm, prediction, allocate),
+        comparison=comparison,
+        coverage=covered,
+        planned=planned,
+        measured=measured,
+        made=Provenance(options, inputs, seed, use),
+    )
+
 
 _MOST_PAYLOADS = 5
 _STATISTICS = ("rms", "mean_error", "p95", "max")
@@ -69,6 +326,7 @@ class Planned(CsvResult, CampaignPlan):
     """Planned poses and the expected result, with the inputs."""
 
     command: ClassVar[str] = "plan"
+    keys = PLAN
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
@@ -114,10 +372,6 @@ class Planned(CsvResult, CampaignPlan):
             name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
             for name, group in groups.items()
         }
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        return PLAN.write(self)
 
 
 @call
@@ -351,9 +605,9 @@ def _demands(
     demands: list[Demand] = []
     records: tuple[InputFile, ...] = ()
     if gate is not None:
-        loaded = read_gate(os.fspath(gate))
-        records = loaded.records
-        for criterion in loaded.gate.criteria:
+        loaded, _, gate_records = read_gate(os.fspath(gate))
+        records = tuple(gate_records)
+        for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
                 name = cast(Statistic, statistic)
@@ -377,11 +631,8 @@ def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:
     Raises:
         UsageError: There are too many, two are equal, or a mass is negative or not finite.
     """
-    masses = sorted(map(float, payloads))
-    for mass in masses:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`payload`: expected masses of at least 0 kg, found {mass:g}")
-    if len(set(masses)) < len(masses) or len(masses) > _MOST_PAYLOADS:
-        listed = ", ".join(f"{mass:g}" for mass in masses)
+    ordered = sorted(masses("payload", payloads))
+    if len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS:
+        listed = ", ".join(f"{mass:g}" for mass in ordered)
         raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
-    return tuple(masses)
+    return tuple(ordered)

@@ -1,4 +1,4 @@
-"""Calls of ``robacc compare`` and of ``compare --paired``."""
+"""Calls of ``robacc check``, ``robacc compare`` and ``robacc compare --paired``: results against others."""
 
 from __future__ import annotations
 
@@ -8,18 +8,62 @@ from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
-from robacc.api.estimate import estimate
+from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, load_grade_scale, load_optional_robot, load_poses, load_result, path_of
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of, options_of
-from robacc.comparison.comparing import ResultComparison
-from robacc.comparison.comparing import compare as compare_results
+from robacc.comparison.comparing import ResultComparison, compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import InputFile, StoredResult, understood
+from robacc.documents.gate import CHECK, read_gate
 from robacc.errors import InputError, Problem, UsageError
+from robacc.gates.evaluate import GateOutcome, evaluate_gate
 from robacc.prediction.model_fit import model_fit
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Checked(Result, GateOutcome):
+    """Outcome of a gate, with the result that was checked."""
+
+    command: ClassVar[str] = "check"
+    keys = CHECK
+    result: StoredResult
+
+
+@call
+def check(
+    result: Annotated[
+        StrPath | Result | StoredResult,
+        Help("Result of any command as JSON; - reads standard input.", "RESULT", "Or the result of a call."),
+    ],
+    gate: Annotated[StrPath, Help("Gate file (YAML) with the criteria.", "FILE")],
+) -> Checked:
+    """Check a result against a gate.
+
+    Returns:
+        ``outcome`` of the gate and of each criterion; ``exit_status`` of the command: 0 for pass, 4 for fail, 5 for
+        inconclusive.
+
+    Raises:
+        InputError: A file cannot be read, or the result is not what its command writes.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.estimate(
+        ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
+        ... )
+        >>> checked = robacc.check(result, "configs/gates/assembly.yaml")
+        >>> print(checked.outcome, checked.exit_status)
+        fail 4
+    """
+    loaded, baselines, records = read_gate(os.fspath(gate))
+    stored = load_result(result)
+    with understood(stored.name, stored.command):
+        outcome = evaluate_gate(loaded, stored.document, baselines)
+    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records), None))
+
 
 Source = StrPath | Result | StoredResult
 _START = 256

@@ -1,0 +1,363 @@
+"""Calls of ``robacc estimate``, ``robacc iso9283`` and ``robacc plan --for iso9283``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, TextIO
+
+import numpy as np
+
+from robacc.accuracy.estimation import (
+    EstimateResult,
+    commanded_poses,
+    estimate as estimate_errors,
+    moved_warning,
+    position_statistics,
+    registered_poses,
+)
+from robacc.api.inputs import (
+    STDIN,
+    fitted_pose_warnings,
+    load_grade_scale,
+    load_optional_robot,
+    load_poses,
+    load_robot,
+    path_of,
+    stated,
+    with_measured_targets,
+)
+from robacc.api.parameters import (
+    Angles,
+    Bag,
+    BaseLink,
+    Campaign,
+    Columns,
+    Commanded,
+    Confidence,
+    Coverage,
+    Help,
+    IgnoreLimits,
+    OptionalRobot,
+    Ordered,
+    Poses,
+    PosesSource,
+    RobotArgument,
+    Scale,
+    Seed,
+    Sheet,
+    SkipGaps,
+    StrictRange,
+    TipLink,
+    Units,
+    call,
+)
+from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.diagnostics.data_mistakes import other_arm
+from robacc.diagnostics.joint_readings import rounding_in_errors
+from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
+from robacc.documents.envelope import csv_text
+from robacc.documents.parts import pose_document
+from robacc.errors import Note, UsageError
+from robacc.iso_9283.cube import Proposal, planned_poses, propose
+from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
+from robacc.iso_9283.visits import Iso9283Result
+from robacc.measurements import Measurements, even_rows
+from robacc.poses.csv_file import pose_pieces
+from robacc.quantities import optional_size
+from robacc.render.views.accuracy import estimate_view
+from robacc.render.views.elements import draw
+from robacc.render.views.robot import proposal_comments, proposal_view
+from robacc.robots.description import Robot
+
+_MOST_ROWS = 5000
+"""Rows that show a step and a rounding well enough."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Estimate(Result, EstimateResult):
+    """Errors of the measured poses, their statistics and the grade, with the inputs."""
+
+    command: ClassVar[str] = "estimate"
+    robot: Robot | None
+    """Robot as its file describes it, before any alignment."""
+    data: Measurements
+    """The measured poses."""
+
+    def payload(self) -> dict[str, Any]:
+        """Return the result's own keys; arrays stay arrays."""
+        by_frame = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
+        poses = pose_document(self.data, self.data.position - by_frame["base"].errors)
+        return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
+
+    def draw(self, stream: TextIO, full: bool = False, poses: str | None = None, robot: str | None = None) -> None:
+        """Write one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
+        names = poses or self.named("poses"), robot or self.named("robot")
+        draw(estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short"), stream)
+
+    def per_pose_csv(self) -> str:
+        """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
+        columns: dict[str, Iterable[Any] | None] = {"line": map(self.data.line, range(self.data.n))}
+        columns |= {name: getattr(self.data, name) for name in ("pose", "cycle", "visit", "target")}
+        for prefix, unit, errors in (("d", "m", self.errors.position), ("r", "rad", self.errors.rotation)):
+            if errors is not None:
+                columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", errors, strict=True)}
+                columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", errors, errors))
+        return csv_text(columns)
+
+
+@call
+def estimate(
+    poses: Poses,
+    *,
+    robot: OptionalRobot = None,
+    align: Annotated[
+        str | Sequence[str] | None,
+        Help(
+            "Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
+            "FRAME,…",
+            "They are frames of `robot`, or without `robot` of the commanded poses. None fits them where the errors "
+            "without it are too large for an arm and those with it are not.",
+        ),
+    ] = None,
+    frame: Annotated[
+        Literal["tool", "base"] | None,
+        Help(
+            "Axes of the errors: tool of the commanded target, or base of the measuring frame.",
+            python="None is ``tool`` if the commanded orientation is known, else ``base``.",
+        ),
+    ] = None,
+    scale: Scale = None,
+    confidence: Confidence = 0.95,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    angles: Angles = None,
+    units: Units = None,
+    columns: Columns = None,
+    skip_gaps: SkipGaps = False,
+    coverage: Coverage = None,
+    sheet: Sheet = None,
+    commanded: Commanded = None,
+    bag: Bag = None,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
+) -> Estimate:
+    """Compute the Cartesian error at each measured pose, its covariances, and an accuracy grade.
+
+    With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
+    file or the arrays.
+
+    Returns:
+        Position and orientation statistics (m, rad), the errors themselves, and the grade.
+
+    Raises:
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the data.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.estimate(
+        ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", align=("base_frame", "tool_frame")
+        ... )
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms at {result.n_poses} poses, grade {result.grade.grade}")
+        0.49 mm rms at 60 poses, grade D
+        >>> result.errors.position.shape
+        (3, 60)
+    """
+    arguments = locals()
+    poses = stated(
+        poses, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
+        commanded=commanded, bag=bag,
+    )  # fmt: skip
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
+    aligned = None if align is None else effect_names(align)
+    # Only a fit of the tool finds the place of a target that the robot file lacks.
+    any_target = arm is not None and "tool_frame" in (aligned or ())
+    data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)
+    if arm is not None and any_target:
+        arm, data = with_measured_targets(arm, data)
+    if arm is not None and data.q is None and data.commanded_position is not None:
+        text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
+        arm, data = None, replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
+    use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
+    arm = use.robot
+    grades, scale_record = load_grade_scale(scale)
+    body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
+    fitted = fitted_pose_warnings(arm, (record,))
+    notes = (*body.notes, *(["the robot file was fitted to these same poses"] if fitted else []))
+    warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *use.warnings)
+    body = replace(body, notes=notes, warnings=warnings)
+    effects = list(body.alignment.effects if body.alignment else ())
+    options = options_of(estimate, arguments, align=effects, frame=body.errors.frame)
+    made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
+    return Estimate(**fields_of(body), robot=arm, data=data, made=made)
+
+
+def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
+    """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
+    rows = even_rows(data.n, _MOST_ROWS)
+    some, fitted = data.subset(rows), body.alignment
+    commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot).block(slice(None))[0]
+    error = some.position - commanded
+    moved = moved_warning(some, error)
+    if robot is None or data.q is None:
+        return moved
+    roundings = rounding_in_errors(fitted.robot if fitted else robot, some, error)
+    return (*other_arm(robot, some, commanded), *moved, *roundings)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Iso9283(Result, Iso9283Result):
+    """Pose criteria of ISO 9283, with the inputs."""
+
+    command: ClassVar[str] = "iso9283"
+    keys = ISO9283
+
+
+@call
+def iso9283(
+    *poses: Annotated[
+        PosesSource,
+        Help(
+            "Measured poses: CSV, export, workbook, Parquet or ROS bag, one per robot; - reads standard input.",
+            "POSES [POSES …]",
+            "Or poses read before.",
+            holds="measured poses",
+        ),
+    ],
+    robot: OptionalRobot = None,
+    align: Annotated[
+        str | Sequence[str],
+        Help(
+            "Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
+            "FRAME,…",
+            "They are frames of `robot`, or without `robot` of the commanded poses.",
+        ),
+    ] = (),
+    rated_load: Annotated[float | None, Help("Rated load of the robot, compared with payload_kg.", "KG")] = None,
+    drift_windows: Annotated[
+        int | None, Help("Number of windows of the run for drift; default: windows of ten visits.", "N")
+    ] = None,
+    confidence: Confidence = 0.95,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    campaign: Campaign = "auto",
+    strict_range: StrictRange = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+    seed: Seed = 0,
+) -> Iso9283:
+    """Compute the pose criteria of ISO 9283 from cycles of commanded poses, and check the standard's conditions.
+
+    With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
+    file or the arrays. If neither is known, the result has repeatability but no accuracy.
+
+    Returns:
+        Every criterion (m, rad) with its interval, or the reason for its absence, and the conditions of the protocol.
+
+    Raises:
+        InputError: A file or array cannot be used; with every problem.
+        UsageError: The arguments contradict each other or do not fit the data.
+
+    Example:
+        >>> import robacc
+        >>> result = robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml")
+        >>> print(f"RP {result.characteristic('RP').position.value * 1e6:.0f} um")
+        RP 74 um
+    """
+    arguments = locals()
+    if [path_of(source) for source in poses].count(STDIN) > 1:
+        raise UsageError("standard input can be read only once, but - is given more than once")
+    arm, arm_record = load_optional_robot(robot, base_link, tip_link, next(iter(poses), None))
+    loaded = [load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits) for source in poses]
+    records = [record for _, record in loaded]
+    uses = [use_model(arm, data, (r,), campaign=campaign, strict_range=strict_range) for data, r in loaded]
+    use = uses[0] if uses else use_model(arm, None, campaign=campaign)
+    arm = use.robot
+    aligned = effect_names(align)
+    body = evaluate_criteria(
+        [data for data, _ in loaded],
+        arm,
+        align=aligned,
+        confidence=confidence,
+        seed=seed,
+        windows=drift_windows,
+        rated_load=rated_load,
+    )
+    use_warnings = [warning for item in uses for warning in item.warnings]
+    body = replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records), *use_warnings))
+    options = options_of(iso9283, arguments, align=list(aligned))
+    return Iso9283(**fields_of(body), made=Provenance(options, (*records, *arm_record), seed, use))
+
+
+# Call of ``robacc plan --for iso9283``.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Iso9283Poses(CsvResult):
+    """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
+
+    command: ClassVar[str] = "iso9283-poses"
+    keys = ISO9283_POSES
+    proposal: Proposal
+    robot: Robot
+    cycles: int
+    payload_kg: float | None
+    warnings: tuple[str, ...] = ()
+
+    def csv_pieces(self) -> Iterator[str]:
+        """Yield the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""
+        yield from (f"# {line}\n" for line in proposal_comments(self.proposal, self.robot.name))
+        yield from pose_pieces(planned_poses(self.proposal, self.cycles, self.payload_kg), attained=False)
+
+    def draw(self, stream: TextIO) -> None:
+        """Write the cube, the commanded poses and the joints."""
+        draw(proposal_view(self.proposal, self.robot), stream)
+
+
+@call
+def iso9283_poses(
+    robot: RobotArgument,
+    *,
+    edge: Annotated[
+        float | str | None,
+        Help("Edge of the cube, such as 400mm; default: the largest preferred edge that fits.", "SIZE"),
+    ] = None,
+    plane: Annotated[
+        Literal["x+", "x-", "y+", "y-"] | None,
+        Help("Direction in which the plane rises; default: farthest from joint limits."),
+    ] = None,
+    orientation: Annotated[
+        Literal["down", "forward", "own", "free"] | None,
+        Help("Tool: down, forward, own (as at the centre) or free; default: the first that fits."),
+    ] = None,
+    cycles: Annotated[int, Help("Number of cycles through P1 to P5.", "N", least=1, most=10_000)] = 30,
+    payload: Annotated[float | None, Help("Payload to write as payload_kg.", "KG", least=0.0)] = None,
+    target: Annotated[str | None, Help("Target, for a robot with several.", "NAME")] = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Iso9283Poses:
+    """Plan the cube of ISO 9283 and its five poses for an arm.
+
+    Returns:
+        The cube, the commanded poses and joints, and the CSV of the cycles to drive.
+
+    Raises:
+        InputError: The robot cannot be used, or no cube fits.
+        UsageError: The robot has no such target, or the edge is not a length above zero.
+
+    Example:
+        >>> import robacc
+        >>> plan = robacc.iso9283_poses("sample_data/iso9283/robot.yaml", edge="400mm")
+        >>> f"{plan.proposal.edge * 1e3:.0f} mm, {plan.csv().count('P1,')} visits of P1"
+        '400 mm, 30 visits of P1'
+    """
+    arguments = locals()
+    arm, record = load_robot(robot, base_link, tip_link)
+    length = optional_size(edge, "length", "`edge`")
+    proposal = propose(arm, edge=length, plane=plane, orientation=orientation, target=target)
+    made = Provenance(options_of(iso9283_poses, arguments), (record,), None)
+    return Iso9283Poses(proposal=proposal, robot=arm, cycles=cycles, payload_kg=payload, made=made)

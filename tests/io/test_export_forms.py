@@ -63,6 +63,7 @@ def columns_of(c: Campaign) -> dict[str, np.ndarray]:
         **{"q": c.q, "deg": np.degrees(c.q), "deg_read": np.degrees(c.q) + 1e-3, "q_read": c.q + 1e-5},
         **{"m": c.position, "mm": c.position * MM, "cm": c.position * 100, "in": c.position / 0.0254},
         **{"xyzw": xyzw, "wxyz": np.roll(xyzw, 1, axis=1), "rotvec": c.turn.as_rotvec()},
+        **{"rotvec_deg": np.degrees(c.turn.as_rotvec()), "moving_deg": c.turn.as_euler("XYZ", degrees=True)},
         **{"zyx": c.turn.as_euler("ZYX"), "rpy_deg": c.turn.as_euler("xyz", degrees=True)},
         "matrix": c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9),
         **{"cmd_m": c.commanded, "cmd_mm": c.commanded * MM, "cmd_xyzw": c.commanded_turn.as_quat()},
@@ -247,6 +248,25 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
             LABVIEW + "X_Value\tJ1\tJ2\tJ3\tJ4\tJ5\tJ6\tTrk X\tTrk Y\tTrk Z\tComment", "seconds deg mm", sep="\t"
         )
     },
+    "radian_in_millimetres": {
+        "radian.csv": Text(
+            "API Radian Pro\nSerial No,40123\nTemperature,20.1,C\n\nNo.,Name,X(mm),Y(mm),Z(mm),RMS X,RMS Y,RMS Z,Time",
+            *("mm", "{0},p{0}", ",", "0.002,0.002,0.003,09:00:07.120"),
+        ),
+        **DEGREES,
+    },
+    "robotstudio": {
+        "signals.csv": Text(
+            ";".join(
+                (
+                    "Time (s)",
+                    *(f"System1\\ROB_1\\J{i} (deg)" for i in range(1, 7)),
+                    *(f"System1\\ROB_1\\TCP {axis} (mm)" for axis in "XYZ"),
+                )
+            ),
+            *("deg mm", "{0}.0"),
+        )
+    },
     "pendant": {"ur.txt": Text("base shoulder elbow wrist1 wrist2 wrist3 tx ty tz", "q m", sep=" ")},
     "matlab_table": {"run.csv": Text("t,q_1,q_2,q_3,q_4,q_5,q_6,p_1,p_2,p_3", "seconds q m", sep=",")},
     "centimetres": {"cm.csv": Text(f"{JOINTS};X;Y;Z", "deg cm")},
@@ -306,6 +326,73 @@ TABLES_OF_POSES: dict[str, dict[str, Text]] = {
     "trajectories": {
         "m.tum": Text("", "count m xyzw", sep=" "),
         "c.tum": Text("", "count cmd_m cmd_xyzw", sep=" "),
+    },
+    "spatial_analyzer": {
+        "points.csv": Text(
+            '"Collection","Object","X","Y","Z","Rx","Ry","Rz"\n"","","(mm)","(mm)","(mm)","(deg)","(deg)","(deg)"',
+            *("mm rpy_deg", '"A","p{0}"', ","),
+        ),
+        **DEGREES,
+    },
+    "merged_cells": {
+        "take.csv": Text(
+            "Take 7\n;Position;;;Rotation;;;\nPunkt;X [m];Y [m];Z [m];X;Y;Z;W", "m xyzw", "p{0}", comma=True
+        ),
+        **DEGREES,
+    },
+    "vicon_rotation_vector": {
+        "segments.csv": Text(
+            "Segments\n100\n,,Tool:Tool,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,deg,deg,deg,mm,mm,mm",
+            *("rotvec_deg mm", "{0},0", ","),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "ndi": {
+        "port.csv": Text(
+            "Tools,Port 1,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers",
+            *("wxyz mm", "1,344,{0},1,OK", ",", "0.05,4"),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "motive_in_groups": {
+        "take.csv": Text(
+            "Format Version,1.23,Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global\n"
+            f"\n,{',Rigid Body' * 8}\n,{',SMR' * 8}\n,{',Rotation' * 4}{',Position' * 3},Mean Marker Error\n"
+            "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+            *("xyzw m", "{0},{0}.5", ",", "0.0001"),
+        ),
+        **DEGREES,
+    },
+    "motive_in_millimetres": {
+        "take.csv": Text(
+            "Format Version,1.23,Rotation Type,Quaternion,Length Units,Millimeters,Coordinate Space,Global\n"
+            f"\n,Type{',Rigid Body' * 8}\n,Name{',Tool' * 8}\n,ID{',8E1C00FF' * 8}\n\n"
+            f",{',Rotation' * 4}{',Position' * 3},Mean Marker Error\nFrame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+            *("seconds xyzw mm", "{0}", ",", "0.0002"),
+        ),
+        **DEGREES,
+    },
+    "qualisys_moving_axes": {
+        "qtm6d.tsv": Text(
+            "NO_OF_FRAMES\t60\nNO_OF_CAMERAS\t8\nNO_OF_BODIES\t1\nFREQUENCY\t100\nDESCRIPTION\t--\n"
+            "TIME_STAMP\t2026-11-20, 10:47:17\t22107.99179716\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n"
+            "Frame\tTime\tTool X\tY\tZ\tRoll\tPitch\tYaw\tResidual\tRot[0]\tRot[1]",
+            *("seconds mm moving_deg", "{0}", "\t", "0.21\t1.0\t0.0"),
+        ),
+        **DEGREES,
+    },
+    "rostopic": {
+        "pose.csv": Text(
+            ",".join(
+                [
+                    *("%time", "field.header.seq", "field.header.frame_id"),
+                    *(f"field.pose.position.{axis}" for axis in "xyz"),
+                    *(f"field.pose.orientation.{axis}" for axis in "xyzw"),
+                ]
+            ),
+            *("m xyzw", "17636356{0:02d}123456789,{0},tracker", ","),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
     },
     "open_cv": {
         "aruco.csv": Text(

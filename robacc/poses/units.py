@@ -106,7 +106,7 @@ def central_range(values: Array) -> Array:
     """Return the range ``(C,)`` of the middle 90 % of each row of ``(C, N)``, which outliers do not change."""
     last = values.shape[1] - 1
     limits = np.array([interpolated(row, (0.05 * last, 0.95 * last)) for row in values])
-    return np.subtract(limits[:, 1], limits[:, 0])
+    return np.asarray(limits[:, 1] - limits[:, 0])
 
 
 def thousandfold(first: Array, second: Array) -> float | None:

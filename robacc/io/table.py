@@ -341,9 +341,7 @@ class TextTable(Table):
                 )
         except ValueError:
             return None
-        values = np.empty((len(numbers), table.size))
-        for row, i in zip(values, numbers, strict=True):
-            row[:] = table[f"f{i}"]
+        values = np.array([table[f"f{i}"] for i in numbers], dtype=float).reshape(len(numbers), table.size)
         columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
         sizes = [len(text) for column in columns for text in column]
         if not np.isfinite(values).all() or not 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT:
@@ -362,11 +360,8 @@ class TextTable(Table):
             if fields is None or self._is_lost(place, fields, numbers, texts):
                 continue
             values.append([self._number(fields[i], place, i) for i in numbers])
-            is_empty = [i in self.sparse and not fields[i] for i in texts]
-            columns.append(
-                ["" if empty else self.text(fields[i], place, self.labels[i])
-                 for i, empty in zip(texts, is_empty, strict=True)]
-            )  # fmt: skip
+            filled = [i for i in texts if fields[i] or i not in self.sparse]
+            columns.append([self.text(fields[i], place, self.labels[i]) if i in filled else "" for i in texts])
             kept.append(place)
         table = np.array(values, dtype=float).reshape(len(kept), len(numbers))
         arrays = [np.array([row[i] for row in columns], dtype=str) for i in range(len(texts))]

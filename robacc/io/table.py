@@ -12,6 +12,8 @@ import csv
 import hashlib
 import itertools
 import math
+import os
+import stat
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -173,6 +175,11 @@ class TextTable(Table):
         """
         self.file, self._stream, self._encoding = file, stream, "UTF-8"
         self._digest, self._ends_with_line = hashlib.sha256(), True
+        self._size = 0
+        """Bytes of the file; 0 where they are not known."""
+        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
+            status = os.fstat(stream.fileno())
+            self._size = status.st_size if stat.S_ISREG(status.st_mode) else 0
         self._not_text: list[tuple[str, int]] = []
         """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
         self._has_grouped = False
@@ -274,9 +281,10 @@ class TextTable(Table):
             part = self._parsed(first, lines, numbers, texts)
             start, size = size, size + part.lines.size
             if size > table.shape[1]:
-                # Pages that are never written cost nothing, while joining parts at the end of the file would touch all
-                # of the memory twice.
-                larger = np.empty((len(numbers), 2 * size))
+                # The table grows to the size that the share read suggests. Pages that are never written cost nothing,
+                # while joining parts at the end of the file would touch all of the memory twice.
+                share = self._stream.tell() / self._size if self._size else 0.5
+                larger = np.empty((len(numbers), max(int(size / share * 1.02), size)))
                 larger[:, :start] = table[:, :start]
                 table = larger
             table[:, start:size] = part.numbers

@@ -25,12 +25,15 @@ settings.load_profile("repeatable")
 
 @pytest.fixture
 def read(tmp_path: Path) -> Reader:
-    """Reads text or bytes as a file called poses.csv."""
+    """Reads text or bytes as a file called poses.csv, with statements such as ``units`` and options of the reader."""
     from robacc.poses.csv_file import read_poses
+    from robacc.poses.reading import PoseFile
 
     def reader(text: str | bytes, **options: Any) -> Measurements:
         path = tmp_path / "poses.csv"
         path.write_bytes(text.encode() if isinstance(text, str) else text)
-        return read_poses(path, **options)
+        named = ("angles", "units", "columns", "skip_gaps", "coverage")
+        stated = {name: options.pop(name) for name in named if name in options}
+        return read_poses(PoseFile(path, **stated), **options)
 
     return reader

@@ -210,7 +210,7 @@ def correct(
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
     """
     from robacc.api.correct import correct_program
-    from robacc.io.files import write_bytes
+    from robacc.io.files import write_pieces
     from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.reading import is_program
     from robacc.render.views.expected import correction_text
@@ -233,7 +233,7 @@ def correct(
         options = {name: given[name] for name in given if name not in ("targets", "frame", "base_link", "tip_link")}
         program = correct_program(targets, frames=frames or [], **options)
         with warnings_below(program.warnings):
-            write_bytes(output, program.data)
+            write_pieces(output, (program.data,))
             parts = [part.payload() for part in program.corrections]
             draw(correction_text(parts, len(program.program.targets), (targets, model), output), sys.stdout)
             sys.stdout.flush()
@@ -538,7 +538,7 @@ def report(
 def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
     """Write a chart of the one result; without a kind the main chart, and a note of others."""
     from robacc.documents.envelope import read_result, understood
-    from robacc.io.files import write_bytes
+    from robacc.io.files import write_pieces
     from robacc.render.plots.canvas import as_file, need
     from robacc.render.plots.results import chart_of, charts_of, kinds_of
 
@@ -552,7 +552,7 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     with understood(stored.name, stored.command):
         chart = chart_of(stored.document, kind, number)
         image = as_file(chart, form.removeprefix("."))
-    write_bytes(output, image)
+    write_pieces(output, (image,))
     if not kind:
         others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
         say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `chart`: {others}")])

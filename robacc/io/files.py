@@ -204,33 +204,8 @@ def make_folder(path: str | os.PathLike[str]) -> None:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as UTF-8, completely or not at all: to a file beside ``path`` that then replaces it.
-
-    A link is followed, and an existing file keeps its permissions. A pipe or a terminal is written to directly; ``-``
-    is standard output.
-
-    Raises:
-        InputError: The folder does not exist, or the folder or the file is not writable.
-    """
-    _write(path, (text.encode(),))
-
-
-def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str]) -> None:
-    """Write text in pieces as :func:`write_text` does, without all of it in memory at once.
-
-    Raises:
-        InputError: The folder does not exist, or the folder or the file is not writable.
-    """
-    _write(path, (piece.encode() for piece in pieces))
-
-
-def write_bytes(path: str | os.PathLike[str], data: bytes) -> None:
-    """Write ``data`` as :func:`write_text` writes text.
-
-    Raises:
-        InputError: The folder does not exist, or the folder or the file is not writable.
-    """
-    _write(path, (data,))
+    """Write ``text`` as :func:`write_pieces` does."""
+    write_pieces(path, (text,))
 
 
 def target_of(path: str | os.PathLike[str]) -> Path:
@@ -255,10 +230,18 @@ def target_of(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
-    name = os.fspath(path)
+def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str | bytes]) -> None:
+    """Write text as UTF-8 or bytes, completely or not at all: to a file beside ``path`` that then replaces it.
+
+    A link is followed, and an existing file keeps its permissions. A pipe or a terminal is written to directly; ``-``
+    is standard output.
+
+    Raises:
+        InputError: The folder does not exist, or the folder or the file is not writable.
+    """
+    name, data = os.fspath(path), (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
     if name == STANDARD_STREAM:
-        for piece in pieces:
+        for piece in data:
             sys.stdout.write(piece.decode())
         sys.stdout.flush()
         return
@@ -267,9 +250,9 @@ def _write(path: str | os.PathLike[str], pieces: Iterable[bytes]) -> None:
     try:
         if target.exists() and not target.is_file():
             with target.open("wb") as stream:
-                stream.writelines(pieces)
+                stream.writelines(data)
         else:
-            _replace(target, pieces)
+            _replace(target, data)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
 

@@ -150,91 +150,8 @@ _NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
 """Bytes that Windows-1252 leaves open."""
 
 
-class Block(NamedTuple):
-    """Complete lines of the file, without their line ends."""
-
-    lines: list[str]
-    first: int
-    """1-based number of the first line."""
-
-
-class LineReader:
-    """Reader of UTF-8 lines with any line end; it counts lines and computes the digest of the bytes."""
-
-    def __init__(self, stream: BinaryIO, file: str) -> None:
-        """Read ``stream``; ``file`` is its name in errors."""
-        self._stream, self._file = stream, file
-        self.encoding = "UTF-8"
-        """Windows-1252 where a line is not UTF-8."""
-        self.not_text: list[tuple[str, int]] = []
-        """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
-        self.digest = hashlib.sha256()
-        """Of the bytes read so far."""
-        self.share_read = 0.5
-        """Share of the file that has been read, above 0 and up to 1; 0.5 where the file size is unknown."""
-        self.ends_with_line = True
-        """Whether the bytes read so far end with the end of a line."""
-
-    def blocks(self) -> Iterator[Block]:
-        """Yield blocks of complete lines.
-
-        Raises:
-            InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
-        """
-        number, consumed, size = 1, 0, 0
-        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
-            status = os.fstat(self._stream.fileno())
-            size = status.st_size if stat.S_ISREG(status.st_mode) else 0
-        while data := self._stream.read(_BLOCK):
-            tail = b"" if data.endswith(b"\n") else self._stream.readline(_TAIL)
-            data += tail
-            if data.startswith(_UTF16) and number == 1:
-                self.encoding = "UTF-16"
-                data += self._stream.read(_UTF16_LIMIT)
-            self.digest.update(data)
-            consumed += len(data)
-            self.share_read = min(consumed / size, 1.0) if size else 0.5
-            self.ends_with_line = data.endswith((b"\n", b"\r"))
-            lines = self._lines(data, number)
-            # Only a line with much behind the block can be too long, or have no end at all.
-            too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
-            if len(tail) == _TAIL and not tail.endswith(b"\n"):
-                too_long.append(number + len(lines) - 1)
-            if too_long:
-                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-                raise InputError(Problem(message, self._file, too_long[0], fix="expected one line per pose"))
-            yield Block(lines, number)
-            number += len(lines)
-
-    def _lines(self, data: bytes, number: int) -> list[str]:
-        """Return the lines of bytes, the first of which has this number."""
-        if self.encoding == "UTF-16":
-            if len(data) > _UTF16_LIMIT:
-                raise InputError(Problem("the UTF-16 file is too large", self._file, fix="save it as UTF-8"))
-            with contextlib.suppress(UnicodeDecodeError):
-                data = data.decode("utf-16").encode(errors="replace")
-        if b"\0" in data or (number == 1 and data.startswith(_UTF16)):
-            raise InputError(
-                Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self._file, fix="save it as UTF-8")
-            )
-        data = data.removeprefix(_BOM) if number == 1 else data
-        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
-        try:
-            lines = data.decode().split("\n")
-        except UnicodeDecodeError:
-            lines = [self._decoded(line, i) for i, line in enumerate(data.split(b"\n"), number)]
-        return lines if lines[-1] else lines[:-1]  # nothing follows the last line's end
-
-    def _decoded(self, line: bytes, number: int) -> str:
-        try:
-            return line.decode()
-        except UnicodeDecodeError as error:
-            self.encoding = "Windows-1252"
-            if len(self.not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
-                message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
-                self.not_text.append((message, number))
-            return line.decode("cp1252", errors="replace")
-
+Block = tuple[int, list[str]]
+"""1-based number of the first line, and complete lines of the file without their ends."""
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
 _LAST_ROWS = 1000
@@ -248,7 +165,7 @@ _FAILED = frozenset(
 
 
 class TextTable(Table):
-    """Table in a text file, or in the text of a workbook's sheet."""
+    """Table in a text file, or in the text of a workbook's sheet: UTF-8 with any line end, or Windows-1252."""
 
     def __init__(self, stream: BinaryIO, file: str, options: TableOptions, counted: Counted = "line") -> None:
         """Read the names of the columns.
@@ -256,108 +173,162 @@ class TextTable(Table):
         Raises:
             InputError: The file has no names, or cannot be a table.
         """
-        self._reader = LineReader(stream, file)
-        self._blocks = self._reader.blocks()
-        first = next((block for block in self._blocks if any(map(PLAIN.is_row, block.lines))), None)
-        if first is None:
-            raise InputError(
-                Problem("the file is empty", file, fix="expected a header row of column names and one row per pose")
-            )
-        self.dialect = dialect = find_dialect(first.lines, options.is_known)
-        row = dialect.first_row
-        number = first.first + (row if dialect.header_line is None else dialect.header_line)
-        names: Sequence[str] = dialect.names
-        if dialect.is_documented:
-            names = _documented_names(first.lines[row - 1], number, file)
-        elif not names:
-            names = [f"column {i + 1}" for i in range(len(dialect.split(first.lines[row])))]
-        super().__init__(file, names, number, counted, options.skip_gaps)
-        self._pending = Block(first.lines[row:], first.first + row)
-        self._repeats = False
-        """Whether the names stand above each block of rows, with other text above them."""
-        with contextlib.suppress(csv.Error):  # the row is reported when it is read
-            lines = [*filter(dialect.is_row, self._pending.lines)]
-            self.cell_units = units_of_columns(map(dialect.split, lines))
-            self._repeats = any(
-                not any(map(dialect.is_number, dialect.split(above)))
-                for above, line in itertools.pairwise(lines)
-                if self.names[0] in line and tuple(dialect.split(line)) == self.names
-            )
-        self.log.remarks.append(dialect.description())
+        self.file, self._stream, self._encoding = file, stream, "UTF-8"
+        self._digest, self._ends_with_line = hashlib.sha256(), True
+        self._size = 0
+        """Bytes of the file; 0 where they are not known."""
+        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
+            status = os.fstat(stream.fileno())
+            self._size = status.st_size if stat.S_ISREG(status.st_mode) else 0
+        self._not_text: list[tuple[str, int]] = []
+        """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
         self._has_grouped = False
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
+        self._blocks = self._read_blocks()
+        start, lines = next((block for block in self._blocks if any(map(PLAIN.is_row, block[1]))), (0, []))
+        if not lines:
+            raise InputError(
+                Problem("the file is empty", file, fix="expected a header row of column names and one row per pose")
+            )
+        self.dialect = dialect = find_dialect(lines, options.is_known)
+        row = dialect.first_row
+        number = start + (row if dialect.header_line is None else dialect.header_line)
+        if dialect.is_documented:
+            names: Sequence[str] = _documented_names(lines[row - 1], number, file)
+        else:
+            names = dialect.names or [f"column {i + 1}" for i in range(len(dialect.fields(lines[row])))]
+        super().__init__(file, names, number, counted, options.skip_gaps)
+        self._pending: Block = start + row, lines[row:]
+        grid = [dialect.fields(line) for line in lines[row:] if dialect.is_row(line)]
+        self.cell_units = units_of_columns(grid)
+        self._repeats = any(
+            tuple(fields) == self.names and above and not any(map(dialect.is_number, above))
+            for above, fields in itertools.pairwise(grid)
+        )
+        """Whether the names stand above each block of rows, with other text above them."""
+        self.log.remarks.append(dialect.description())
+
+    def _read_blocks(self) -> Iterator[Block]:
+        """Yield blocks of complete lines.
+
+        Raises:
+            InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
+        """
+        number = 1
+        while data := self._stream.read(_BLOCK):
+            tail = b"" if data.endswith(b"\n") else self._stream.readline(_TAIL)
+            data += tail
+            if number == 1 and data.startswith(_UTF16):
+                self._encoding = "UTF-16"
+                data += self._stream.read(_UTF16_LIMIT)
+            self._digest.update(data)
+            self._ends_with_line = data.endswith((b"\n", b"\r"))
+            lines = self._lines(data, number)
+            # Only a line with much behind the block can be too long, or have no end at all.
+            too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
+            if len(tail) == _TAIL and not tail.endswith(b"\n"):
+                too_long.append(number + len(lines) - 1)
+            if too_long:
+                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
+                raise InputError(Problem(message, self.file, too_long[0], fix="expected one line per pose"))
+            yield number, lines
+            number += len(lines)
+
+    def _lines(self, data: bytes, number: int) -> list[str]:
+        """Return the lines of bytes, the first of which has this number."""
+        if self._encoding == "UTF-16":
+            if len(data) > _UTF16_LIMIT:
+                raise InputError(Problem("the UTF-16 file is too large", self.file, fix="save it as UTF-8"))
+            with contextlib.suppress(UnicodeDecodeError):
+                data = data.decode("utf-16").encode(errors="replace")
+        if b"\0" in data or (number == 1 and data.startswith(_UTF16)):
+            raise InputError(
+                Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
+            )
+        data = data.removeprefix(_BOM) if number == 1 else data
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
+        try:
+            lines = data.decode().split("\n")
+        except UnicodeDecodeError:
+            lines = [self._decoded(line, i) for i, line in enumerate(data.split(b"\n"), number)]
+        return lines if lines[-1] else lines[:-1]  # nothing follows the last line's end
+
+    def _decoded(self, line: bytes, number: int) -> str:
+        try:
+            return line.decode()
+        except UnicodeDecodeError as error:
+            self._encoding = "Windows-1252"
+            if len(self._not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
+                message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
+                self._not_text.append((message, number))
+            return line.decode("cp1252", errors="replace")
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         table, size, below = np.empty((len(numbers), 0)), 0, ""
         places, columns = [np.empty(0, np.int64)], [[np.empty(0, str)] for _ in texts]
         last: list[str] = []
-        for block, following in itertools.pairwise(itertools.chain([self._pending], self._blocks, [Block([], 0)])):
-            if not following.lines and self._reader.ends_with_line:  # else a row was cut off
-                block, below = self._without_footer(block)
-            part = self._parsed(block, numbers, texts)
+        blocks = itertools.chain([self._pending], self._blocks, [(0, [])])
+        for (first, lines), (_, following) in itertools.pairwise(blocks):
+            if not following and self._ends_with_line:  # else a row was cut off
+                end = len(lines)
+                while end > 1 and self.dialect.is_footer(lines[end - 1], len(self.labels)):
+                    end -= 1
+                footer = (line.strip(" \t,;|") for line in lines[end:])
+                lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
+            part = self._parsed(first, lines, numbers, texts)
             start, size = size, size + part.lines.size
             if size > table.shape[1]:
                 # The table grows to the size that the share read suggests. Pages that are never written cost nothing,
                 # while joining parts at the end of the file would touch all of the memory twice.
-                larger = np.empty((len(numbers), max(int(size / self._reader.share_read * 1.02), size)))
+                share = self._stream.tell() / self._size if self._size else 0.5
+                larger = np.empty((len(numbers), max(int(size / share * 1.02), size)))
                 larger[:, :start] = table[:, :start]
                 table = larger
             table[:, start:size] = part.numbers
             places.append(part.lines)
             for column, values in zip(columns, part.texts, strict=True):
                 column.append(values)
-            last = [*last, *block.lines][-_LAST_ROWS:]
+            last = [*last, *lines][-_LAST_ROWS:]
         self._report_widths(body_rows=size)
-        for message, line in self._reader.not_text if self.dialect.is_documented else ():
+        for message, line in self._not_text if self.dialect.is_documented else ():
             self.log.add(message, line, fix="save the file as UTF-8")
-        if cut := self._cut(last):
-            self.log.warn(cut, of_file=True)
-        encoding = self._reader.encoding
+        self._warn_of_cut(last)
         self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
-            "" if encoding == "UTF-8" else encoding,
+            "" if self._encoding == "UTF-8" else self._encoding,
             f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
             f"not read below the table: {below}" if below else "",
         ]
-        self.sha256 = self.sha256 or self._reader.digest.hexdigest()
+        self.sha256 = self.sha256 or self._digest.hexdigest()
         body = TableBody(table[:, :size], [*map(np.concatenate, columns)], np.concatenate(places))
         return body.without(self.log.gaps)
 
-    def _cut(self, lines: list[str]) -> str:
-        """Return a warning of a last row without a line end whose last number has fewer decimals than those above."""
+    def _warn_of_cut(self, lines: list[str]) -> None:
+        """Warn of a last row without a line end whose last number has fewer decimals than those above."""
         cells = [self.dialect.split(line)[-1] for line in lines if self.dialect.is_row(line) and '"' not in line]
         sign = "," if self.dialect.decimal_comma else "."
         *above, last = [len(cell.partition(sign)[2]) for cell in cells] or [0]
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
-        if self._reader.ends_with_line or not is_number or len(above) < _FEWEST_ROWS or last >= min(above):
-            return ""
-        return f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, delete its line"
+        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and last < min(above):
+            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
+            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
 
-    def _without_footer(self, block: Block) -> tuple[Block, str]:
-        """Return the last block without the lines below the table, and these."""
-        end = len(block.lines)
-        while end > 1 and self.dialect.is_footer(block.lines[end - 1], len(self.labels)):
-            end -= 1
-        below = (line.strip(" \t,;|") for line in block.lines[end:])
-        return Block(block.lines[:end], block.first), ", ".join(map(clip, filter(self.dialect.is_row, below)))
-
-    def _parsed(self, block: Block, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        lines, rows = block.lines, np.arange(len(block.lines), dtype=np.int64)
-        parsed = self._parse_fast(lines, numbers, texts)
-        if parsed is None or parsed[0].shape[1] < len(lines):
-            rows = np.array([i for i, line in enumerate(lines) if self.dialect.is_row(line)], dtype=np.int64)
-            lines = [lines[i] for i in rows]
-            parsed = self._parse_fast(lines, numbers, texts) if len(lines) < len(block.lines) else None
-        if parsed is None:
-            return self._parse_fields(lines, rows + block.first, numbers, texts)
-        return TableBody(*parsed, rows + block.first)
+    def _parsed(self, first: int, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
+        """Return the rows among lines, of which the first has the number ``first``."""
+        rows = np.arange(first, first + len(lines), dtype=np.int64)
+        parsed = self._parse_fast(lines, rows, numbers, texts)
+        if parsed is None or parsed.lines.size < rows.size:
+            rows = rows[[self.dialect.is_row(line) for line in lines]]
+            lines = [lines[i - first] for i in rows]
+            parsed = self._parse_fast(lines, rows, numbers, texts) or self._parse_fields(lines, rows, numbers, texts)
+        return parsed
 
     def _parse_fast(
-        self, lines: list[str], numbers: Sequence[int], texts: Sequence[int]
-    ) -> tuple[Array, list[NDArray[np.str_]]] | None:
+        self, lines: list[str], rows: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
+    ) -> TableBody | None:
         """Return the columns of rows parsed by NumPy; None where it cannot, or a value is empty or not finite."""
         dialect = self.dialect
         quotes = (texts or not dialect.is_documented) and any('"' in line for line in lines)
@@ -378,14 +349,12 @@ class TextTable(Table):
                 )
         except ValueError:
             return None
-        values = np.empty((len(numbers), table.size))
-        for row, i in zip(values, numbers, strict=True):
-            row[:] = table[f"f{i}"]
+        values = np.array([table[f"f{i}"] for i in numbers], dtype=float).reshape(len(numbers), table.size)
         columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
         sizes = [len(text) for column in columns for text in column]
         if not np.isfinite(values).all() or not 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT:
             return None
-        return values, [np.array(column, dtype=str) for column in columns]
+        return TableBody(values, [np.array(column, dtype=str) for column in columns], rows[: table.size])
 
     def _parse_fields(
         self, lines: list[str], places: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
@@ -399,11 +368,8 @@ class TextTable(Table):
             if fields is None or self._is_lost(place, fields, numbers, texts):
                 continue
             values.append([self._number(fields[i], place, i) for i in numbers])
-            is_empty = [i in self.sparse and not fields[i] for i in texts]
-            columns.append(
-                ["" if empty else self.text(fields[i], place, self.labels[i])
-                 for i, empty in zip(texts, is_empty, strict=True)]
-            )  # fmt: skip
+            filled = [i for i in texts if fields[i] or i not in self.sparse]
+            columns.append([self.text(fields[i], place, self.labels[i]) if i in filled else "" for i in texts])
             kept.append(place)
         table = np.array(values, dtype=float).reshape(len(kept), len(numbers))
         arrays = [np.array([row[i] for row in columns], dtype=str) for i in range(len(texts))]

@@ -106,20 +106,16 @@ def central_range(values: Array) -> Array:
     """Return the range ``(C,)`` of the middle 90 % of each row of ``(C, N)``, which outliers do not change."""
     last = values.shape[1] - 1
     limits = np.array([interpolated(row, (0.05 * last, 0.95 * last)) for row in values])
-    result: Array = limits[:, 1] - limits[:, 0]
-    return result
+    return np.asarray(limits[:, 1] - limits[:, 0])
 
 
 def thousandfold(first: Array, second: Array) -> float | None:
     """Return the ratio of the ranges of ``first`` and ``second`` ``(3, N)`` where it is about 1000 or 0.001."""
-    first_range, second_range = float(np.max(central_range(first))), float(np.max(central_range(second)))
-    if max(first_range, second_range) < SMALL_RANGE or min(first_range, second_range) <= 0:
-        return None
-    ratio = first_range / second_range
+    ranges = [float(np.max(central_range(positions))) for positions in (first, second)]
+    low, high = sorted(ranges)
     # The smaller of the two must be motion: 0.3 mm of scatter about one commanded pose is not another unit.
-    if _THOUSAND[0] < ratio < _THOUSAND[1] and second_range * 1000 > SMALL_RANGE:
-        return ratio
-    return ratio if _THOUSAND[0] < 1 / ratio < _THOUSAND[1] and first_range * 1000 > SMALL_RANGE else None
+    is_motion = high >= SMALL_RANGE and low * 1000 > SMALL_RANGE
+    return ranges[0] / ranges[1] if is_motion and _THOUSAND[0] < high / low < _THOUSAND[1] else None
 
 
 def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
@@ -143,22 +139,18 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
     Raises:
         InputError: The positions are about 1000 times too large or too small.
     """
-    ratio = thousandfold(position, nominal)
-    if ratio is None:
+    if (ratio := thousandfold(position, nominal)) is None:
         return
-    measured_range, nominal_range = float(np.max(central_range(position))), float(np.max(central_range(nominal)))
-    if ratio > 1:
-        times = f"{ratio:.0f} times as far as"
-        fix = "if they are in mm, name the columns x_mm, y_mm, z_mm or give `units`; or correct the robot file's units"
-    else:
-        times = f"{1 / ratio:.0f} times less than"
-        fix = "if they are in m, name the columns x, y, z or give `units`; or correct the robot file's units"
+    measured_range, nominal_range = (float(np.max(central_range(p))) for p in (position, nominal))
+    times, unit, names = f"{ratio:.0f} times as far as", "mm", "x_mm, y_mm, z_mm"
+    if ratio < 1:
+        times, unit, names = f"{1 / ratio:.0f} times less than", "m", "x, y, z"
     raise InputError(
         Problem(
             f"the positions spread over {measured_range:.4g} m, {times} the robot moved ({nominal_range:.4g} m)",
             file,
             column="x, y, z",
-            fix=fix,
+            fix=f"if they are in {unit}, name the columns {names} or give `units`; or correct the robot file's units",
         )
     )
 

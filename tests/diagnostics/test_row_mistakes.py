@@ -25,6 +25,12 @@ def data(order: np.ndarray | None = None) -> Measurements:
     return Measurements(position=position if order is None else position[:, order], q=q)
 
 
+def reordered(rows: list[int], there: list[int]) -> np.ndarray:
+    order = np.arange(N)
+    order[rows] = there
+    return order
+
+
 @pytest.mark.parametrize(
     ("rows", "there", "text"),
     [
@@ -37,17 +43,13 @@ def data(order: np.ndarray | None = None) -> Measurements:
     ],
 )
 def test_a_few_rows_elsewhere_are_named_and_the_others_used(rows: list[int], there: list[int], text: str) -> None:
-    order = np.arange(N)
-    order[rows] = there
-    (warning,) = check_data(arm.robot(), data(order))
+    (warning,) = check_data(arm.robot(), data(reordered(rows, there)))
     assert warning.startswith(text)
 
 
 def test_many_exchanged_rows_are_refused() -> None:
-    order = np.arange(N)
-    order[[3, 50, 11, 40]] = 50, 3, 40, 11
     with pytest.raises(InputError, match=r"^lines 4, 51; 12, 41: the measured poses seem to be exchanged"):
-        check_data(arm.robot(), data(order))
+        check_data(arm.robot(), data(reordered([3, 50, 11, 40], [50, 3, 40, 11])))
 
 
 def test_exchanged_names_of_targets() -> None:
@@ -65,10 +67,9 @@ def test_exchanged_names_of_targets() -> None:
 
 @pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2), (10, 55, 1)])
 def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
-    order = np.arange(N)
-    order[first:end] = np.roll(order[first:end], shift)
+    rows = list(range(first, end))
     with pytest.raises(InputError, match="the measured poses seem to be shifted") as info:
-        check_data(arm.robot(), data(order))
+        check_data(arm.robot(), data(reordered(rows, np.roll(rows, shift).tolist())))
     text = str(info.value)
     count = "one row" if abs(shift) == 1 else f"{abs(shift)} rows"
     assert f"shifted by {count} {'down' if shift > 0 else 'up'} against the joints" in text

@@ -6,7 +6,7 @@ The texts are made by hand after data sheets and manuals; the numbers are those 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,42 +24,44 @@ ROBOT = SAMPLES / "robot.yaml"
 COUNT = 24
 
 
-@dataclass(frozen=True)
-class Numbers:
-    """Numbers of the sample poses as texts, so that every dialect writes the same."""
-
-    q: list[list[str]]
-    """Degrees, by pose."""
-    position: list[list[str]]
-    """Millimetres, by pose."""
-    rpy: list[list[str]]
-    """Degrees about fixed x, y, z, by pose."""
-    vector: list[list[str]]
-    """Rotation vector in rad, by pose."""
-    quaternion: list[list[str]]
-    commanded: list[list[str]]
-    """Millimetres, by pose."""
+Columns = dict[str, list[list[str]]]
+"""Numbers of the sample poses as texts, by pose, so that every dialect writes the same."""
 
 
 @pytest.fixture(scope="module")
-def numbers() -> Numbers:
+def numbers() -> Columns:
     robot = robacc.read_robot(ROBOT)
     data = robacc.read_poses(SAMPLES / "poses.csv", robot=robot).subset(slice(0, COUNT))
     assert data.q is not None
     assert data.rotation is not None
-    errors = robacc.estimate(data, robot=robot, frame="base").errors.position
+    commanded = (data.position - robacc.estimate(data, robot=robot, frame="base").errors.position) * 1e3
+    rpy = np.degrees(rpy_from_rotation(data.rotation))
+    written = {
+        "deg": (np.degrees(data.q), 5),
+        "mm": (data.position * 1e3, 4),
+        "rpy": (rpy, 6),
+        "ypr": (rpy[::-1], 6),
+        "vector": (log_so3(data.rotation), 9),
+        "wxyz": (quaternion_from_rotation(data.rotation), 9),
+        "cmd": (commanded, 4),
+        "deviation": (data.position * 1e3 - commanded, 4),
+    }
+    result = {
+        name: [[f"{value:.{digits}f}" for value in pose] for pose in values.T]
+        for name, (values, digits) in written.items()
+    }
+    # In SI, the numbers are those of the texts.
+    result["rad"] = [[repr(float(np.radians(float(text)))) for text in pose] for pose in result["deg"]]
+    result["m"] = [[repr(float(text) / 1e3) for text in pose] for pose in result["mm"]]
+    return result
 
-    def texts(values: np.ndarray, digits: int) -> list[list[str]]:
-        return [[f"{value:.{digits}f}" for value in column] for column in values.T]
 
-    return Numbers(
-        texts(np.degrees(data.q), 5),
-        texts(data.position * 1e3, 4),
-        texts(np.degrees(rpy_from_rotation(data.rotation)), 6),
-        texts(log_so3(data.rotation), 9),
-        texts(quaternion_from_rotation(data.rotation), 9),
-        texts((data.position - errors) * 1e3, 4),
-    )
+def rows(numbers: Columns, parts: Sequence[str]) -> list[list[str]]:
+    """Rows of named columns, and of templates of a text in which ``{i}`` counts from 0 and ``{n}`` from 1."""
+    return [
+        [text for part in parts for text in (numbers[part][i] if part in numbers else [part.format(i=i, n=i + 1)])]
+        for i in range(COUNT)
+    ]
 
 
 def table(separator: str, head: Sequence[str], rows: Sequence[Sequence[str]], comma: bool = False) -> str:
@@ -68,177 +70,173 @@ def table(separator: str, head: Sequence[str], rows: Sequence[Sequence[str]], co
     return text.replace(".", ",") if comma else text
 
 
-Q = [f"q{i}_deg" for i in range(1, 7)]
-XYZ = ["x_mm", "y_mm", "z_mm"]
-RPY = ["roll_deg", "pitch_deg", "yaw_deg"]
-
-
-def joined(*parts: Sequence[Sequence[str]]) -> list[list[str]]:
-    return [[text for fields in row for text in fields] for row in zip(*parts, strict=True)]
-
-
-def labels(*columns: str) -> list[list[str]]:
-    return [[column.format(i=i, n=i + 1) for column in columns] for i in range(COUNT)]
+Q = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg"
+XYZ = "x_mm,y_mm,z_mm"
+RPY = "roll_deg,pitch_deg,yaw_deg"
+A = [f"A{i}" for i in range(1, 7)]
+J = [f"J{i}" for i in range(1, 7)]
 
 
 @dataclass(frozen=True)
 class Export:
-    """A file of an instrument or robot."""
+    """A file of an instrument or robot, made by hand, and what is said of it."""
 
-    content: bytes
-    options: tuple[str, ...]
-    plain: str
+    above: str
+    head: Sequence[str]
+    parts: Sequence[str]
+    plain_head: str
+    plain_parts: Sequence[str]
     """The same numbers as documented CSV."""
     says: str
     """Part of what is said about its columns."""
+    separator: str = ","
+    comma: bool = False
+    encoding: str = "utf-8"
+    options: tuple[str, ...] = ()
     robot: bool = True
+    lost: tuple[int, ...] = ()
+    """Rows without a measurement."""
+
+    def content(self, numbers: Columns) -> bytes:
+        body = rows(numbers, self.parts)
+        body = [[*row[:-3], "---", "", "NaN"] if i in self.lost else row for i, row in enumerate(body)]
+        return (self.above + table(self.separator, self.head, body, self.comma)).encode(self.encoding)
+
+    def plain(self, numbers: Columns) -> str:
+        body = [row for i, row in enumerate(rows(numbers, self.plain_parts)) if i not in self.lost]
+        return table(",", self.plain_head.split(","), body)
 
 
-def tracker_german(v: Numbers) -> Export:
-    head = ["Punkt", *(f"A{i} [°]" for i in range(1, 7)), "X [mm]", "Y [mm]", "Z [mm]", "Rx [°]", "Ry [°]", "Rz [°]"]
-    rows = joined(labels("P{n}"), v.q, v.position, v.rpy)
-    body = table(";", [*head, "Bemerkung"], [[*row, "gültig"] for row in rows], comma=True)
-    text = "Messprotokoll;Prüfer Müller\nDatum;22/11/2026\n\n" + body
-    plain = table(",", ["pose", *Q, *XYZ, *RPY], rows)
-    return Export(text.encode("cp1252"), (), plain, "A1 [°] … A6 [°] -> q1_deg … q6_deg, X [mm] -> x_mm")
-
-
-def spreadsheet_utf16(v: Numbers) -> Export:
-    head = [
-        *(f"Joint {i} (deg)" for i in range(1, 7)),
-        "Pos X (mm)",
-        "Pos Y (mm)",
-        "Pos Z (mm)",
-        "Air Temperature (°C)",
-    ]
-    rows = joined(v.q, v.position, labels("21.{i}"))
-    text = table("\t", head, rows)
-    plain = table(",", [*Q, *XYZ, "temperature_c"], rows)
-    return Export(text.encode("utf-16"), (), plain, "Joint 1 (deg) … Joint 6 (deg) -> q1_deg … q6_deg")
-
-
-def kuka(v: Numbers) -> Export:
-    head = [*(f"A{i}" for i in range(1, 7)), "X", "Y", "Z", "A", "B", "C", "E1"]
-    rows = joined(v.q, v.position, [row[::-1] for row in v.rpy], labels("0.0"))
-    plain = table(",", [*Q, *XYZ, *RPY], joined(v.q, v.position, v.rpy))
-    return Export(table(";", head, rows).encode(), ("--units", "mm,deg"), plain, "A, B, C taken as kuka-abc")
-
-
-def fanuc(v: Numbers) -> Export:
-    head = ["No", *(f"J{i}[deg]" for i in range(1, 7)), "X[mm]", "Y[mm]", "Z[mm]", "W[deg]", "P[deg]", "R[deg]"]
-    text = table("\t", head, joined(labels("{n}"), v.q, v.position, v.rpy))
-    plain = table(",", [*Q, *XYZ, *RPY], joined(v.q, v.position, v.rpy))
-    return Export(text.encode("utf-8-sig"), (), plain, "W[deg] -> rx_deg, P[deg] -> ry_deg, R[deg] -> rz_deg")
-
-
-def robodk(v: Numbers) -> Export:
-    head = ["Name", "X", "Y", "Z", "Rx", "Ry", "Rz", *(f"J{i}" for i in range(1, 7))]
-    rows = joined(labels("Target {n}"), v.position, v.rpy, v.q)
-    plain = table(",", ["pose", *XYZ, *RPY, *Q], rows)
-    options = ("--units", "mm,deg", "--angles", "fixed-xyz")
-    return Export(table(", ", head, rows).encode(), options, plain, "J1 … J6 -> q1_deg … q6_deg")
-
-
-def numbered_point(v: Numbers) -> Export:
-    head = ["x1", "y1", "z1", "phix1", "phiy1", "phiz1", *(f"J{i}" for i in range(1, 7))]
-    plain = table(",", [*XYZ, *RPY, *Q], joined(v.position, v.rpy, v.q))
-    text = table(",", head, joined(v.position, v.rpy, v.q))
-    options = ("--units", "mm,deg")
-    return Export(text.encode(), options, plain, "phix1, phiy1, phiz1 taken as fixed-xyz")
-
-
-def report_of_nominals(v: Numbers) -> Export:
-    """Points against nominal points, with deviations that are not read."""
-    names = [f"{kind} {axis}" for kind in ("Nominal", "Measured") for axis in "XYZ"]
-    deviations = [
-        [f"{float(a) - float(b):.4f}" for a, b in zip(p, c, strict=True)]
-        for p, c in zip(v.position, v.commanded, strict=True)
-    ]
-    rows = joined(labels("A::Main::p{n}"), v.commanded, v.position, deviations)
-    text = "// Units: Millimeters\n// Frame: World\n" + table(",", ["Name", *names, "dX", "dY", "dZ"], rows)
-    plain = table(
-        ",",
-        ["pose", "cmd_x_mm", "cmd_y_mm", "cmd_z_mm", *XYZ],
-        joined(labels("A::Main::p{n}"), v.commanded, v.position),
-    )
-    return Export(text.encode(), (), plain, "Nominal X -> cmd_x_mm, Nominal Y -> cmd_y_mm", robot=False)
-
-
-def uncertainties(v: Numbers) -> Export:
-    head = "// Point   J1   J2   J3   J4   J5   J6   X   Y   Z   Ux   Uy   Uz"
-    expanded = labels("0.02", "0.02", "0.04")
-    text = (
-        "// SpatialAnalyzer, units: mm\n"
-        + head
-        + "\n"
-        + table("  ", [], joined(labels("p{n}"), v.q, v.position, expanded))
-    )
-    standard = labels("0.01", "0.01", "0.02")
-    columns = ["pose", *Q, *XYZ, "sigma_x_mm", "sigma_y_mm", "sigma_z_mm"]
-    plain = table(",", columns, joined(labels("p{n}"), v.q, v.position, standard))
-    options = ("--units", "mm,deg", "--coverage", "2")
-    return Export(text.encode(), options, plain, "Ux -> sigma_x_mm")
-
-
-def ros(v: Numbers) -> Export:
-    radians = [[repr(float(np.radians(float(text)))) for text in row] for row in v.q]
-    metres = [[repr(float(text) / 1e3) for text in row] for row in v.position]
-    head = ["header.stamp.sec", "header.stamp.nanosec", *(f"/joint_states/j{i}/position" for i in range(1, 7))]
-    head += [f"pose.position.{axis}" for axis in "xyz"] + [f"pose.orientation.{axis}" for axis in "wxyz"]
-    rows = joined(labels("1795341600", "{i}00000000"), radians, metres, v.quaternion)
-    columns = [*(f"q{i}" for i in range(1, 7)), "x", "y", "z", "qw", "qx", "qy", "qz"]
-    plain = table(",", columns, joined(radians, metres, v.quaternion))
-    return Export(table(",", head, rows).encode(), (), plain, "pose.position.x -> x_m")
-
-
-def universal_robots(v: Numbers) -> Export:
-    radians = [[repr(float(np.radians(float(text)))) for text in row] for row in v.q]
-    head = ["timestamp", *(f"target_q_{i}" for i in range(6)), *(f"actual_q_{i}" for i in range(6))]
-    head += ["X[mm]", "Y[mm]", "Z[mm]", "rx", "ry", "rz"]
-    rows = joined(labels("12.{i}"), radians, radians, v.position, v.vector)
-    columns = ["time_s", *(f"q{i}" for i in range(1, 7)), *XYZ, "rx", "ry", "rz"]
-    plain = table(",", columns, joined(labels("12.{i}"), radians, v.position, v.vector))
-    return Export(
-        table(" ", head, rows).encode(), ("--units", "rad"), plain, "target_q_0 … target_q_5 -> q1_rad … q6_rad"
-    )
-
-
-def units_line(v: Numbers) -> Export:
-    head = ["Time", *(f"Axis {i}" for i in range(1, 7)), "Measured X", "Measured Y", "Measured Z", ""]
-    units = ["ms", *["deg"] * 6, *["mm"] * 3, ""]
-    rows = joined(labels("{i}500"), v.q, v.position, labels(""))
-    text = "Channel log of cell 3\n" + "\t".join(head) + "\n" + table("\t", units, rows, comma=True)
-    seconds = [[repr(float(row[0]) / 1e3)] for row in labels("{i}500")]
-    plain = table(",", ["time_s", *Q, *XYZ], joined(seconds, v.q, v.position))
-    return Export(text.encode(), (), plain, "Axis 1 [deg] … Axis 6 [deg] -> q1_deg … q6_deg")
-
-
-def gaps(v: Numbers) -> Export:
-    rows = joined(labels("{n}"), v.q, v.position)
-    broken = [[*row[:7], "---", "", "NaN"] if i in (3, 9) else row for i, row in enumerate(rows)]
-    head = ["Pose Number", *(f"J{i}_deg" for i in range(1, 7)), "X_mm", "Y_mm", "Z_mm"]
-    plain = table(",", ["pose", *Q, *XYZ], [row for i, row in enumerate(rows) if i not in (3, 9)])
-    return Export(
-        table(",", head, broken).encode(), ("--skip-gaps",), plain, "2 rows with a missing value left out (line 5, 11)"
-    )
-
-
-EXPORTS: dict[str, Callable[[Numbers], Export]] = {
-    function.__name__: function
-    for function in (
-        tracker_german,
-        spreadsheet_utf16,
-        kuka,
-        fanuc,
-        robodk,
-        numbered_point,
-        report_of_nominals,
-        uncertainties,
-        ros,
-        universal_robots,
-        units_line,
-        gaps,
-    )
+EXPORTS = {
+    "tracker_german": Export(
+        "Messprotokoll;Prüfer Müller\nDatum;22/11/2026\n\n",
+        ["Punkt", *(f"{a} [°]" for a in A), "X [mm]", "Y [mm]", "Z [mm]", "Rx [°]", "Ry [°]", "Rz [°]", "Bemerkung"],
+        ("P{n}", "deg", "mm", "rpy", "gültig"),
+        f"pose,{Q},{XYZ},{RPY}",
+        ("P{n}", "deg", "mm", "rpy"),
+        "A1 [°] … A6 [°] -> q1_deg … q6_deg, X [mm] -> x_mm",
+        separator=";",
+        comma=True,
+        encoding="cp1252",
+    ),
+    "spreadsheet_utf16": Export(
+        "",
+        [*(f"Joint {i} (deg)" for i in range(1, 7)), *(f"Pos {axis} (mm)" for axis in "XYZ"), "Air Temperature (°C)"],
+        ("deg", "mm", "21.{i}"),
+        f"{Q},{XYZ},temperature_c",
+        ("deg", "mm", "21.{i}"),
+        "Joint 1 (deg) … Joint 6 (deg) -> q1_deg … q6_deg",
+        separator="\t",
+        encoding="utf-16",
+    ),
+    "kuka": Export(
+        "",
+        [*A, *"XYZABC", "E1"],
+        ("deg", "mm", "ypr", "0.0"),
+        f"{Q},{XYZ},{RPY}",
+        ("deg", "mm", "rpy"),
+        "A, B, C taken as kuka-abc",
+        separator=";",
+        options=("--units", "mm,deg"),
+    ),
+    "fanuc": Export(
+        "",
+        ["No", *(f"{j}[deg]" for j in J), "X[mm]", "Y[mm]", "Z[mm]", "W[deg]", "P[deg]", "R[deg]"],
+        ("{n}", "deg", "mm", "rpy"),
+        f"{Q},{XYZ},{RPY}",
+        ("deg", "mm", "rpy"),
+        "W[deg] -> rx_deg, P[deg] -> ry_deg, R[deg] -> rz_deg",
+        separator="\t",
+        encoding="utf-8-sig",
+    ),
+    "robodk": Export(
+        "",
+        ["Name", *"XYZ", "Rx", "Ry", "Rz", *J],
+        ("Target {n}", "mm", "rpy", "deg"),
+        f"pose,{XYZ},{RPY},{Q}",
+        ("Target {n}", "mm", "rpy", "deg"),
+        "J1 … J6 -> q1_deg … q6_deg",
+        separator=", ",
+        options=("--units", "mm,deg", "--angles", "fixed-xyz"),
+    ),
+    "numbered_point": Export(
+        "",
+        ["x1", "y1", "z1", "phix1", "phiy1", "phiz1", *J],
+        ("mm", "rpy", "deg"),
+        f"{XYZ},{RPY},{Q}",
+        ("mm", "rpy", "deg"),
+        "phix1, phiy1, phiz1 taken as fixed-xyz",
+        options=("--units", "mm,deg"),
+    ),
+    # Points against nominal points, with deviations that are not read.
+    "report_of_nominals": Export(
+        "// Units: Millimeters\n// Frame: World\n",
+        ["Name", *(f"{kind} {axis}" for kind in ("Nominal", "Measured") for axis in "XYZ"), "dX", "dY", "dZ"],
+        ("A::Main::p{n}", "cmd", "mm", "deviation"),
+        f"pose,cmd_x_mm,cmd_y_mm,cmd_z_mm,{XYZ}",
+        ("A::Main::p{n}", "cmd", "mm"),
+        "Nominal X -> cmd_x_mm, Nominal Y -> cmd_y_mm",
+        robot=False,
+    ),
+    "uncertainties": Export(
+        "// SpatialAnalyzer, units: mm\n// ",
+        ["Point", *J, *"XYZ", "Ux", "Uy", "Uz"],
+        ("p{n}", "deg", "mm", "0.02", "0.02", "0.04"),
+        f"pose,{Q},{XYZ},sigma_x_mm,sigma_y_mm,sigma_z_mm",
+        ("p{n}", "deg", "mm", "0.01", "0.01", "0.02"),
+        "Ux -> sigma_x_mm",
+        separator="   ",
+        options=("--units", "mm,deg", "--coverage", "2"),
+    ),
+    "ros": Export(
+        "",
+        [
+            *("header.stamp.sec", "header.stamp.nanosec"),
+            *(f"/joint_states/j{i}/position" for i in range(1, 7)),
+            *(f"pose.position.{axis}" for axis in "xyz"),
+            *(f"pose.orientation.{axis}" for axis in "wxyz"),
+        ],
+        ("1795341600", "{i}00000000", "rad", "m", "wxyz"),
+        "q1,q2,q3,q4,q5,q6,x,y,z,qw,qx,qy,qz",
+        ("rad", "m", "wxyz"),
+        "pose.position.x -> x_m",
+    ),
+    "universal_robots": Export(
+        "",
+        [
+            "timestamp",
+            *(f"{kind}_q_{i}" for kind in ("target", "actual") for i in range(6)),
+            *("X[mm]", "Y[mm]", "Z[mm]", "rx", "ry", "rz"),
+        ],
+        ("12.{i}", "rad", "rad", "mm", "vector"),
+        f"time_s,q1,q2,q3,q4,q5,q6,{XYZ},rx,ry,rz",
+        ("12.{i}", "rad", "mm", "vector"),
+        "target_q_0 … target_q_5 -> q1_rad … q6_rad",
+        separator=" ",
+        options=("--units", "rad"),
+    ),
+    "units_line": Export(
+        "Channel log of cell 3\n"
+        + "\t".join(["Time", *(f"Axis {i}" for i in range(1, 7)), *(f"Measured {axis}" for axis in "XYZ"), ""])
+        + "\n",
+        ["ms", *["deg"] * 6, *["mm"] * 3, ""],
+        ("{i}500", "deg", "mm", ""),
+        f"time_s,{Q},{XYZ}",
+        ("{i}.5", "deg", "mm"),
+        "Axis 1 [deg] … Axis 6 [deg] -> q1_deg … q6_deg",
+        separator="\t",
+        comma=True,
+    ),
+    "gaps": Export(
+        "",
+        ["Pose Number", *(f"{j}_deg" for j in J), "X_mm", "Y_mm", "Z_mm"],
+        ("{n}", "deg", "mm"),
+        f"pose,{Q},{XYZ}",
+        ("{n}", "deg", "mm"),
+        "2 rows with a missing value left out (line 5, 11)",
+        options=("--skip-gaps",),
+        lost=(3, 9),
+    ),
 }
 
 
@@ -251,10 +249,10 @@ def graded(path: Path, *options: str, robot: bool) -> tuple[dict[str, Any], str]
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Numbers, tmp_path: Path) -> None:
-    export = EXPORTS[name](numbers)
-    (tmp_path / "export.txt").write_bytes(export.content)
-    (tmp_path / "plain.csv").write_text(export.plain, encoding="utf-8")
+def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Columns, tmp_path: Path) -> None:
+    export = EXPORTS[name]
+    (tmp_path / "export.txt").write_bytes(export.content(numbers))
+    (tmp_path / "plain.csv").write_text(export.plain(numbers), encoding="utf-8")
     result, messages = graded(tmp_path / "export.txt", *export.options, robot=export.robot)
     expected, plain_messages = graded(tmp_path / "plain.csv", robot=export.robot)
     assert export.says in " ".join(messages.split())
@@ -274,10 +272,9 @@ def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Numbe
         )
 
 
-def test_a_tum_trajectory_is_known_by_its_numbers(numbers: Numbers, tmp_path: Path) -> None:
-    metres = [[repr(float(text) / 1e3) for text in row] for row in numbers.position]
-    xyzw = [[*row[1:], row[0]] for row in numbers.quaternion]
-    lines = table(" ", ["# timestamp tx ty tz qx qy qz qw"], joined(labels("{i}.5"), metres, xyzw))
+def test_a_tum_trajectory_is_known_by_its_numbers(numbers: Columns, tmp_path: Path) -> None:
+    xyzw = [[*quaternion[1:], quaternion[0]] for quaternion in numbers["wxyz"]]
+    lines = table(" ", ["# timestamp tx ty tz qx qy qz qw"], rows({**numbers, "xyzw": xyzw}, ("{i}.5", "m", "xyzw")))
     path = tmp_path / "tracker.tum"
     path.write_text(lines.partition("\n")[2], encoding="utf-8")
     with pytest.raises(robacc.InputError) as caught:
@@ -291,12 +288,12 @@ def test_a_tum_trajectory_is_known_by_its_numbers(numbers: Numbers, tmp_path: Pa
         robacc.read_poses(path)
 
 
-def test_a_column_map_settles_every_question(numbers: Numbers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """``init`` writes the map; what the names leave open is an error until it is filled in."""
     monkeypatch.chdir(tmp_path)
-    export = kuka(numbers)
-    Path("export.csv").write_bytes(export.content)
-    Path("plain.csv").write_text(export.plain, encoding="utf-8")
+    export = EXPORTS["kuka"]
+    Path("export.csv").write_bytes(export.content(numbers))
+    Path("plain.csv").write_text(export.plain(numbers), encoding="utf-8")
     done = CliRunner().invoke(app, ["init", "export.csv"], catch_exceptions=False)
     assert done.exit_code == 0
     assert "fill in angles and units in columns.yaml" in done.stdout
@@ -319,11 +316,11 @@ def test_a_column_map_settles_every_question(numbers: Numbers, tmp_path: Path, m
 
 @pytest.mark.parametrize("name", EXPORTS)
 def test_the_map_of_every_export_reads_it_alike(
-    name: str, numbers: Numbers, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, numbers: Columns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    export = EXPORTS[name](numbers)
-    Path("export.txt").write_bytes(export.content)
+    export = EXPORTS[name]
+    Path("export.txt").write_bytes(export.content(numbers))
     assert CliRunner().invoke(app, ["init", "export.txt"], catch_exceptions=False).exit_code == 0
     text = Path("columns.yaml").read_text(encoding="utf-8")
     convention = "kuka-abc" if name == "kuka" else "fixed-xyz"
@@ -341,10 +338,10 @@ def test_the_map_of_every_export_reads_it_alike(
 @pytest.mark.parametrize("bad", [0, 1, 2, 20])
 def test_a_row_of_another_width_is_reported_wherever_it_stands(tmp_path: Path, bad: int) -> None:
     """A separator in a remark, near the names or far below, must not make a later row the first of the table."""
-    rows = [f"{i};{i},5;{10 * i},25;{400 + i},1;sauber" for i in range(30)]
-    rows[bad] = rows[bad].replace("sauber", "SMR; neu")
+    lines = [f"{i};{i},5;{10 * i},25;{400 + i},1;sauber" for i in range(30)]
+    lines[bad] = lines[bad].replace("sauber", "SMR; neu")
     path = tmp_path / "export.csv"
-    path.write_text("\n".join(["Nr.;X [mm];Y [mm];Z [mm];Bemerkung", *rows]) + "\n")
+    path.write_text("\n".join(["Nr.;X [mm];Y [mm];Z [mm];Bemerkung", *lines]) + "\n")
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     assert [problem.line for problem in caught.value.problems if "found 6 fields" in problem.message] == [bad + 2]
@@ -352,11 +349,11 @@ def test_a_row_of_another_width_is_reported_wherever_it_stands(tmp_path: Path, b
 
 @pytest.mark.parametrize("gap", [0, 1, 2, 20])
 def test_a_row_without_any_value_is_a_gap_wherever_it_stands(tmp_path: Path, gap: int) -> None:
-    rows = [f"P{i};{i},5;{10 * i},25;{400 + i},1;{i},4;{10 * i},2;{400 + i},3" for i in range(30)]
-    rows[gap] = f"P{gap};---;---;---;---;---;---"
+    lines = [f"P{i};{i},5;{10 * i},25;{400 + i},1;{i},4;{10 * i},2;{400 + i},3" for i in range(30)]
+    lines[gap] = f"P{gap};---;---;---;---;---;---"
     path = tmp_path / "export.csv"
     names = "Punkt;Soll X [mm];Soll Y [mm];Soll Z [mm];Ist X [mm];Ist Y [mm];Ist Z [mm]"
-    path.write_text("\n".join([names, *rows]) + "\n")
+    path.write_text("\n".join([names, *lines]) + "\n")
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     assert {problem.line for problem in caught.value.problems} == {gap + 2}

@@ -55,12 +55,359 @@ def named(values: np.ndarray, name: str = "P{}") -> list[list[Any]]:
     return [[name.format(i), *row.tolist()] for i, row in enumerate(values, 1)]
 
 
-def polyworks(c: Campaign) -> dict[str, str]:
-    head = "PolyWorks|Inspector\nUnits: Millimeters\n\nObject Name\tControl\tX\tY\tZ\tTest\n"
-    rows = [[f"point {i}", "Measured", *row.tolist(), "Pass"] for i, row in enumerate(c.position * MM, 1)]
-    joints = lines(named(np.degrees(c.q), "point {}"), ";", "Name;A1;A2;A3;A4;A5;A6\n").replace(".", ",")
-    tail = "\nReport generated 2026-11-22 14:05 by J. Meier\n"
-    return {"points.txt": lines(rows, "\t", head, tail), "joints.csv": joints}
+def columns_of(c: Campaign) -> dict[str, np.ndarray]:
+    """The columns that a table may have, by their names there."""
+    counted = np.arange(N, dtype=float)[:, None]
+    xyzw = c.turn.as_quat()
+    return {
+        **{"q": c.q, "deg": np.degrees(c.q), "deg_read": np.degrees(c.q) + 1e-3, "q_read": c.q + 1e-5},
+        **{"m": c.position, "mm": c.position * MM, "cm": c.position * 100, "in": c.position / 0.0254},
+        **{"xyzw": xyzw, "wxyz": np.roll(xyzw, 1, axis=1), "rotvec": c.turn.as_rotvec()},
+        **{"rotvec_deg": np.degrees(c.turn.as_rotvec()), "moving_deg": c.turn.as_euler("XYZ", degrees=True)},
+        **{"zyx": c.turn.as_euler("ZYX"), "rpy_deg": c.turn.as_euler("xyz", degrees=True)},
+        "matrix": c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9),
+        **{"cmd_m": c.commanded, "cmd_mm": c.commanded * MM, "cmd_xyzw": c.commanded_turn.as_quat()},
+        **{"cmd_abc_deg": c.commanded_turn.as_euler("ZYX", degrees=True), "off_mm": (c.position - c.commanded) * MM},
+        **{"count": counted, "seconds": 2.5 * counted, "frames": counted / 120, "zero": 0 * counted},
+    }
+
+
+@dataclass(frozen=True)
+class Text:
+    """A table: its head, the columns of its rows, and the texts that stand before and behind them."""
+
+    head: str
+    columns: str
+    name: str = ""
+    """Fields before the values; ``{0}`` is the number of the row."""
+    sep: str = ";"
+    more: str = ""
+    """Fields behind the values."""
+    tail: str = ""
+    comma: bool = False
+    backwards: bool = False
+
+    def of(self, c: Campaign) -> str:
+        values = np.hstack([columns_of(c)[name] for name in self.columns.split()])
+        rows = []
+        for i, row in enumerate(values.tolist(), 1):
+            numbers = (f"{value:.8f}".replace(".", "," if self.comma else ".") for value in row)
+            behind = [self.more.format(i)] if self.more else []
+            rows.append(self.sep.join([*([self.name.format(i)] if self.name else []), *numbers, *behind]) + "\n")
+        return (self.head + "\n" if self.head else "") + "".join(rows[::-1] if self.backwards else rows) + self.tail
+
+
+JOINTS = "A1;A2;A3;A4;A5;A6"
+J = "J1,J2,J3,J4,J5,J6"
+DEGREES = {"joints.csv": Text(f"Name,{J}", "deg", "p{0}", ",")}
+IN_ORDER = {"joints.csv": Text(JOINTS, "deg")}
+POINTS = {"points.csv": Text("X,Y,Z", "mm", sep=",")}
+DRIFT = "Drift A;2000;100;30\n"
+"""A point without a command."""
+
+
+def beside(controller: str, measured: str) -> dict[str, Text]:
+    """A controller's position, of its own frame, beside that of an instrument."""
+    names = [text.format(axis) for text in (controller, measured) for axis in "XYZ"]
+    return {"both.csv": Text(";".join((JOINTS, *names)), "deg cmd_mm mm")}
+
+
+def translated(joint: str, measured: str, units: str = "") -> dict[str, Text]:
+    names = [*(joint.format(i) for i in range(1, 7)), *(measured.format(axis) for axis in "XYZ")]
+    return {"mesure.csv": Text(";".join(["Punto", *names]) + units, "deg mm", "P{0}")}
+
+
+def backwards(names: str) -> dict[str, Text]:
+    """Commands in another order than the points."""
+    return {"joints.csv": Text(f"Name;{JOINTS}", "deg", names, backwards=True)}
+
+
+OPTITRACK = "\n".join(
+    [
+        "Format Version,1.23,Take Name,Take,Capture Frame Rate,120.0,Rotation Type,Quaternion,Length Units,Meters\n",
+        *(",Type" + 8 * ",Rigid Body", ",Name" + 8 * ",Tool", ",ID" + 8 * ",1"),
+        "," + 4 * ",Rotation" + 3 * ",Position" + ",Mean Marker Error",
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+    ]
+)
+QTM = ["Frame", *"XYZ", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{i}]" for i in range(9))]
+LABVIEW = "LabVIEW Measurement\t\nSeparator\tTab\n{0}\t\nChannels\t9\nX0\t0.0\n{0}".format("***End_of_Header***\t\n")
+TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
+    "polyworks": {
+        "points.txt": Text(
+            "PolyWorks|Inspector\nUnits: Millimeters\n\nObject Name\tControl\tX\tY\tZ\tTest",
+            *("mm", "point {0}\tMeasured", "\t", "Pass", "\nReport generated 2026-11-22 14:05 by J. Meier\n"),
+        ),
+        "joints.csv": Text(f"Name;{JOINTS}", "deg", "point {0}", comma=True),
+    },
+    "rtde_and_leica": {
+        "points.txt": Text("Leica Tracker Pilot\nPoint ID      X      Y      Z      U95 [um]", "mm", "P{0}", " ", "25"),
+        "rtde.csv": Text(
+            "timestamp {} {} actual_qd_0".format(
+                *(" ".join(f"{kind}_q_{i}" for i in range(6)) for kind in ("target", "actual"))
+            ),
+            *("count q q_read zero", "", " "),
+        ),
+    },
+    "robodk": {"robodk.csv": Text(f"Name,{J},X,Y,Z,Error", "deg mm zero", "Target {0}", ",")},
+    "bare_degrees_and_mm": {"poses.txt": Text("", "deg mm", sep=" ")},
+    "bare_points_and_joints": {"points.csv": Text("", "mm", "{0}", ","), "joints.csv": Text("", "q", sep=",")},
+    "bare_position_first": {"poses.csv": Text("", "m q", sep=",")},
+    "radian_tracker": {
+        "radian.txt": Text(
+            "API Radian Pro\nSerial: 40211\nUnits: in\n\n#\tName\tX\tY\tZ\tStd X\tStd Y\tStd Z\tTime",
+            *("in", "{0}\tp{0}", "\t", "0.0004\t0.0004\t0.0004\t11/22/2026 2:{0:02d}:17 PM"),
+        ),
+        **DEGREES,
+    },
+    "target_report": {
+        "report.csv": Text(
+            "Target Report\nJob: Cell 3,Date: 11/22/2026\nUnits: in\n\nCollection,Target,X,Y,Z,Ux,Uy,Uz,Timestamp",
+            *("in", "A,p{0}", ",", "0.001,0.001,0.0012,11/22/2026 2:05:17 PM"),
+        ),
+        **DEGREES,
+    },
+    "nikon": {
+        "k.txt": Text(
+            "Nikon Metrology K-CMM\nOperator  J. Meier\n\n  ID      X[mm]      Y[mm]      Z[mm]   LEDs",
+            *("mm", "  p{0}", "   ", "3"),
+        ),
+        **DEGREES,
+    },
+    "qualisys": {
+        "qtm.tsv": Text(
+            "NO_OF_FRAMES\t24\nFREQUENCY\t100\nMARKER_NAMES\tTool\nFrame\tTime\tTool X\tTool Y\tTool Z",
+            *("frames mm", "{0}", "\t"),
+        ),
+        **DEGREES,
+    },
+    "kawasaki": {
+        **POINTS,
+        "as.log": Text("Robot log RS010N\n   No.   JT1     JT2     JT3     JT4     JT5     JT6", "deg", "  {0}", "  "),
+    },
+    "yaskawa": {
+        **POINTS,
+        "pos.txt": Text("Pos\t" + "\t".join(f"{letter} [deg]" for letter in "SLURBT"), "deg", "C{0}", "\t"),
+    },
+    "two_header_lines": {
+        "sheet.csv": Text(
+            "Point;Joint angles;;;;;;Measured position;;\n;J1;J2;J3;J4;J5;J6;X;Y;Z\n;[deg];;;;;;[mm];;",
+            "deg mm",
+            "P{0}",
+        )
+    },
+    "german": {
+        "messung.csv": Text(
+            "Punkt;" + ";".join(f"Gelenk {i} [Grad]" for i in range(1, 7)) + ";X-Ist [mm];Y-Ist [mm];Z-Ist [mm];Datum",
+            "deg mm",
+            "P{0}",
+            more="22.11.2026 14:05",
+            comma=True,
+        )
+    },
+    "comments_below": {
+        "log.tsv": Text(
+            "% cell 3\nA1\tA2\tA3\tA4\tA5\tA6\tX\tY\tZ",
+            "deg mm",
+            sep="\t",
+            tail="% end of data\n% 24 points, rms 0.012\n",
+        )
+    },
+    "side_by_side": {
+        "both.csv": Text(f",Joints,,,,,,Commanded,,,Measured,,\nPoint,{J},X,Y,Z,X,Y,Z", "deg cmd_mm mm", "P{0}", ",")
+    },
+    "commanded_and_read_joints": {
+        "both.csv": Text(f"Point,Commanded,,,,,,Actual,,,,,,Measured,,\n,{J},{J},X,Y,Z", "deg deg_read mm", "P{0}", ",")
+    },
+    "controller_pose_and_leica": {
+        "kuka.csv": Text(f"Nr;{JOINTS};X;Y;Z;A;B;C;Leica X;Leica Y;Leica Z", "deg cmd_mm cmd_abc_deg mm", "{0}")
+    },
+    "names_by_number": {"points.csv": Text("Name;X;Y;Z", "mm", "Pos {0}", tail=DRIFT), **backwards("XP{0:03d}")},
+    "names_in_groups": {
+        "points.csv": Text("Collection::Group::Point;X;Y;Z", "mm", "Cell::Arm::P{0}", tail=DRIFT),
+        **backwards("P{0}"),
+    },
+    "names_of_repetitions": {"points.csv": Text("Name;X;Y;Z", "mm", "P{0}_1", tail=DRIFT), **backwards("P{0}")},
+    "istwert": {
+        "ist.csv": Text(
+            ";".join(
+                ["Merkmal", *(f"{word} {axis}" for word in ("Istwert", "Sollwert", "Abweichung") for axis in "XYZ")]
+            ),
+            *("mm cmd_mm off_mm", "P{0}"),
+        ),
+        "joints.csv": Text(f"Name;{JOINTS}", "deg", "P{0}"),
+    },
+    "prose_below": {
+        "points.csv": Text(
+            "Element;X;Y;Z;Form", "mm zero", "XP{0}", tail=";;;;\nErstellt am 25.11.2026 um 14:02;;;;\n"
+        ),
+        **IN_ORDER,
+    },
+    "labview": {
+        "run.lvm": Text(
+            LABVIEW + "X_Value\tJ1\tJ2\tJ3\tJ4\tJ5\tJ6\tTrk X\tTrk Y\tTrk Z\tComment", "seconds deg mm", sep="\t"
+        )
+    },
+    "radian_in_millimetres": {
+        "radian.csv": Text(
+            "API Radian Pro\nSerial No,40123\nTemperature,20.1,C\n\nNo.,Name,X(mm),Y(mm),Z(mm),RMS X,RMS Y,RMS Z,Time",
+            *("mm", "{0},p{0}", ",", "0.002,0.002,0.003,09:00:07.120"),
+        ),
+        **DEGREES,
+    },
+    "robotstudio": {
+        "signals.csv": Text(
+            ";".join(
+                (
+                    "Time (s)",
+                    *(f"System1\\ROB_1\\J{i} (deg)" for i in range(1, 7)),
+                    *(f"System1\\ROB_1\\TCP {axis} (mm)" for axis in "XYZ"),
+                )
+            ),
+            *("deg mm", "{0}.0"),
+        )
+    },
+    "pendant": {"ur.txt": Text("base shoulder elbow wrist1 wrist2 wrist3 tx ty tz", "q m", sep=" ")},
+    "matlab_table": {"run.csv": Text("t,q_1,q_2,q_3,q_4,q_5,q_6,p_1,p_2,p_3", "seconds q m", sep=",")},
+    "centimetres": {"cm.csv": Text(f"{JOINTS};X;Y;Z", "deg cm")},
+    "optotrak": {
+        "marker.csv": Text(
+            "Number of frames: 24\nUnits: mm\n\nFrame,Marker_1 x,Marker_1 y,Marker_1 z", "mm", "{0}", ","
+        ),
+        **IN_ORDER,
+    },
+    "channels": {
+        "scan.csv": Text("Name:,Scan\n\nScan,101 <Trk X> (mm),102 <Trk Y> (mm),103 <Trk Z> (mm)", "mm", "{0}", ","),
+        **IN_ORDER,
+    },
+    "french": translated("Axe {} (°)", "{} mesuré (mm)"),
+    "spanish": translated("Articulación {}", "{} medido"),
+    "italian": translated("Asse {}", "{} misurato", "\n;" + ";".join(["gradi"] * 6 + ["mm"] * 3)),
+    **{
+        f"{controller} beside {measured}": beside(controller, measured)
+        for controller, measured in (
+            *(("{}", text) for text in ("Laser {}", "{}_tracker", "T-Mac {}", "AT960_{}", "OptiTrack {}", "{}_LT")),
+            *(("{}", text) for text in ("{}_meas", "{} Messung", "{}_ext", "gt_{}", "SMR {}", "Leica{}")),
+            *(("Robot {}", "{}"), ("{} Roboter", "{} Lasertracker"), ("TCP {}", "Laser {}"), ("Actual {}", "Laser {}")),
+            *(("{}_est", "{}_gt"), ("RIst.{}", "TRK.{}"), ("Controller\\TCP\\{}", "Tracker {}"), ("Pos_{}", "Trk_{}")),
+        )
+    },
+}
+TABLES_OF_POSES: dict[str, dict[str, Text]] = {
+    "vicon": {
+        "vicon.csv": Text(
+            "Objects\n100\n,,Tool:Tool,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm",
+            *("xyzw mm", "{0},0", ","),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "counted_quaternion": {
+        "points.csv": Text("name,x,y,z,q0,q1,q2,q3", "mm wxyz", "P{0}", ","),
+        "joints.csv": Text(f"name,{J}", "deg", "P{0}", ","),
+    },
+    "bare_quaternions": {"poses.csv": Text("", "deg mm xyzw", sep=",")},
+    "creaform": {
+        "vxtrack.csv": Text(
+            "VXelements 10.1;;;;;;;;\nTime (s);"
+            + ";".join(f"Model1 {name}" for name in ("Tx (mm)", "Ty (mm)", "Tz (mm)", "Qx", "Qy", "Qz", "Qw"))
+            + ";Status",
+            *("mm xyzw", "{0}", ";", "OK"),
+        ),
+        **DEGREES,
+    },
+    "optitrack": {"take.csv": Text(OPTITRACK, "frames xyzw m", "{0}", ",", "0.0002"), **DEGREES},
+    "qualisys_bodies": {
+        "qtm6d.tsv": Text(
+            "NO_OF_FRAMES\t24\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n" + "\t".join(QTM),
+            *("mm rpy_deg zero matrix", "{0}", "\t"),
+        ),
+        **DEGREES,
+    },
+    "trajectories": {
+        "m.tum": Text("", "count m xyzw", sep=" "),
+        "c.tum": Text("", "count cmd_m cmd_xyzw", sep=" "),
+    },
+    "spatial_analyzer": {
+        "points.csv": Text(
+            '"Collection","Object","X","Y","Z","Rx","Ry","Rz"\n"","","(mm)","(mm)","(mm)","(deg)","(deg)","(deg)"',
+            *("mm rpy_deg", '"A","p{0}"', ","),
+        ),
+        **DEGREES,
+    },
+    "merged_cells": {
+        "take.csv": Text(
+            "Take 7\n;Position;;;Rotation;;;\nPunkt;X [m];Y [m];Z [m];X;Y;Z;W", "m xyzw", "p{0}", comma=True
+        ),
+        **DEGREES,
+    },
+    "vicon_rotation_vector": {
+        "segments.csv": Text(
+            "Segments\n100\n,,Tool:Tool,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,deg,deg,deg,mm,mm,mm",
+            *("rotvec_deg mm", "{0},0", ","),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "ndi": {
+        "port.csv": Text(
+            "Tools,Port 1,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers",
+            *("wxyz mm", "1,344,{0},1,OK", ",", "0.05,4"),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "motive_in_groups": {
+        "take.csv": Text(
+            "Format Version,1.23,Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global\n"
+            f"\n,{',Rigid Body' * 8}\n,{',SMR' * 8}\n,{',Rotation' * 4}{',Position' * 3},Mean Marker Error\n"
+            "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+            *("xyzw m", "{0},{0}.5", ",", "0.0001"),
+        ),
+        **DEGREES,
+    },
+    "motive_in_millimetres": {
+        "take.csv": Text(
+            "Format Version,1.23,Rotation Type,Quaternion,Length Units,Millimeters,Coordinate Space,Global\n"
+            f"\n,Type{',Rigid Body' * 8}\n,Name{',Tool' * 8}\n,ID{',8E1C00FF' * 8}\n\n"
+            f",{',Rotation' * 4}{',Position' * 3},Mean Marker Error\nFrame,Time (Seconds),X,Y,Z,W,X,Y,Z,",
+            *("seconds xyzw mm", "{0}", ",", "0.0002"),
+        ),
+        **DEGREES,
+    },
+    "qualisys_moving_axes": {
+        "qtm6d.tsv": Text(
+            "NO_OF_FRAMES\t60\nNO_OF_CAMERAS\t8\nNO_OF_BODIES\t1\nFREQUENCY\t100\nDESCRIPTION\t--\n"
+            "TIME_STAMP\t2026-11-20, 10:47:17\t22107.99179716\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n"
+            "Frame\tTime\tTool X\tY\tZ\tRoll\tPitch\tYaw\tResidual\tRot[0]\tRot[1]",
+            *("seconds mm moving_deg", "{0}", "\t", "0.21\t1.0\t0.0"),
+        ),
+        **DEGREES,
+    },
+    "rostopic": {
+        "pose.csv": Text(
+            ",".join(
+                [
+                    *("%time", "field.header.seq", "field.header.frame_id"),
+                    *(f"field.pose.position.{axis}" for axis in "xyz"),
+                    *(f"field.pose.orientation.{axis}" for axis in "xyzw"),
+                ]
+            ),
+            *("m xyzw", "17636356{0:02d}123456789,{0},tracker", ","),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "open_cv": {
+        "aruco.csv": Text(
+            ",".join(f"{stem}_{i}" for stem, n in (("joint", 6), ("tvec", 3), ("rvec", 3)) for i in range(n)),
+            *("q m rotvec", "", ","),
+        )
+    },
+    "euler_radians": {
+        "abc.csv": Text(";".join(f"A{i} [rad]" for i in range(1, 7)) + ";X;Y;Z;Alpha;Beta;Gamma", "q mm zyx")
+    },
+}
+
+
+def mm(c: Campaign) -> dict[str, str]:
+    return {"points.csv": POINTS["points.csv"].of(c)}
 
 
 def cam2_and_kuka(c: Campaign) -> dict[str, str]:
@@ -82,27 +429,6 @@ def kuka_points_alone(c: Campaign) -> dict[str, str]:
     return {"points.csv": files["points.csv"], "points.dat": points}
 
 
-def rtde_and_leica(c: Campaign) -> dict[str, str]:
-    names = ["timestamp", *(f"target_q_{i}" for i in range(6)), *(f"actual_q_{i}" for i in range(6)), "actual_qd_0"]
-    rows = [[float(i), *q.tolist(), *(q + 1e-5).tolist(), 0.0] for i, q in enumerate(c.q)]
-    head = "Leica Tracker Pilot\nPoint ID      X      Y      Z      U95 [um]\n"
-    points = [[*row, 25] for row in named(c.position * MM)]
-    return {"points.txt": lines(points, " ", head), "rtde.csv": lines(rows, " ", " ".join(names) + "\n")}
-
-
-def vicon(c: Campaign) -> dict[str, str]:
-    head = "Objects\n100\n,,Tool:Tool,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
-    values = np.hstack((c.turn.as_quat(), c.position * MM))
-    rows = [[i, 0, *row.tolist()] for i, row in enumerate(values, 1)]
-    return {"vicon.csv": lines(rows, ",", head), "joints.csv": lines(np.degrees(c.q), ",", "J1,J2,J3,J4,J5,J6\n")}
-
-
-def counted_quaternion(c: Campaign) -> dict[str, str]:
-    values = np.hstack((c.position * MM, np.roll(c.turn.as_quat(), 1, axis=1)))
-    files = {"points.csv": lines(named(values), ",", "name,x,y,z,q0,q1,q2,q3\n")}
-    return files | {"joints.csv": lines(named(np.degrees(c.q)), ",", "name,J1,J2,J3,J4,J5,J6\n")}
-
-
 def fanuc_in_inches(c: Campaign) -> dict[str, str]:
     rows = named(c.position / 0.0254, "P[{}]")
     blocks = []
@@ -114,11 +440,6 @@ def fanuc_in_inches(c: Campaign) -> dict[str, str]:
     moves = "".join(f"{i:4d}:J P[{i}] 10% FINE ;\n" for i in range(1, N + 1))
     program = f"/PROG  CALIB\n/MN\n{moves}/POS\n{''.join(blocks)}/END\n"
     return {"points.csv": lines(rows, ",", "Radian, units: inches\nPoint,X,Y,Z\n"), "calib.ls": program}
-
-
-def robodk(c: Campaign) -> dict[str, str]:
-    rows = [[*row, 0.0] for row in named(np.hstack((np.degrees(c.q), c.position * MM)), "Target {}")]
-    return {"robodk.csv": lines(rows, ",", "Name,J1,J2,J3,J4,J5,J6,X,Y,Z,Error\n")}
 
 
 def laboratory(c: Campaign) -> dict[str, str]:
@@ -197,38 +518,6 @@ def hand_eye_transforms(c: Campaign) -> dict[str, str]:
     return {"samples.yaml": yaml.safe_dump({"samples": samples})}
 
 
-def trajectories(c: Campaign) -> dict[str, str]:
-    times = np.arange(N, dtype=float)[:, None]
-    return {
-        "m.tum": lines(np.hstack((times, c.position, c.turn.as_quat())), " "),
-        "c.tum": lines(np.hstack((times, c.commanded, c.commanded_turn.as_quat())), " "),
-    }
-
-
-def mm(c: Campaign) -> dict[str, str]:
-    return {"points.csv": lines(c.position * MM, ",", "X,Y,Z\n")}
-
-
-def degrees(c: Campaign) -> dict[str, str]:
-    return {"joints.csv": lines(named(np.degrees(c.q), "p{}"), ",", "Name,J1,J2,J3,J4,J5,J6\n")}
-
-
-def bare_degrees_and_mm(c: Campaign) -> dict[str, str]:
-    return {"poses.txt": lines(np.hstack((np.degrees(c.q), c.position * MM)), " ")}
-
-
-def bare_points_and_joints(c: Campaign) -> dict[str, str]:
-    return {"points.csv": lines(named(c.position * MM, "{}")), "joints.csv": lines(c.q)}
-
-
-def bare_position_first(c: Campaign) -> dict[str, str]:
-    return {"poses.csv": lines(np.hstack((c.position, c.q)))}
-
-
-def bare_quaternions(c: Campaign) -> dict[str, str]:
-    return {"poses.csv": lines(np.hstack((np.degrees(c.q), c.position * MM, c.turn.as_quat())))}
-
-
 def bare_with_rows_of_nan(c: Campaign) -> dict[str, str]:
     return {"m.csv": lines(with_nan(np.hstack((c.q, c.position))))}
 
@@ -242,67 +531,6 @@ def with_nan(values: np.ndarray) -> list[list[Any]]:
 def matlab(c: Campaign) -> dict[str, str]:
     names = ",".join(f"{stem}_{i}" for stem, n in (("joint", 6), ("pos", 3)) for i in range(1, n + 1))
     return {"out.csv": lines(with_nan(np.hstack((c.q, c.position))), ",", names + "\n")}
-
-
-def radian_tracker(c: Campaign) -> dict[str, str]:
-    head = "API Radian Pro\nSerial: 40211\nUnits: in\n\n#\tName\tX\tY\tZ\tStd X\tStd Y\tStd Z\tTime\n"
-    rows = [[i, *row] for i, row in enumerate(named(c.position / 0.0254, "p{}"), 1)]
-    stamped = [[*row, 0.0004, 0.0004, 0.0004, f"11/22/2026 2:{row[0]:02d}:17 PM"] for row in rows]
-    return {"radian.txt": lines(stamped, "\t", head)} | degrees(c)
-
-
-def target_report(c: Campaign) -> dict[str, str]:
-    head = "Target Report\nJob: Cell 3,Date: 11/22/2026\nUnits: in\n\nCollection,Target,X,Y,Z,Ux,Uy,Uz,Timestamp\n"
-    rows = [["A", *row, 0.001, 0.001, 0.0012, "11/22/2026 2:05:17 PM"] for row in named(c.position / 0.0254, "p{}")]
-    return {"report.csv": lines(rows, ",", head)} | degrees(c)
-
-
-def creaform(c: Campaign) -> dict[str, str]:
-    names = [f"Model1 {name}" for name in ("Tx (mm)", "Ty (mm)", "Tz (mm)", "Qx", "Qy", "Qz", "Qw")]
-    head = "VXelements 10.1;;;;;;;;\n" + ";".join(["Time (s)", *names, "Status"]) + "\n"
-    rows = [[*row, "OK"] for row in named(np.hstack((c.position * MM, c.turn.as_quat())), "{}")]
-    return {"vxtrack.csv": lines(rows, ";", head)} | degrees(c)
-
-
-def nikon(c: Campaign) -> dict[str, str]:
-    head = "Nikon Metrology K-CMM\nOperator  J. Meier\n\n  ID      X[mm]      Y[mm]      Z[mm]   LEDs\n"
-    return {"k.txt": lines([[*row, 3] for row in named(c.position * MM, "  {}")], "   ", head)} | degrees(c)
-
-
-def optitrack(c: Campaign) -> dict[str, str]:
-    head = [
-        "Format Version,1.23,Take Name,Take,Capture Frame Rate,120.0,Rotation Type,Quaternion,Length Units,Meters\n",
-        *(",Type" + 8 * ",Rigid Body", ",Name" + 8 * ",Tool", ",ID" + 8 * ",1"),
-        "," + 4 * ",Rotation" + 3 * ",Position" + ",Mean Marker Error",
-        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n",
-    ]
-    values = np.hstack((np.arange(N)[:, None] / 120, c.turn.as_quat(), c.position, np.full((N, 1), 2e-4)))
-    return {"take.csv": lines(named(values, "{}"), ",", "\n".join(head))} | degrees(c)
-
-
-def qualisys(c: Campaign) -> dict[str, str]:
-    head = "NO_OF_FRAMES\t24\nFREQUENCY\t100\nMARKER_NAMES\tTool\nFrame\tTime\tTool X\tTool Y\tTool Z\n"
-    values = np.hstack((np.arange(N)[:, None] / 100, c.position * MM))
-    return {"qtm.tsv": lines(named(values, "{}"), "\t", head)} | degrees(c)
-
-
-def qualisys_bodies(c: Campaign) -> dict[str, str]:
-    names = ["Frame", *"XYZ", "Roll", "Pitch", "Yaw", "Residual", *(f"Rot[{i}]" for i in range(9))]
-    columns = c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9)
-    angles = c.turn.as_euler("xyz", degrees=True)
-    values = np.hstack((c.position * MM, angles, np.full((N, 1), 0.1), columns))
-    head = "NO_OF_FRAMES\t24\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n" + "\t".join(names) + "\n"
-    return {"qtm6d.tsv": lines(named(values, "{}"), "\t", head)} | degrees(c)
-
-
-def kawasaki(c: Campaign) -> dict[str, str]:
-    head = "Robot log RS010N\n   No.   JT1     JT2     JT3     JT4     JT5     JT6\n"
-    return mm(c) | {"as.log": lines(named(np.degrees(c.q), "  {}"), "  ", head)}
-
-
-def yaskawa(c: Campaign) -> dict[str, str]:
-    head = "\t".join(["Pos", *(f"{letter} [deg]" for letter in "SLURBT")]) + "\n"
-    return mm(c) | {"pos.txt": lines(named(np.degrees(c.q), "C{}"), "\t", head)}
 
 
 UR_JOINTS = [f"{name}_joint" for name in ("elbow", "shoulder_lift", "shoulder_pan", "wrist_1", "wrist_2", "wrist_3")]
@@ -322,87 +550,9 @@ def plotjuggler(c: Campaign) -> dict[str, str]:
     return mm(c) | {"joints.csv": lines(rows, ",", ",".join(names) + "\n")}
 
 
-def two_header_lines(c: Campaign) -> dict[str, str]:
-    head = "Point;Joint angles;;;;;;Measured position;;\n;J1;J2;J3;J4;J5;J6;X;Y;Z\n;[deg];;;;;;[mm];;\n"
-    return {"sheet.csv": lines(named(np.hstack((np.degrees(c.q), c.position * MM))), ";", head)}
-
-
-def german(c: Campaign) -> dict[str, str]:
-    names = ["Punkt", *(f"Gelenk {i} [Grad]" for i in range(1, 7)), "X-Ist [mm]", "Y-Ist [mm]", "Z-Ist [mm]", "Datum"]
-    rows = [[*row, "22#11#2026 14:05"] for row in named(np.hstack((np.degrees(c.q), c.position * MM)))]
-    return {"messung.csv": lines(rows, ";", ";".join(names) + "\n").replace(".", ",").replace("#", ".")}
-
-
-def comments_below(c: Campaign) -> dict[str, str]:
-    values, names = np.hstack((np.degrees(c.q), c.position * MM)), "A1\tA2\tA3\tA4\tA5\tA6\tX\tY\tZ"
-    return {"log.tsv": lines(values, "\t", f"% cell 3\n{names}\n", "% end of data\n% 24 points, rms 0.012\n")}
-
-
-def side_by_side(c: Campaign) -> dict[str, str]:
-    head = ",Joints,,,,,,Commanded,,,Measured,,\nPoint,J1,J2,J3,J4,J5,J6,X,Y,Z,X,Y,Z\n"
-    return {"both.csv": lines(named(np.hstack((np.degrees(c.q), c.commanded * MM, c.position * MM))), ",", head)}
-
-
-def commanded_and_read_joints(c: Campaign) -> dict[str, str]:
-    head = "Point,Commanded,,,,,,Actual,,,,,,Measured,,\n,J1,J2,J3,J4,J5,J6,J1,J2,J3,J4,J5,J6,X,Y,Z\n"
-    values = np.hstack((np.degrees(c.q), np.degrees(c.q) + 1e-3, c.position * MM))
-    return {"both.csv": lines(named(values), ",", head)}
-
-
 def table(head: str, *columns: np.ndarray, sep: str = ";", name: str = "", tail: str = "") -> str:
     values = np.hstack(columns)
     return lines(named(values, name) if name else values, sep, head + "\n", tail)
-
-
-JOINTS = "A1;A2;A3;A4;A5;A6"
-
-
-def beside(controller: str, measured: str) -> Form:
-    """A controller's position, of its own frame, beside that of an instrument."""
-
-    def form(c: Campaign) -> dict[str, str]:
-        names = [text.format(axis) for text in (controller, measured) for axis in "XYZ"]
-        return {"both.csv": table(";".join((JOINTS, *names)), np.degrees(c.q), c.commanded * MM, c.position * MM)}
-
-    form.__name__ = f"{controller} beside {measured}"
-    return form
-
-
-BESIDE = [
-    *(
-        ("{}", text)
-        for text in ("Laser {}", "{}_tracker", "T-Mac {}", "AT960_{}", "OptiTrack {}", "{}_LT", "{} Messung")
-    ),
-    *(("{}", text) for text in ("{}_meas", "{} Messung", "{}_ext", "gt_{}", "SMR {}", "Leica{}")),
-    *(("Robot {}", "{}"), ("{} Roboter", "{} Lasertracker"), ("TCP {}", "Laser {}"), ("Actual {}", "Laser {}")),
-    *(("{}_est", "{}_gt"), ("RIst.{}", "TRK.{}"), ("Controller\\TCP\\{}", "Tracker {}"), ("Pos_{}", "Trk_{}")),
-]
-
-
-def controller_pose_and_leica(c: Campaign) -> dict[str, str]:
-    angles = c.commanded_turn.as_euler("ZYX", degrees=True)
-    head = f"Nr;{JOINTS};X;Y;Z;A;B;C;Leica X;Leica Y;Leica Z"
-    return {"kuka.csv": table(head, np.degrees(c.q), c.commanded * MM, angles, c.position * MM, name="{}")}
-
-
-def joints_in_another_order(c: Campaign, name: str, of: str) -> dict[str, str]:
-    """Points of which one has no command, and commands in another order, whose names are alike."""
-    points = table("Name;X;Y;Z", c.position * MM, name=name, tail="Drift A;2000;100;30\n")
-    rows = named(np.degrees(c.q), of)[::-1]
-    return {"points.csv": points, "joints.csv": lines(rows, ";", f"Name;{JOINTS}\n")}
-
-
-def names_by_number(c: Campaign) -> dict[str, str]:
-    return joints_in_another_order(c, "Pos {}", "XP{:03d}")
-
-
-def names_in_groups(c: Campaign) -> dict[str, str]:
-    files = joints_in_another_order(c, "Cell::Arm::P{}", "P{}")
-    return files | {"points.csv": files["points.csv"].replace("Name", "Collection::Group::Point", 1)}
-
-
-def names_of_repetitions(c: Campaign) -> dict[str, str]:
-    return joints_in_another_order(c, "P{}_1", "P{}")
 
 
 def stamped(c: Campaign) -> dict[str, str]:
@@ -449,61 +599,6 @@ def pc_dmis(c: Campaign) -> dict[str, str]:
     return in_rows(c, "PART NAME  : CELL\n", " ", lambda i, axis, v: f"{axis} {v + 1:.6f} 0.5 {v:.6f} -1.0\n", above)
 
 
-def istwert(c: Campaign) -> dict[str, str]:
-    names = [f"{word} {axis}" for word in ("Istwert", "Sollwert", "Abweichung") for axis in "XYZ"]
-    values = (c.position * MM, c.commanded * MM, c.position * MM - c.commanded * MM)
-    text = table(";".join(["Merkmal", *names]), *values, name="P{}")
-    return {"ist.csv": text, "joints.csv": table(f"Name;{JOINTS}", np.degrees(c.q), name="P{}")}
-
-
-def prose_below(c: Campaign) -> dict[str, str]:
-    tail = ";;;;\nErstellt am 25.11.2026 um 14:02;;;;\n"
-    points = table("Element;X;Y;Z;Form", c.position * MM, 0 * c.position[:, :1], name="XP{}", tail=tail)
-    return {"points.csv": points, "joints.csv": table(JOINTS, np.degrees(c.q))}
-
-
-def labview(c: Campaign) -> dict[str, str]:
-    end = "***End_of_Header***\t\n"
-    head = f"LabVIEW Measurement\t\nSeparator\tTab\n{end}\t\nChannels\t9\nX0\t0.0\n{end}"
-    names = "\t".join(["X_Value", *(f"J{i}" for i in range(1, 7)), "Trk X", "Trk Y", "Trk Z", "Comment"])
-    times = 2.5 * np.arange(N)[:, None]
-    return {"run.lvm": table(head + names, times, np.degrees(c.q), c.position * MM, sep="\t")}
-
-
-def translated(joint: str, measured: str, units: str = "") -> Form:
-    def form(c: Campaign) -> dict[str, str]:
-        names = [*(joint.format(i) for i in range(1, 7)), *(measured.format(axis) for axis in "XYZ")]
-        text = table(";".join(["Punto", *names]) + units, np.degrees(c.q), c.position * MM, name="P{}")
-        return {"mesure.csv": text}
-
-    form.__name__ = joint
-    return form
-
-
-def pendant(c: Campaign) -> dict[str, str]:
-    head = "base shoulder elbow wrist1 wrist2 wrist3 tx ty tz"
-    return {"ur.txt": table(head, c.q, c.position, sep=" ")}
-
-
-def matlab_table(c: Campaign) -> dict[str, str]:
-    names = [*(f"q_{i}" for i in range(1, 7)), "p_1", "p_2", "p_3"]
-    return {"run.csv": table(",".join(["t", *names]), 7.0 * np.arange(N)[:, None], c.q, c.position, sep=",")}
-
-
-def centimetres(c: Campaign) -> dict[str, str]:
-    return {"cm.csv": table(f"{JOINTS};X;Y;Z", np.degrees(c.q), c.position * 100)}
-
-
-def open_cv(c: Campaign) -> dict[str, str]:
-    names = [f"{stem}_{i}" for stem, n in (("joint", 6), ("tvec", 3), ("rvec", 3)) for i in range(n)]
-    return {"aruco.csv": table(",".join(names), c.q, c.position, c.turn.as_rotvec(), sep=",")}
-
-
-def euler_radians(c: Campaign) -> dict[str, str]:
-    names = ";".join(f"A{i} [rad]" for i in range(1, 7))
-    return {"abc.csv": table(f"{names};X;Y;Z;Alpha;Beta;Gamma", c.q, c.position * MM, c.turn.as_euler("ZYX"))}
-
-
 def body_and_marker(c: Campaign) -> dict[str, str]:
     """Motive's export with a marker of the rigid body, and rows in which the body was lost."""
     head = ",Type" + ",Rigid Body" * 7 + ",Rigid Body Marker" * 3 + "\n,ID" + ',"7A2"' * 7 + ',"7A3"' * 3 + "\n"
@@ -523,16 +618,6 @@ def tool_and_stray(c: Campaign) -> dict[str, str]:
     return {"polaris.csv": lines(rows, ",", head), "joints.csv": table("J1;J2;J3;J4;J5;J6", joints)}
 
 
-def optotrak(c: Campaign) -> dict[str, str]:
-    head = "Number of frames: 24\nUnits: mm\n\nFrame,Marker_1 x,Marker_1 y,Marker_1 z\n"
-    return {"marker.csv": lines(named(c.position * MM, "{}"), ",", head), "joints.csv": table(JOINTS, np.degrees(c.q))}
-
-
-def channels(c: Campaign) -> dict[str, str]:
-    head = "Name:,Scan\n\nScan,101 <Trk X> (mm),102 <Trk Y> (mm),103 <Trk Z> (mm)\n"
-    return {"scan.csv": lines(named(c.position * MM, "{}"), ",", head), "joints.csv": table(JOINTS, np.degrees(c.q))}
-
-
 def yaskawa_job(c: Campaign) -> dict[str, str]:
     places = lines(named(np.degrees(c.q), "C{:05d}=")).replace("=,", "=")
     moves = "".join(f"MOVJ C{i:05d} VJ=10.00 ' P{i}\n" for i in range(1, N + 1))
@@ -548,24 +633,27 @@ def le_robot(c: Campaign) -> dict[str, str]:
 
 
 POSITIONS: tuple[Form, ...] = (
-    *(polyworks, cam2_and_kuka, kuka_points_alone, rtde_and_leica, fanuc_in_inches, robodk, laboratory),
-    *(spatial_analyzer_and_rapid, yaml_records, json_columns, trials),
-    *(bare_degrees_and_mm, bare_points_and_joints, bare_position_first, bare_with_rows_of_nan, matlab),
-    *(radian_tracker, target_report, nikon, qualisys, kawasaki, yaskawa, ros_echo, plotjuggler),
-    *(two_header_lines, german, comments_below, side_by_side, commanded_and_read_joints),
-    *(beside(controller, measured) for controller, measured in BESIDE),
-    *(controller_pose_and_leica, names_by_number, names_in_groups, names_of_repetitions, polyworks_blocks, metrolog),
-    *(pc_dmis, istwert, prose_below, labview, pendant, matlab_table, centimetres, optotrak, channels, yaskawa_job),
-    *(translated("Axe {} (°)", "{} mesuré (mm)"), translated("Articulación {}", "{} medido")),
-    translated("Asse {}", "{} misurato", "\n;" + ";".join(["gradi"] * 6 + ["mm"] * 3)),
+    *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
+    *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
+    yaskawa_job,
 )
 POSES: tuple[Form, ...] = (
-    *(vicon, counted_quaternion, json_lines, json_records, bare_matrices),
-    *(bare_quaternions, creaform, optitrack, qualisys_bodies),
-    *(hand_eye_matrices, hand_eye_transforms, trajectories),
-    *(stamped, open_cv, euler_radians, body_and_marker, tool_and_stray, le_robot),
+    *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
+    *(tool_and_stray, le_robot),
 )
-WITHOUT_ROBOT = (hand_eye_matrices, hand_eye_transforms, trajectories)
+FORMS: dict[str, Form | dict[str, Text]] = {
+    **TABLES_OF_POSITIONS,
+    **TABLES_OF_POSES,
+    **{form.__name__: form for form in (*POSITIONS, *POSES)},
+}
+WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
+WITHOUT_ROBOT = ("hand_eye_matrices", "hand_eye_transforms", "trajectories")
+
+
+def made(form: str, c: Campaign) -> dict[str, str]:
+    """The files of a form."""
+    files = FORMS[form]
+    return {name: text.of(c) for name, text in files.items()} if isinstance(files, dict) else files(c)
 
 
 def written(files: dict[str, str], folder: Path) -> list[str]:
@@ -583,18 +671,18 @@ def figures(arguments: list[str]) -> dict[str, Any]:
     return document
 
 
-@pytest.mark.parametrize("form", [*POSITIONS, *POSES], ids=lambda form: form.__name__)
-def test_a_form_gives_the_figures_of_the_plain_file(form: Form, campaign: Campaign, tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", FORMS)
+def test_a_form_gives_the_figures_of_the_plain_file(form: str, campaign: Campaign, tmp_path: Path) -> None:
     joints = ",".join(f"q{i}" for i in range(1, 7))
-    plain = np.hstack((campaign.q, campaign.position, *([campaign.turn.as_quat()] if form in POSES else [])))
-    head = f"{joints},x,y,z{',qx,qy,qz,qw' if form in POSES else ''}\n"
+    plain = np.hstack((campaign.q, campaign.position, *([campaign.turn.as_quat()] if form in WITH_ORIENTATION else [])))
+    head = f"{joints},x,y,z{',qx,qy,qz,qw' if form in WITH_ORIENTATION else ''}\n"
     expected = figures([*written({"plain.csv": lines(plain, ",", head)}, tmp_path), "--robot", ROBOT])
     assert expected["position"]["rms_m"] < 1e-4
     for robot in (["--robot", ROBOT], *([[]] if form in WITHOUT_ROBOT else [])):
-        found = figures([*written(form(campaign), tmp_path), *robot])
+        found = figures([*written(made(form, campaign), tmp_path), *robot])
         for key in ("rms_m", "p95_m", "max_m"):
             assert found["position"][key] == pytest.approx(expected["position"][key], rel=2e-3)
-        if form in POSES:
+        if form in WITH_ORIENTATION:
             assert found["orientation"]["rms_rad"] == pytest.approx(expected["orientation"]["rms_rad"], rel=2e-3)
 
 
@@ -616,7 +704,7 @@ def test_numbers_without_one_reading_stay_a_question(
 
 
 def test_one_note_says_how_numbers_were_read(campaign: Campaign, tmp_path: Path) -> None:
-    path = written(bare_degrees_and_mm(campaign), tmp_path)[0]
+    path = written(made("bare_degrees_and_mm", campaign), tmp_path)[0]
     joints = ", ".join(f"q{i}_deg" for i in range(1, 7))
     (note,) = [text for text in robacc.read_poses(path, robot=ROBOT).warnings if "no header" in text]
     assert f"columns 1 to 9 read as {joints}, X [mm], Y [mm], Z [mm], only this reading agrees with the motion" in note
@@ -668,7 +756,7 @@ def test_init_proposes_a_matrix(campaign: Campaign, tmp_path: Path) -> None:
 
 
 def test_points_and_joints_as_two_positional_files_get_one_hint(campaign: Campaign, tmp_path: Path) -> None:
-    files = counted_quaternion(campaign)
+    files = made("counted_quaternion", campaign)
     arguments = written(files, tmp_path)
     done = CliRunner().invoke(app, ["estimate", arguments[0], arguments[2], "--robot", ROBOT])
     assert done.exit_code == 3
@@ -711,14 +799,14 @@ def test_documents_without_records_get_one_message(text: str, tmp_path: Path) ->
 
 def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp_path: Path) -> None:
     for name in ("Foo {}", "ref_{}"):
-        path = written(beside("{}", name)(campaign), tmp_path)[0]
+        path = written({"both.csv": beside("{}", name)["both.csv"].of(campaign)}, tmp_path)[0]
         with pytest.raises(InputError, match=r"found several positions: 'X, Y, Z' or .* say with `columns`"):
             robacc.read_poses(path, robot=ROBOT)
 
 
 @pytest.mark.parametrize("name", ["d{}", "{} dev", "Vel {}", "v{}", "Abw. {}", "RMS {}"])
 def test_what_is_no_position_is_no_rival(name: str, campaign: Campaign, tmp_path: Path) -> None:
-    path = written(beside(name, "{}")(campaign), tmp_path)[0]
+    path = written({"both.csv": beside(name, "{}")["both.csv"].of(campaign)}, tmp_path)[0]
     data = robacc.read_poses(path, robot=ROBOT)
     np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
 

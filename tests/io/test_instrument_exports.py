@@ -2,110 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 import robacc
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-COUNT = 12
 
 
 @pytest.fixture(scope="module")
 def robot() -> robacc.Robot:
     return robacc.read_robot(SAMPLES / "robot.yaml")
-
-
-@pytest.fixture(scope="module")
-def data(robot: robacc.Robot) -> robacc.Measurements:
-    return robacc.read_poses(SAMPLES / "poses.csv", robot=robot).subset(slice(0, COUNT))
-
-
-def rotations(data: robacc.Measurements) -> Rotation:
-    assert data.rotation is not None
-    return Rotation.from_matrix(np.moveaxis(data.rotation, 2, 0))
-
-
-def lines(head: str, row: str, *columns: np.ndarray) -> str:
-    """Return a head, and a row for each pose with its number (from 1) and its values."""
-    values = np.vstack(columns).T
-    return head + "".join(row.format(*items, n=i) + "\n" for i, items in enumerate(values, 1))
-
-
-def spatial_analyzer(data: robacc.Measurements) -> str:
-    angles = rotations(data).as_euler("xyz", degrees=True).T
-    head = '"Collection","Object","X","Y","Z","Rx","Ry","Rz"\n"","","(mm)","(mm)","(mm)","(deg)","(deg)","(deg)"\n'
-    return lines(head, '"A","P{n}"' + ",{:.6f}" * 6, data.position * 1e3, angles)
-
-
-def motive(data: robacc.Measurements) -> str:
-    head = (
-        "Format Version,1.23,Take Name,Take 7,Rotation Type,Quaternion,Length Units,Meters,Coordinate Space,Global\n\n"
-        ",,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body\n"
-        ",,SMR,SMR,SMR,SMR,SMR,SMR,SMR,SMR\n"
-        ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position,Mean Marker Error\n"
-        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n"
-    )
-    return lines(head, "{n},{n}.5" + ",{:.9f}" * 7 + ",0.0001", rotations(data).as_quat().T, data.position)
-
-
-def merged_cells(data: robacc.Measurements) -> str:
-    """The same groups as a spreadsheet program writes them, where one cell spans several columns."""
-    head = "Take 7\n;Position;;;Rotation;;;\nPunkt;X [m];Y [m];Z [m];X;Y;Z;W\n"
-    return lines(head, "P{n}" + ";{:.9f}" * 7, data.position, rotations(data).as_quat().T).replace(".", ",")
-
-
-def vicon(data: robacc.Measurements) -> str:
-    head = "Segments\n100\n,,Tool:Tool,,,,,\nFrame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,deg,deg,deg,mm,mm,mm\n"
-    return lines(head, "{n},0" + ",{:.6f}" * 6, np.degrees(rotations(data).as_rotvec().T), data.position * 1e3)
-
-
-def ndi(data: robacc.Measurements) -> str:
-    quaternion = np.roll(rotations(data).as_quat().T, 1, axis=0)
-    head = "Tools,Port 1,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers\n"
-    return lines(head, "1,344,{n},1,OK" + ",{:.9f}" * 7 + ",0.05,4", quaternion, data.position * 1e3)
-
-
-def radian(data: robacc.Measurements) -> str:
-    head = "API Radian Pro\nSerial No,40123\nTemperature,20.1,C\n\nNo.,Name,X(mm),Y(mm),Z(mm),RMS X,RMS Y,RMS Z,Time\n"
-    return lines(head, "{n},P{n}" + ",{:.6f}" * 3 + ",0.002,0.002,0.003,09:00:07.120", data.position * 1e3)
-
-
-EXPORTS = (spatial_analyzer, motive, merged_cells, vicon, ndi, radian)
-
-
-@pytest.mark.parametrize("export", EXPORTS, ids=lambda export: export.__name__)
-def test_measured_poses_and_joints_of_another_file(
-    export: Callable[[robacc.Measurements], str],
-    data: robacc.Measurements,
-    robot: robacc.Robot,
-    tmp_path: Path,
-) -> None:
-    measured, joints = tmp_path / "measured.csv", tmp_path / "joints.csv"
-    measured.write_text(export(data), encoding="utf-8")
-    joints.write_text(lines("Name,J1,J2,J3,J4,J5,J6\n", "P{n}" + ",{:.7f}" * 6, np.degrees(data.q)), encoding="utf-8")
-    read = robacc.read_poses(measured, robot=robot, commanded=joints, units="mm,deg")
-    # Six digits of a millimetre, seven of a degree.
-    np.testing.assert_allclose(read.position, data.position, atol=1e-9)
-    np.testing.assert_allclose(read.q, data.q, atol=1e-8)
-    if export is radian:
-        assert read.rotation is None
-    else:
-        np.testing.assert_allclose(read.rotation, data.rotation, atol=3e-8)
-
-
-def test_signals_of_robotstudio_have_a_path(data: robacc.Measurements, robot: robacc.Robot, tmp_path: Path) -> None:
-    path = tmp_path / "signals.csv"
-    names = [*(f"J{i} (deg)" for i in range(1, 7)), *(f"TCP {axis} (mm)" for axis in "XYZ")]
-    head = ";".join(("Time (s)", *(f"System1\\ROB_1\\{name}" for name in names))) + "\n"
-    path.write_text(lines(head, "{n}.0" + ";{:.7f}" * 9, np.degrees(data.q), data.position * 1e3), encoding="utf-8")
-    read = robacc.read_poses(path, robot=robot)
-    np.testing.assert_allclose(read.q, data.q, atol=1e-8)
-    np.testing.assert_allclose(read.position, data.position, atol=1e-9)
 
 
 REFUSED = {

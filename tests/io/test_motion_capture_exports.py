@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -65,18 +65,6 @@ def qualisys(measured: Poses) -> str:
     return table(head, rows, "\t")
 
 
-def motive(measured: Poses) -> str:
-    head = (
-        "Format Version,1.23,Rotation Type,Quaternion,Length Units,Millimeters,Coordinate Space,Global\n"
-        f"\n,Type{',Rigid Body' * 8}\n,Name{',Tool' * 8}\n,ID{',8E1C00FF' * 8}\n\n"
-        ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position,Mean Marker Error\n"
-        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z,\n"
-    )
-    quaternion = np.roll(quaternion_from_rotation(measured.rotation), -1, axis=0)
-    columns = np.vstack([quaternion, 1e3 * measured.translation]).T
-    return table(head, ([k, 5.0 * k, *map("{:.9f}".format, row), 2e-4] for k, row in enumerate(columns)), ",")
-
-
 def rostopic(measured: Poses) -> str:
     fields = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
     head = ",".join(["%time,field.header.seq,field.header.frame_id", *(f"field.pose.{name}" for name in fields)]) + "\n"
@@ -85,24 +73,6 @@ def rostopic(measured: Poses) -> str:
     start = 1763635637123456789
     rows = ([start + k * 10**9, k, "tracker", *map("{:.9f}".format, row)] for k, row in enumerate(columns))
     return table(head, rows, ",")
-
-
-@pytest.mark.parametrize(("write", "units"), [(qualisys, "mm,deg"), (motive, None), (rostopic, None)])
-def test_an_export_and_its_commands_give_the_grade_with_one_command(
-    write: Callable[[Poses], str],
-    units: str | None,
-    measured: Poses,
-    commands: Path,
-    robot: robacc.Robot,
-    tmp_path: Path,
-) -> None:
-    (tmp_path / "export.csv").write_text(write(measured), encoding="utf-8")
-    poses = robacc.PoseFile(tmp_path / "export.csv", units=units, commanded=commands)
-    result = robacc.estimate(poses, robot=robot, align=("base_frame", "tool_frame"))
-    expected = robacc.estimate(SAMPLE / "poses.csv", robot=robot, align=("base_frame", "tool_frame"))
-    # Files with seven decimals of a mm or of a degree.
-    assert result.position.rms == pytest.approx(expected.position.rms, abs=1e-8)
-    assert result.orientation.rms == pytest.approx(expected.orientation.rms, abs=1e-7)
 
 
 def test_roll_pitch_yaw_about_moving_axes_are_known_by_the_commands(

@@ -60,15 +60,10 @@ def whitener(robot: Robot, q: np.ndarray, joints: np.ndarray) -> np.ndarray:
 
 
 @cache
-def planned(name: str = "irb1600", poses: int = 30, **settings: object) -> CampaignPlan:
-    demands = CampaignSettings(
-        "calibrate",
-        poses,
-        noise=NOISE,
-        repeatability=SCATTER,
-        n_candidates=1500,
-        **settings,  # type: ignore[arg-type]
-    )
+def planned(name: str, sight: Sight | None = None, min_height: float | None = None) -> CampaignPlan:
+    """A plan of 30 poses, each visited once."""
+    settings = {"noise": NOISE, "repeatability": SCATTER, "n_candidates": 1000, "repeats": 0, "check_every": 0}
+    demands = CampaignSettings("calibrate", 30, constraints=Constraints(sight=sight, min_height=min_height), **settings)  # type: ignore[arg-type]
     return plan_campaign(arm(name).robot, demands)
 
 
@@ -111,7 +106,7 @@ def held_out(plan: CampaignPlan, q: np.ndarray, names: list[str], test: np.ndarr
 
 @pytest.mark.parametrize("name", ["irb1600", "puma560"])
 def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
-    plan = planned(name, repeats=0, check_every=0)
+    plan = planned(name)
     names = [entry.name for entry in plan.coefficients if entry.std is not None]
     rng = np.random.default_rng(2)
     low, high = np.array([joint.limits for joint in plan.robot.variables]).T[..., None]
@@ -128,7 +123,7 @@ def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
 
 
 def test_repeats_of_the_noise_model() -> None:
-    plan = planned()
+    plan = planned("irb1600")
     # Without an unexplained error a second visit has the information of the first; a reading leaves the scatter.
     assert plan.worth.new_poses <= plan.worth.repeated_poses < plan.worth.readings
     assert plan.worth.repeated_poses == pytest.approx(plan.accuracy.planned.rms / np.sqrt(2), rel=0.02)
@@ -153,6 +148,6 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 
 def test_visible_poses_are_few_and_the_choice_among_them_matters() -> None:
     sight = Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30))
-    plan = planned(constraints=Constraints(sight=sight, min_height=0.1))
+    plan = planned("irb1600", sight, 0.1)
     assert plan.accuracy.planned.rms < 0.9 * plan.accuracy.planned.random_rms
     assert {entry.reason for entry in plan.candidates.excluded} >= {"reflector turned away by more than 30°"}

@@ -31,52 +31,6 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
     return subprocess.CompletedProcess(done.args, done.returncode, done.stdout.decode(), done.stderr.decode())
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ((HEAD + ROW).encode("utf-16")[:-1], "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
-        (HEAD.encode("utf-16-le"), "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
-        ((HEAD + "1,2,3\0,1,2,3\n").encode(), "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"),
-        (("pose," + HEAD).encode() + b"p\x81," + ROW.encode(), ":2: byte 2 of the line, 0x81, is not UTF-8"),
-        (
-            (HEAD + ROW.replace("1", "one").replace("2", "two")).replace(",", ";").encode(),
-            ":2, x: found 'one', expected a number",
-        ),
-        ((HEAD + '"1,5",2,3,1,2,3\n').encode(), ":2, x: found '1,5', expected a number; write decimals with a point"),
-        ((HEAD + "1,5,2,3,1,2,3\n").encode(), ":2: found 7 fields, expected 6 as in the header"),
-        ((HEAD + "1,2,3,1,2," + "9" * 400 + "\n").encode(), ":2, cmd_z: found '9999"),
-        ((HEAD + "1,2,1e308,1,2,3\n").encode(), ":2, z: found 1e+308, expected at most 1e+08"),
-        (
-            b"sigma_x,sigma_y,sigma_z," + (HEAD + "5e-324,1e-5,1e-5," + ROW).encode(),
-            ":2, sigma_x: found 4.940656458e-324, expected at least 1e-12 m or rad",
-        ),
-        (b"rx_deg,ry_deg,rz_deg," + (HEAD + "1e300,0,0," + ROW).encode(), ":2, rx_deg: found 1e+300 deg, expected at"),
-        (b"time_s," + (HEAD + "-1e200," + ROW).encode(), ":2, time_s: found -1e+200, expected at most 1e+12"),
-        (",".join(f"c{i}" for i in range(100_000)).encode(), ":1: found 100000 columns; expected at most 2000"),
-        ((HEAD + '"1,2,3,1,2,3\n').encode(), ":2: the row cannot be read"),
-        (b"# nothing\n#\n", "the file is empty; expected a header row of column names and one row per pose"),
-    ],
-)
-def test_a_file_that_cannot_be_used(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_poses(path, units_check=False)
-    assert message in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    "cell", ["nan", "NaN", "-nan", "inf", "-Infinity", "1e400", "#N/A", "", "1_0", "0x1", "true", "١", "1 2", "--1"]
-)
-def test_what_is_no_finite_number(tmp_path: Path, cell: str) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text(HEAD + ROW + f"1,2,{cell},1,2,3\n", encoding="utf-8")
-    with pytest.raises(InputError) as caught:
-        read_poses(path)
-    (problem,) = caught.value.problems
-    assert (problem.line, problem.column) == (3, "z")
-
-
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_ends_of_lines_and_denormal_numbers_are_taken(tmp_path: Path, end: str) -> None:
     path = tmp_path / "poses.csv"

@@ -4,46 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from pose_files import Reader, problem_texts
+from pose_files import Reader
 
 from robacc.fitting.visits import visit_numbers
 from robacc.measurements import motion_between_rows
-
-
-def test_order_of_rows_gives_direction_and_speed(read: Reader) -> None:
-    text = "q1,q2,x,y,z\n0,0,1,2,3\n0.5,-0.25,1,2,3\n0.5,-0.25,1,2,3\n0.5,0.75,1,2,3\n"
-    data = read(text, ordered=True)
-    assert data.ordered
-    assert data.direction.tolist() == [[0, 1, 0, 0], [0, -1, 0, 1]]
-    assert data.speed.tolist() == [[0, 1, 0, 0], [0, -0.5, 0, 1]]
-
-
-def test_given_motion_goes_before_derived(read: Reader) -> None:
-    text = "q1,q2,x,y,z,dir_q2,speed_q1\n0,0,1,2,3,1,0.5\n0.5,-0.25,1,2,3,1,0.25\n"
-    data = read(text, ordered=True)
-    assert data.direction.tolist() == [[0, 1], [1, 1]]
-    assert data.speed.tolist() == [[0.5, 0.25], [0, -0.5]]
-    assert data.warnings == ()
-
-
-def test_motion_of_some_joints_only(read: Reader) -> None:
-    data = read("q1,q2,x,y,z,dir_q2\n0,0,1,2,3,-1\n")
-    assert data.direction.tolist() == [[0], [-1]]
-    assert data.speed is None
-    assert len(data.warnings) == 1
-    assert data.warnings[0].endswith("no column dir_q1: 0 (not moving) is assumed")
-
-
-def test_order_that_says_nothing_or_contradicts_itself(read: Reader) -> None:
-    text = "x,y,z,cmd_x,cmd_y,cmd_z,time_s\n1,2,3,1,2,3,5\n1,2,3,1,2,3,7\n1,2,3,1,2,3,6\n"
-    data = read(text, ordered=True)
-    assert data.direction is None
-    assert [text.partition("poses.csv: ")[2] for text in data.warnings] == [
-        "the file has no joint columns, so the order of rows does not give the joints' directions",
-        "time_s decreases at line 4: the clock was set back, or the rows are not in the order measured",
-    ]
-    (warning,) = read(text).warnings
-    assert "time_s decreases at line 4: the clock was set back" in warning
 
 
 def test_motion_is_that_of_each_step() -> None:
@@ -53,13 +17,6 @@ def test_motion_is_that_of_each_step() -> None:
         step = q[:, k] - q[:, k - 1]
         np.testing.assert_array_equal(direction[:, k], np.sign(step))
         np.testing.assert_array_equal(speed[:, k], step / max(abs(step)))
-
-
-def test_a_direction_and_a_speed_that_contradict_each_other_are_warned_of(read: Reader) -> None:
-    head = "q1,x,y,z,dir_q1,speed_q1\n0,1,2,3,1,0.5\n0,1,2,4,0,0.5\n0,1,2,5,1,0\n"
-    assert read(head).warnings == ()
-    (warning,) = read(head + "0,1,2,6,-1,0.5\n").warnings
-    assert "dir_q1 and speed_q1 have opposite signs at line 5: one of them is wrong" in warning
 
 
 SMRS = "q1,q2,x,y,z,target\n"
@@ -107,15 +64,3 @@ def test_motion_of_a_file_with_one_row_a_visit_is_that_of_its_rows(read: Reader)
     direction, speed = motion_between_rows(q)
     np.testing.assert_array_equal(with_visits.direction, direction)
     np.testing.assert_array_equal(with_visits.speed, speed)
-
-
-def test_rows_that_contradict_their_visit_are_refused(read: Reader) -> None:
-    text = "visit,q1,x,y,z\n1,0,1,2,3\n2,0.5,1,2,4\n1,0.5,1,2,5\n"
-    (problem,) = problem_texts(read, text)
-    assert problem == (
-        "4, visit: visit '1' has another command than on line 2; a visit is one arrival of the arm, so number each "
-        "arrival differently"
-    )
-    (problem,) = problem_texts(read, text.replace("1,0.5,1,2,5", "1,0,1,2,5"), ordered=True)
-    assert problem.startswith("4, visit: visit '1' continues after another visit began, although rows are said to be")
-    assert read(text.replace("1,0.5,1,2,5", "1,0,1,2,5")).visit.tolist() == ["1", "2", "1"]  # type: ignore[union-attr]

@@ -81,104 +81,151 @@ def test_unusual_but_good_data_raise_no_alarm(tmp_path: Path, change: dict[str, 
     assert read(tmp_path, good() | change).warnings == ()
 
 
-def test_joints_in_degrees(tmp_path: Path) -> None:
-    data = scaled(DEGREES, *ALL_JOINTS)
-    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=[(-3.1, 3.1)] * 6))
-    largest = max(np.abs(data[name]).max() for name in ALL_JOINTS)
-    assert problem == (
-        f"1, q1, q2, q3, q4, q5, q6: found joint angles up to {largest:.4g}, which cannot be rad; if they are in deg, "
-        "name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
-    )
-    q = read(tmp_path, renamed(data, "deg", *ALL_JOINTS), robot=KnownRobot(limits=[(-3.1, 3.1)] * 6)).q
-    np.testing.assert_allclose(q, [good()[name] for name in ALL_JOINTS], rtol=1e-10)
-    assert read(tmp_path, data, units_check=False).n == N
-    assert read(tmp_path, renamed(data, "rad", *ALL_JOINTS)).n == N  # the user's word
+LIMITED = {"robot": KnownRobot(limits=[(-3.1, 3.1)] * 6)}
+TYPES = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
+NAMES = [f"j{i}" for i in range(6)]
+RAIL = {"robot": KnownRobot(NAMES, TYPES, [None, None, (0, 1), *[None] * 3])}
+SMALL = {f"cmd_{axis}": 0.02 * good()[f"cmd_{axis}"] for axis in "xyz"}
+FIRST = np.arange(N) < N // 2
 
 
-def test_one_pose_in_degrees(tmp_path: Path) -> None:
-    data = {"q1": [90.0], "q2": [-2.0], "x": [1.0], "y": [1.0], "z": [1.0]}
-    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=[(-3.1, 3.1), (-1, 1)]))
-    assert problem.startswith("1, q1: found joint angles up to 90, which cannot be rad")
-
-
-def test_small_angles_in_degrees_are_noticed_by_the_limits(tmp_path: Path) -> None:
-    data = good() | {"q2": np.linspace(-11, 11, N)}
-    limits = [(-3.1, 3.1)] * 6
-    (problem,) = problem_texts(tmp_path, data, robot=KnownRobot(limits=limits))
-    assert problem.startswith("1, q2: found joint angles up to 11, which cannot be rad")
-    assert problem_texts(tmp_path, good() | {"q2": np.linspace(-3.3, 3.3, N)}, robot=KnownRobot(limits=limits))[
-        0
-    ].startswith("2, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1")
-
-
-def test_turns_that_the_limits_allow_are_no_degrees(tmp_path: Path) -> None:
-    data = good() | {"q6": np.linspace(-60, 60, N)}
-    assert read(tmp_path, data, robot=KnownRobot(limits=[None] * 5 + [(-63, 63)])).n == N
-    assert problem_texts(tmp_path, data)[0].startswith("1, q6: found joint angles up to 60")
-
-
-def test_a_prismatic_joint_in_millimetres(tmp_path: Path) -> None:
-    data = good() | {"q3": np.linspace(0, 900, N)}
-    types = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
-    names = [f"j{i}" for i in range(6)]
-    (problem,) = problem_texts(
-        tmp_path, data, robot=KnownRobot(joint_names=names, joint_types=types, limits=[None, None, (0, 1), *[None] * 3])
-    )
-    assert problem == (
-        "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
-        "if in m, q3_m and so on"
-    )
-    assert (
-        read(tmp_path, good() | {"q3": np.linspace(0, 20, N)}, robot=KnownRobot(joint_names=names, joint_types=types)).n
-        == N
-    )
-
-
-@pytest.mark.parametrize("prefix", ["", "cmd_"])
-def test_positions_in_millimetres(tmp_path: Path, prefix: str) -> None:
-    names = [f"{prefix}{axis}" for axis in "xyz"]
-    (problem,) = problem_texts(tmp_path, scaled(1e3, *names))
-    assert problem.startswith(f"1, {', '.join(names)}: found positions up to ")
-    assert f"which cannot be m; if they are in mm, name the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm" in problem
-    assert read(tmp_path, renamed(scaled(1e3, *names), "mm", *names)).n == N
-
-
-def test_one_position_in_millimetres(tmp_path: Path) -> None:
-    data = {"q1": [0.5], "x": [812.5], "y": [-20.0], "z": [400.0]}
-    assert "found positions up to 812.5, which cannot be m" in problem_texts(tmp_path, data)[0]
-
-
-def test_small_moves_in_millimetres_are_noticed_beside_commanded_ones(tmp_path: Path) -> None:
-    data = good()
-    for axis in "xyz":
-        data[f"cmd_{axis}"] = data[f"cmd_{axis}"] * 0.02
-        data[axis] = data[f"cmd_{axis}"] * 1e3
-    (problem,) = problem_texts(tmp_path, data)
-    assert "attained positions spread 1e+03 times as far as commanded positions, so one of them is in mm" in problem
-    assert problem.endswith("put the unit in the columns' names, for example x_mm and cmd_x_m")
-    assert read(tmp_path, renamed(data, "mm", *"xyz")).n == N
-
-
-@pytest.mark.parametrize("prefix", ["", "cmd_"])
-@pytest.mark.parametrize("names", [("roll", "pitch", "yaw"), ("rx", "ry", "rz")])
-def test_orientations_in_degrees(tmp_path: Path, prefix: str, names: tuple[str, ...]) -> None:
+def turned(*names: str) -> dict[str, Any]:
+    """Good poses whose orientations are these three columns, in degrees."""
     data = {key: value for key, value in good().items() if key not in ("roll", "pitch", "yaw")}
-    keys = [f"{prefix}{name}" for name in names]
-    angles = dict(zip(keys, RNG.uniform(-90, 90, (3, N)), strict=True))
-    (problem,) = problem_texts(tmp_path, data | angles)
-    assert problem.startswith(f"1, {', '.join(keys)}: found angles up to ")
-    assert f"which cannot be rad; if they are in deg, name the columns {keys[0]}_deg, " in problem
-    assert read(tmp_path, data | renamed(angles, "deg", *keys)).n == N
+    return data | dict(zip(names, np.random.default_rng(8).uniform(-90, 90, (3, N)), strict=True))
 
 
-def test_measuring_uncertainty_in_another_unit(tmp_path: Path) -> None:
-    (problem,) = problem_texts(tmp_path, scaled(2e4, *SIGMAS))
-    assert problem.startswith(
-        "1, sigma_x, sigma_y, sigma_z: found a typical measuring uncertainty of 0.4 m, which no instrument has; "
-        "if they are in mm, name the columns sigma_x_mm"
-    )
-    (problem,) = problem_texts(tmp_path, scaled(1e4, "sigma_r"))
-    assert "found a typical measuring uncertainty of 1 rad, which no instrument has" in problem
+def wrong_at(row: int, data: dict[str, Any], name: str) -> dict[str, Any]:
+    return data | {name: np.where(np.arange(N) == row, np.nan, data[name])}
+
+
+PROBLEMS: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
+    (
+        scaled(DEGREES, *ALL_JOINTS),
+        LIMITED,
+        [
+            f"1, q1, q2, q3, q4, q5, q6: found joint angles up to "
+            f"{max(np.abs(good()[name]).max() for name in ALL_JOINTS) * DEGREES:.4g}, which cannot be rad; if they "
+            "are in deg, name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
+        ],
+    ),
+    (
+        {"q1": [90.0], "q2": [-2.0], "x": [1.0], "y": [1.0], "z": [1.0]},
+        {"robot": KnownRobot(limits=[(-3.1, 3.1), (-1, 1)])},
+        ["1, q1: found joint angles up to 90, which cannot be rad"],
+    ),
+    # Small angles are noticed by the limits, and a few values that no joint reaches are enough.
+    (good() | {"q2": np.linspace(-11, 11, N)}, LIMITED, ["1, q2: found joint angles up to 11, which cannot be rad"]),
+    (
+        good() | {"q2": np.r_[np.zeros(N - 1), -3.3]},
+        LIMITED,
+        [f"{N + 1}, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"],
+    ),
+    (
+        good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]},
+        {},
+        ["1, q2: found joint angles up to 30, which cannot be rad"],
+    ),
+    (good() | {"q6": np.linspace(-60, 60, N)}, {}, ["1, q6: found joint angles up to 60"]),
+    (
+        good() | {"q3": np.linspace(0, 900, N)},
+        RAIL,
+        [
+            "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
+            "if in m, q3_m and so on"
+        ],
+    ),
+    *(
+        (
+            scaled(1e3, *(f"{prefix}{axis}" for axis in "xyz")),
+            {},
+            [
+                f"1, {prefix}x, {prefix}y, {prefix}z: found positions up to ",
+                f"cannot be m; if they are in mm, name the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm",
+            ],
+        )
+        for prefix in ("", "cmd_")
+    ),
+    (
+        {"q1": [0.5], "x": [812.5], "y": [-20.0], "z": [400.0]},
+        {},
+        ["found positions up to 812.5, which cannot be m"],
+    ),
+    (
+        good() | SMALL | {axis: 1e3 * SMALL[f"cmd_{axis}"] for axis in "xyz"},
+        {},
+        [
+            "attained positions spread 1e+03 times as far as commanded positions, so one of them is in mm",
+            "put the unit in the columns' names, for example x_mm and cmd_x_m",
+        ],
+    ),
+    *(
+        (
+            turned(*(f"{prefix}{name}" for name in names)),
+            {},
+            [
+                f"1, {prefix}{names[0]}, {prefix}{names[1]}, {prefix}{names[2]}: found angles up to ",
+                f"which cannot be rad; if they are in deg, name the columns {prefix}{names[0]}_deg, ",
+            ],
+        )
+        for prefix in ("", "cmd_")
+        for names in (("roll", "pitch", "yaw"), ("rx", "ry", "rz"))
+    ),
+    (
+        scaled(2e4, *SIGMAS),
+        {},
+        [
+            "1, sigma_x, sigma_y, sigma_z: found a typical measuring uncertainty of 0.4 m, which no instrument has; "
+            "if they are in mm, name the columns sigma_x_mm"
+        ],
+    ),
+    (scaled(1e4, "sigma_r"), {}, ["found a typical measuring uncertainty of 1 rad, which no instrument has"]),
+    # Units are judged beside other problems.
+    (wrong_at(3, scaled(DEGREES, *ALL_JOINTS), "y"), {}, ["1, q1, q2, q3, q4, q5, q6: found", "\n5, y: found 'nan'"]),
+    (wrong_at(3, scaled(1e3, "x", "y", "z"), "x"), {}, ["1, x, y, z: found", "\n5, x: found 'nan'"]),
+    # A part in another unit is named with its lines.
+    (
+        good() | {name: np.where(FIRST, good()[name], np.degrees(good()[name])) for name in ALL_JOINTS},
+        LIMITED,
+        [f", from line {N // 2 + 2} to {N + 1} only; these lines seem to be in deg and the others in rad"],
+    ),
+    (
+        good() | {name: np.where(FIRST, 1e3 * good()[name], good()[name]) for name in "xyz"},
+        {},
+        [f", from line 2 to {N // 2 + 1} only; these lines seem to be in mm and the others in m"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("data", "options", "parts"), PROBLEMS, ids=lambda value: str(value)[:60])
+def test_columns_in_another_unit_are_one_problem(
+    tmp_path: Path, data: dict[str, Any], options: dict[str, Any], parts: list[str]
+) -> None:
+    problems = problem_texts(tmp_path, data, **options)
+    assert all(part in "\n".join(problems) for part in parts)
+    assert problems[0].startswith(parts[0]) or not parts[0][0].isdecimal()
+    assert len(problems) == 1 + parts[-1].startswith("\n")
+
+
+GOOD: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    (scaled(DEGREES, *ALL_JOINTS), {"units_check": False}),
+    (renamed(scaled(DEGREES, *ALL_JOINTS), "rad", *ALL_JOINTS), {}),  # the user's word
+    (good() | {"q6": np.linspace(-60, 60, N)}, {"robot": KnownRobot(limits=[None] * 5 + [(-63, 63)])}),
+    (good() | {"q3": np.linspace(0, 20, N)}, {"robot": KnownRobot(NAMES, TYPES)}),
+    (renamed(scaled(1e3, *"xyz"), "mm", *"xyz"), {}),
+    (renamed(good() | SMALL | {axis: 1e3 * SMALL[f"cmd_{axis}"] for axis in "xyz"}, "mm", *"xyz"), {}),
+    (renamed(turned("rx", "ry", "rz"), "deg", "rx", "ry", "rz"), {}),
+]
+
+
+@pytest.mark.parametrize(("data", "options"), GOOD, ids=lambda value: str(value)[:60])
+def test_units_in_names_and_limits_are_believed(tmp_path: Path, data: dict[str, Any], options: dict[str, Any]) -> None:
+    assert read(tmp_path, data, **options).n == N
+
+
+def test_columns_in_degrees_and_doubtful_uncertainties(tmp_path: Path) -> None:
+    q = read(tmp_path, renamed(scaled(DEGREES, *ALL_JOINTS), "deg", *ALL_JOINTS), **LIMITED).q
+    np.testing.assert_allclose(q, [good()[name] for name in ALL_JOINTS], rtol=1e-10)
     data = read(tmp_path, scaled(1e3, *SIGMAS, "sigma_r"))
     assert [text.partition("poses.csv:")[2] for text in data.warnings] == [
         "1: found a typical measuring uncertainty of 0.02 m; "
@@ -186,22 +233,6 @@ def test_measuring_uncertainty_in_another_unit(tmp_path: Path) -> None:
         "1: found a typical measuring uncertainty of 0.1 rad; if it is in deg, name it sigma_r_deg",
     ]
     assert read(tmp_path, renamed(scaled(1e3, *SIGMAS), "m", *SIGMAS)).warnings == ()
-
-
-def test_units_are_judged_beside_other_problems(tmp_path: Path) -> None:
-    data = scaled(DEGREES, *ALL_JOINTS)
-    data["y"][3] = np.nan
-    problem = problem_texts(tmp_path, data)
-    assert [text.partition(":")[0] for text in problem] == ["1, q1, q2, q3, q4, q5, q6", "5, y"]
-    data = scaled(1e3, "x", "y", "z")
-    data["x"][3] = np.nan
-    problem = problem_texts(tmp_path, data)
-    assert [text.partition(":")[0] for text in problem] == ["1, x, y, z", "5, x"]
-
-
-def test_a_few_values_that_no_joint_reaches_are_enough(tmp_path: Path) -> None:
-    (problem,) = problem_texts(tmp_path, good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]})
-    assert problem.startswith("1, q2: found joint angles up to 30, which cannot be rad")
 
 
 # Against the robot's size
@@ -214,41 +245,19 @@ def arm(scale: float, n: int = 200) -> tuple[np.ndarray, np.ndarray]:
     return (nominal + rng.normal(0, 1e-3, (3, n))) * scale + 4.0, nominal
 
 
-def test_positions_of_the_robots_size_pass() -> None:
+def test_positions_are_held_against_the_robots_size() -> None:
     check_scale(*arm(1.0), "poses.csv")
     check_scale(*arm(1e3, 1), "poses.csv")  # one pose has no spread
-
-
-def test_repeats_and_a_target_that_only_turns_pass() -> None:
     position = 3.0 + np.random.default_rng(6).normal(0, 1e-4, (3, 50))
-    check_scale(position, np.zeros((3, 50)), None)
-    check_scale(position, position + 1.0, None)
-
-
-def test_positions_a_thousand_times_too_large() -> None:
-    with pytest.raises(InputError) as caught:
-        check_scale(*arm(1e3), "poses.csv")
-    assert str(caught.value).startswith("poses.csv, x, y, z: the positions spread over 1")
-    assert "times as far as the robot moved (1.2" in str(caught.value)
-    assert "; if they are in mm, name the columns x_mm, y_mm, z_mm" in str(caught.value)
-
-
-def test_positions_a_thousand_times_too_small() -> None:
-    with pytest.raises(
-        InputError, match=r"less than the robot moved \(1.2.* m\); if they are in m, name the columns x, y"
+    check_scale(position, np.zeros((3, 50)), None)  # repeats
+    check_scale(position, position + 1.0, None)  # a target that only turns
+    for scale, message in (
+        (
+            1e3,
+            r"^poses.csv, x, y, z: the positions spread over 1.*times as far as the robot moved \(1\.2.*; if they are "
+            "in mm, name the columns x_mm, y_mm, z_mm",
+        ),
+        (1e-3, r"less than the robot moved \(1.2.* m\); if they are in m, name the columns x, y"),
     ):
-        check_scale(*arm(1e-3), "poses.csv")
-
-
-def test_a_part_in_another_unit_is_named_with_its_lines(tmp_path: Path) -> None:
-    data = {name: np.array(column, copy=True) for name, column in good().items()}
-    degrees, millimetres = dict(data), dict(data)
-    half = N // 2
-    for name in ALL_JOINTS:
-        degrees[name] = np.where(np.arange(N) < half, data[name], np.degrees(data[name]))
-    for name in "xyz":
-        millimetres[name] = np.where(np.arange(N) < half, 1e3 * data[name], data[name])
-    (problem,) = problem_texts(tmp_path, degrees, robot=KnownRobot(limits=[(-3.1, 3.1)] * 6))
-    assert f", from line {half + 2} to {N + 1} only; these lines seem to be in deg and the others in rad" in problem
-    (problem,) = problem_texts(tmp_path, millimetres)
-    assert f", from line 2 to {half + 1} only; these lines seem to be in mm and the others in m" in problem
+        with pytest.raises(InputError, match=message):
+            check_scale(*arm(scale), "poses.csv")

@@ -147,7 +147,7 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
         if _is_at_pole(frame):
             reason = "the pitch is 90 degrees, where roll and yaw turn about the same axis"
             why |= {names[3]: reason, names[5]: reason}
-    why |= {missing.name: missing.why for missing in fit.dropped}
+    why |= {missing.name: missing.why for missing in fit.identifiability.dropped}
     stds = _stds(_coordinate_covariance(fit, frames)).tolist()
     return tuple(
         FittedParameter(term.name, values[term.name], std, term.unit)

@@ -16,7 +16,7 @@ from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
-from robacc.modelling.observation import Noise, NoiseSource
+from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 

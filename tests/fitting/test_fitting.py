@@ -20,8 +20,7 @@ from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import observed_jacobian
+from robacc.modelling.model import Model, observed_jacobian, predict
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
 

@@ -22,8 +22,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import observed_jacobian
+from robacc.modelling.model import Model, observed_jacobian
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate

@@ -10,7 +10,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.outliers import row_weights
 from robacc.measurements import Measurements
-from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.modelling.model import observed_jacobian, residuals
 
 
 def by_scipy(found: Fit, data: Measurements, noise: float, **options: Any) -> tuple[OptimizeResult, np.ndarray]:

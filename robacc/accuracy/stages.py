@@ -17,8 +17,7 @@ from robacc.fitting.solver import fit
 from robacc.fitting.visits import places
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, predict, residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import student_quantile

@@ -29,7 +29,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
-from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.modelling.model import observed_jacobian, residuals
 
 _GRID = 400
 _ORDER_BATCH = 16

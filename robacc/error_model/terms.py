@@ -23,8 +23,7 @@ from robacc.effects.campaign import sequence_of
 from robacc.fitting.visits import places, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import BoundModel
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import BoundModel, residuals
 from robacc.robots.arm import Arm
 
 # Rows of measured poses as the covariance sees them: their visits, joint angles and places in time.

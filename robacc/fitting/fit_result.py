@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
-from robacc.fitting.normal_equations import Whitening, posterior, solved, unit_diagonal
+from robacc.fitting.normal_equations import Whitening, posterior, solved
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import Noise
+from robacc.modelling.model import Model, Noise
 
 # Identifiability of coefficients on the poses, decided from the Jacobian before any fit.
 #
@@ -200,11 +199,6 @@ class Fit:
     """Range of the drivers of each free effect over the poses."""
 
     @property
-    def dropped(self) -> tuple[Dropped, ...]:
-        """Return the coefficients that are not identifiable."""
-        return self.identifiability.dropped
-
-    @property
     def poses(self) -> Poses:
         """Return the predicted poses of all rows."""
         return self.model.bind(self.data).poses(self.theta)
@@ -215,9 +209,8 @@ class Fit:
             return self.theta
         columns = self.identifiability.columns
         remaining = np.array([self.owners[i] not in effects for i in columns], dtype=bool)
-        theta = np.zeros_like(self.theta)
-        matrix, scale = unit_diagonal((self.gram + np.diag(self.precision))[np.ix_(remaining, remaining)])
-        theta[columns[remaining]] = scale * solved(matrix, scale * self.rhs[remaining])
+        theta, normal = np.zeros_like(self.theta), self.gram + np.diag(self.precision)
+        theta[columns[remaining]] = solved(normal[np.ix_(remaining, remaining)], self.rhs[remaining])
         return theta
 
     def jacobian(self, rows: NDArray[np.int64], components: int = 6) -> Array:

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.normal_equations import blocks_of, whole_groups
+from robacc.fitting.normal_equations import blocks_of
 from robacc.fitting.visits import places
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
-from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.modelling.model import observed_jacobian, residuals
 
 LEAST_GROUPS = 6
 """Places that held-out errors need at least."""
@@ -127,7 +127,7 @@ def held_out_poses(
     if not size:
         return poses
     most = _MOST_NUMBERS // (rows_of * size)
-    blocks = whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
+    blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
         """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M, n)``."""
@@ -171,6 +171,19 @@ def held_out_poses(
             if components == 6:
                 predicted.rotation[..., rows] = compose(exp_so3(moved[3:]), predicted.rotation[..., rows])
     return poses
+
+
+def _whole_groups(numbers: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
+    """Return the rows in blocks of about ``size`` rows that leave rows with equal numbers together.
+
+    Numbers come in the order of their first rows, so that a block's rows lie close together.
+    """
+    first = np.empty(int(numbers.max(initial=-1)) + 1, dtype=np.int64)
+    first[numbers[::-1]] = np.arange(numbers.size)[::-1]
+    order = np.argsort(first[numbers], kind="stable")
+    last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
+    ends = np.minimum(np.arange(size, numbers.size + size, size), numbers.size)
+    return np.split(order, np.unique(last[np.searchsorted(last, ends)])[:-1])
 
 
 def _changes(columns: Array, white: Array, whole: Array) -> tuple[Array, list[int]]:

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term
 from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
 from robacc.fitting.fit_result import Fit, Options, with_covariance
-from robacc.fitting.normal_equations import solved, unit_diagonal
+from robacc.fitting.normal_equations import solved
 from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity import own_weight, unit_loads
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import observed_jacobian, residuals
+from robacc.modelling.model import Model, observed_jacobian, residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
 
@@ -53,23 +51,14 @@ class WeightColumns:
     """Whitened sum of squares of the residual."""
 
 
-def springs_of(fit: Fit) -> tuple[JointCompliance, ...]:
-    """Return the free springs of the fit whose torques start from the masses of the robot file."""
-    return tuple(e for e in fit.model.free if isinstance(e, JointCompliance) and e.masses != "unknown")
-
-
-def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
-    """Return the columns of the springs' joints, on the inliers of the fit."""
-    arm, springs = fit.model.arm, springs_of(fit)
-    rows = np.flatnonzero(fit.inliers)
+def weight_columns(fit: Fit, data: Measurements, springs: Sequence[JointCompliance]) -> WeightColumns:
+    """Return the columns of the joints of ``springs``, which are free in the fit, on its inliers."""
+    arm, rows = fit.model.arm, np.flatnonzero(fit.inliers)
     data, whitening = data.subset(rows), fit.whitening.subset(rows)
-    joints = tuple(dict.fromkeys(joint for effect in springs for joint in effect.joints))
-    units = unit_loads(arm, min(arm.owners[arm.number(joint)] for joint in joints))
-    loads = (own_weight(arm, data), *units.values())
     form = {joint: effect for effect in springs for joint in effect.joints}
-    added = [
-        Term("", "", 1.0, form[joint].parts((arm.axis_motion(joint),), load)) for joint in joints for load in loads
-    ]
+    units = unit_loads(arm, min(arm.owners[arm.number(joint)] for joint in form))
+    loads = (own_weight(arm, data), *units.values())
+    added = [Term("", "", 1.0, e.parts((arm.axis_motion(joint),), load)) for joint, e in form.items() for load in loads]
     bound = fit.model.bind(data)
     extended = dataclasses.replace(bound, terms=(*bound.terms, *added))
     poses, jacobian = extended.linearise(np.concatenate((fit.theta, np.zeros(len(added)))), rows=len(fit.residual))
@@ -81,10 +70,10 @@ def weight_columns(fit: Fit, data: Measurements) -> WeightColumns:
     identified = fit.identifiability.columns
     kept = ~is_spring[identified]
     others, own = identified[kept], np.arange(is_spring.size, len(gram))
-    matrix, scale = unit_diagonal(gram[np.ix_(others, others)] + np.diag(fit.precision[kept]))
-    cross = scale[:, None] * gram[np.ix_(others, own)]
-    products = gram[np.ix_(own, own)] - cross.T @ solved(matrix, cross)
-    return WeightColumns(joints, tuple(units), products[:-1, :-1], products[:-1, -1], float(products[-1, -1]))
+    cross = gram[np.ix_(others, own)]
+    eliminated = cross.T @ solved(gram[np.ix_(others, others)] + np.diag(fit.precision[kept]), cross)
+    products = gram[np.ix_(own, own)] - eliminated
+    return WeightColumns(tuple(form), tuple(units), products[:-1, :-1], products[:-1, -1], float(products[-1, -1]))
 
 
 # Uncertainty of the links' masses in the standard errors of a fit.
@@ -110,14 +99,9 @@ def relative_std(fit: Fit) -> float:
     return DEFAULT if stated is None else stated
 
 
-def _depends_on_masses(fit: Fit) -> bool:
-    """Return whether coefficients are fitted to torques of the masses as the file states them."""
-    return any(effect.uses_masses for effect in fit.model.free)
-
-
 def mass_warning(fit: Fit) -> tuple[str, ...]:
     """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
-    if fit.model.arm.robot.mass_uncertainty is not None or not _depends_on_masses(fit):
+    if fit.model.arm.robot.mass_uncertainty is not None or not any(effect.uses_masses for effect in fit.model.free):
         return ()
     return (
         f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
@@ -127,34 +111,27 @@ def mass_warning(fit: Fit) -> tuple[str, ...]:
 
 def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
     """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
-    std, columns = relative_std(fit), fit.identifiability.columns
-    if std == 0.0 or not columns.size or not _depends_on_masses(fit):
+    std, columns, arm = relative_std(fit), fit.identifiability.columns, fit.model.arm
+    if std == 0.0 or not columns.size or not any(effect.uses_masses for effect in fit.model.free):
         return fit
-    try:
-        sensitivity = _sensitivity(fit, data)
-    except EquilibriumError:
-        return fit
-    covariance = fit.covariance[np.ix_(columns, columns)]
-    return with_covariance(fit, covariance + std**2 * sensitivity @ sensitivity.T)
-
-
-def _sensitivity(fit: Fit, data: Measurements) -> Array:
-    """Return ``(K, B)`` the change of each identifiable coefficient per relative change of each of B masses."""
-    inliers, arm = np.flatnonzero(fit.inliers), fit.model.arm
+    inliers = np.flatnonzero(fit.inliers)
     rows = inliers[random_rows(data.subset(inliers), _MOST_ROWS)]
     part = data.subset(rows)
     weighted = fit.jacobian(rows, len(fit.residual)) * np.square(fit.weight[:, rows])[:, None, :]
     joints = [arm.robot.joints[owner] for owner in dict.fromkeys(body.owner for body in arm.chain.bodies)]
     joints += [branch.joint for branch in arm.robot.branches if branch.joint.mass]
-    rhs = np.zeros((len(fit.gram), len(joints)))
-    for column, joint in enumerate(joints):
-        higher, lower = (_residuals_with_mass(fit, part, joint.name, 1.0 + sign * _STEP) for sign in (1, -1))
-        # A residual is measured minus predicted.
-        rhs[:, column] = np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
-    rhs *= inliers.size / max(rows.size, 1)
-    matrix, scale = unit_diagonal(fit.gram + np.diag(fit.precision))
-    result: Array = scale[:, None] * solved(matrix, scale[:, None] * rhs)
-    return result
+    rhs = np.zeros((columns.size, len(joints)))
+    try:
+        for column, joint in enumerate(joints):
+            higher, lower = (_residuals_with_mass(fit, part, joint.name, 1.0 + sign * _STEP) for sign in (1, -1))
+            # A residual is measured minus predicted.
+            rhs[:, column] = np.einsum("mkn,mn->k", weighted, (higher - lower) / (2.0 * _STEP))
+    except EquilibriumError:
+        return fit
+    # The change of each identifiable coefficient per relative change of each mass.
+    sensitivity = solved(fit.gram + np.diag(fit.precision), rhs * (inliers.size / max(rows.size, 1)))
+    covariance = fit.covariance[np.ix_(columns, columns)]
+    return with_covariance(fit, covariance + std**2 * sensitivity @ sensitivity.T)
 
 
 def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float) -> Array:
@@ -208,40 +185,32 @@ def choose_form(
     """
     chosen, choice = equilibrium_fit, None
     if any(isinstance(effect, Elastic) and effect.deflection == "equilibrium" for effect in original.free):
-        chosen, choice = _with_chosen_deflection(equilibrium_fit, data, options)
-        original = dataclasses.replace(original, free=with_deflection(original.free, choice.form))
+        rigid_model = dataclasses.replace(chosen.model, free=with_deflection(chosen.model.free, "rigid"))
+        moved = (residuals(data, rigid_model.bind(data).poses(chosen.theta)) - chosen.residual) * chosen.inliers
+        separation, gain = float(np.linalg.norm(chosen.whitening.apply(moved))), None
+        if separation >= _DISTINGUISHABLE:
+            start = dataclasses.replace(options, start=chosen.theta, group_stds=chosen.group_stds)
+            fits = chosen, fit(rigid_model, data, start)
+            rows = fits[0].inliers & fits[1].inliers
+            # Up to a constant that both forms share.
+            likelihoods = [
+                float(np.log(one.weight[:, rows]).sum()) - 0.5 * one.whitening.cost(one.residual * rows) + one.log_prior
+                for one in fits
+            ]
+            gain = 2.0 * (likelihoods[1] - likelihoods[0])
+            chosen = fits[int(gain > BETTER)]
+        form: Deflection = "equilibrium" if chosen is equilibrium_fit else "rigid"
+        difference = rms_length(moved[:3, equilibrium_fit.inliers])
+        choice = DeflectionChoice(form, difference, separation, gain)
+        original = dataclasses.replace(original, free=with_deflection(original.free, form))
     if options.priors is not None:
         return chosen, choice
     return without_idle_rotations(chosen, original, data, options), choice
 
 
-def _with_chosen_deflection(fitted: Fit, data: Measurements, options: Options) -> tuple[Fit, DeflectionChoice]:
-    """Return the fit in the chosen form of its elastic effects, which are in equilibrium, and the choice."""
-    inliers = fitted.inliers
-    rigid_model = dataclasses.replace(fitted.model, free=with_deflection(fitted.model.free, "rigid"))
-    moved = (residuals(data, rigid_model.bind(data).poses(fitted.theta)) - fitted.residual) * inliers
-    difference = rms_length(moved[:3, inliers])
-    separation = float(np.linalg.norm(fitted.whitening.apply(moved)))
-    if separation < _DISTINGUISHABLE:
-        return fitted, DeflectionChoice("equilibrium", difference, separation, None)
-    start = dataclasses.replace(options, start=fitted.theta, group_stds=fitted.group_stds)
-    rigid_fit = fit(rigid_model, data, start)
-    rows = inliers & rigid_fit.inliers
-    gain = 2.0 * (_log_likelihood(rigid_fit, rows) - _log_likelihood(fitted, rows))
-    if gain <= BETTER:
-        return fitted, DeflectionChoice("equilibrium", difference, separation, gain)
-    return rigid_fit, DeflectionChoice("rigid", difference, separation, gain)
-
-
 def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect, ...]:
     """Return the effects, elastic effects in the form."""
     return tuple(dataclasses.replace(e, deflection=form) if isinstance(e, Elastic) else e for e in effects)
-
-
-def _log_likelihood(fitted: Fit, rows: NDArray[np.bool_]) -> float:
-    """Return the log-likelihood of the rows and of the priors, up to a constant that both forms share."""
-    cost = fitted.whitening.cost(fitted.residual * rows)
-    return float(np.log(fitted.weight[:, rows]).sum()) - 0.5 * cost + fitted.log_prior
 
 
 # A load on one link that the robot file does not state, against errors of the file's masses.
@@ -328,9 +297,10 @@ def _kg(mass: float) -> str:
 
 def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     """Return which load the springs of a fit point to; None unless one of them has uncertain masses."""
-    if not any(effect.masses == "uncertain" for effect in springs_of(fit)):
+    springs = [e for e in fit.model.free if isinstance(e, JointCompliance) and e.masses != "unknown"]
+    if not any(effect.masses == "uncertain" for effect in springs):
         return None
-    arm, columns = fit.model.arm, weight_columns(fit, data)
+    arm, columns = fit.model.arm, weight_columns(fit, data, springs)
     usual = regressor_stds(arm, 1.0)
     for body in arm.chain.bodies:
         for label in (f"{axis}{body.owner + 1}" for axis in ("hx", "hy", "hz")):
@@ -343,12 +313,24 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     evidence_of_none = float(np.logaddexp.reduce(none))
     if not math.isfinite(evidence_of_none):
         return None
+    carried = {link: sum(body.mass for body in arm.chain.bodies if body.owner == link) for link in arm.owners}
+    links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
+    more = sum(carried[link] for link in links) * _LOADS
+    # More than the file's mass on each link, and less.
+    hypotheses = [(link, masses) for link in links for masses in (more, -more[more < 0.9 * carried[link]])]
+    offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
     places = []
-    for link, masses in _hypotheses(arm, columns):
-        mean, std = _prior(arm, columns, link, masses, stds)
-        evidence = _log_evidence(columns, mean, std).reshape(masses.size, -1, _ERRORS.size) + log_prior
-        by_mass = np.logaddexp.reduce(evidence.reshape(masses.size, -1), axis=1) - math.log(_OFFSETS.size)
-        weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
+    for link, masses in hypotheses:
+        # Masses and first moments by mass, offset of the load, and relative error of the masses.
+        mean = np.zeros((masses.size, offsets.size, *stds.shape))
+        std = np.broadcast_to(stds, mean.shape).copy()
+        mean[..., columns.labels.index(f"m{link + 1}")] = masses[:, None, None]
+        moments = [k for k, label in enumerate(columns.labels) if label[0] == "h" and label[2:] == str(link + 1)]
+        std[..., moments] = np.hypot(std[..., moments], np.abs(np.multiply.outer(masses, offsets))[:, :, None, None])
+        evidence = _log_evidence(columns, mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1]))
+        by_mass = np.logaddexp.reduce((evidence.reshape(mean.shape[:3]) + log_prior).reshape(masses.size, -1), axis=1)
+        by_mass -= math.log(_OFFSETS.size)
+        weights = np.exp(by_mass - by_mass.max(initial=-1e300))
         if not weights.any():
             continue
         # The prior of the mass is even in its logarithm.
@@ -367,72 +349,36 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     return UndeclaredLoad(columns.joints, tuple(near), is_named, error * float(_ERRORS[int(np.argmax(none))]))
 
 
-def _hypotheses(arm: Arm, columns: WeightColumns) -> Iterator[tuple[int, Array]]:
-    """Yield links (numbers of their joints in the robot) with masses to try: more than the file's, and less."""
-    carried = {link: sum(body.mass for body in arm.chain.bodies if body.owner == link) for link in arm.owners}
-    links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
-    masses = sum(carried[link] for link in links) * _LOADS
-    for link in links:
-        yield link, masses
-        if (lacking := masses[masses < 0.9 * carried[link]]).size:
-            yield link, -lacking
-
-
-def _prior(arm: Arm, columns: WeightColumns, link: int, masses: Array, stds: Array) -> tuple[Array, Array]:
-    """Return mean and std ``(Q, K)`` of the masses and first moments.
-
-    Q counts masses, then offsets of the load, then relative errors of the masses, of which ``stds`` ``(E, K)`` are the
-    standard deviations.
-    """
-    offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
-    mean = np.zeros((masses.size, offsets.size, *stds.shape))
-    std = np.broadcast_to(stds, mean.shape).copy()
-    mean[..., columns.labels.index(f"m{link + 1}")] = masses[:, None, None]
-    moments = [k for k, label in enumerate(columns.labels) if label[0] == "h" and label[2:] == str(link + 1)]
-    std[..., moments] = np.hypot(std[..., moments], np.abs(np.multiply.outer(masses, offsets))[:, :, None, None])
-    return mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1])
-
-
 def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
     """Return the log marginal likelihood ``(Q,)`` of priors ``(Q, K)`` of the masses and first moments.
 
     It is Laplace's: the mode over the logarithms of the compliances and the masses, and the curvature there. Where a
-    joint would rise with the weight, there is none, and the likelihood is zero.
+    joint would rise with the weight, there is none, and the likelihood is zero. The compliances start from least
+    squares at the prior's masses, all of them positive.
     """
-    n = len(columns.joints)
-    state = np.concatenate((np.log(_start(columns, mean)), np.zeros_like(mean)), axis=1)
-    squares, gradient, hessian = _objective(columns, mean, std, state)
-    damping = np.full(len(mean), _LEAST_DAMPING)
+    n, shares = len(columns.joints), np.insert(mean, 0, 1.0, axis=1)
+    rhs = columns.rhs.reshape(n, -1)
+    normal = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(*rhs.shape, *rhs.shape), shares, shares)
+    start = np.linalg.solve(normal, (shares @ rhs.T)[..., None])[..., 0]
+    start = np.maximum(start, _LEAST_START * np.abs(start).max(initial=0.0))
+    state = np.concatenate((np.log(start), np.zeros_like(mean)), axis=1)
+    best, damping = _objective(columns, mean, std, state), np.full(len(mean), _LEAST_DAMPING)
     for _ in range(_STEPS):
+        squares, gradient, hessian = best
         damped = hessian + damping[:, None, None] * np.eye(state.shape[1]) * np.einsum("qii->qi", hessian)[:, None]
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
         step[:, :n] = np.clip(step[:, :n], -1.0, 1.0)
         tried = _objective(columns, mean, std, state + step)
         better = tried[0] <= squares
-        state = np.where(better[:, None], state + step, state)
-        squares = np.where(better, tried[0], squares)
-        gradient = np.where(better[:, None], tried[1], gradient)
-        hessian = np.where(better[:, None, None], tried[2], hessian)
+        state[better] += step[better]
+        for old, new in zip(best, tried, strict=True):
+            old[better] = new[better]
         damping = np.maximum(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING)
         if float(np.max(np.abs(step), initial=0.0)) < _CONVERGED:
             break
+    squares, _, hessian = best
     possible = np.all(hessian[:, range(n), range(n)] > _LEAST_CURVATURE, axis=1)
     return np.where(possible, -0.5 * squares - 0.5 * np.linalg.slogdet(hessian)[1], -np.inf)
-
-
-def _with_file(changes: Array) -> Array:
-    """Return ``(Q, 1 + K)`` shares of the weights: those of the file once, then ``changes`` ``(Q, K)``."""
-    return np.concatenate((np.ones((len(changes), 1)), changes), axis=1)
-
-
-def _start(columns: WeightColumns, changes: Array) -> Array:
-    """Return ``(Q, J)`` compliances by least squares at given masses, all of them positive."""
-    shares, joints = _with_file(changes), len(columns.joints)
-    rhs = columns.rhs.reshape(joints, -1)
-    gram = columns.gram.reshape(*rhs.shape, *rhs.shape)
-    normal = np.einsum("jakb,qa,qb->qjk", gram, shares, shares)
-    compliance = np.linalg.solve(normal, (shares @ rhs.T)[..., None])[..., 0]
-    return np.asarray(np.maximum(compliance, _LEAST_START * np.abs(compliance).max()))
 
 
 def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) -> tuple[Array, Array, Array]:
@@ -442,7 +388,8 @@ def _objective(columns: WeightColumns, mean: Array, std: Array, state: Array) ->
     """
     n, count = len(columns.joints), mean.shape[1]
     compliance, values = np.exp(state[:, :n]), state[:, n:]
-    shares = _with_file(mean + std * values)
+    # Of the file's weights once, then of the changes.
+    shares = np.insert(mean + std * values, 0, 1.0, axis=1)
     # Coefficients (Q, J (1 + K)) of the columns, and their slope by the state.
     coefficients = np.einsum("qj,qa->qja", compliance, shares).reshape(len(state), -1)
     by_compliance = np.einsum("qj,qa,ji->qjai", compliance, shares, np.eye(n))

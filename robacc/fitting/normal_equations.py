@@ -26,41 +26,14 @@ from robacc.chain import BLOCK
 from robacc.effects.frames import JointOffset
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, residuals
 
-# Symmetric systems that rounding or absent data can make singular.
+# Positive semidefinite systems that rounding or absent data can make singular, solved with a diagonal of one.
 
 _RIDGE = 1e-11
 """Added to a unit diagonal that is singular to rounding: far below any weight that data give."""
 _LARGE = 250
 """Coefficients from which Cholesky's factor, in half of the time, is worth the import of SciPy."""
-
-
-def solved(matrix: Array, rhs: Array) -> Array:
-    """Return the solution of ``matrix x = rhs`` for a positive semidefinite matrix with a diagonal of about one.
-
-    A direction without information stays near zero, where an exact solution does not exist.
-    """
-    try:
-        return np.asarray(np.linalg.solve(matrix, rhs), dtype=np.float64)
-    except np.linalg.LinAlgError:
-        diagonal = np.diag(matrix)
-        size = float(np.max(np.abs(diagonal), initial=0.0)) or 1.0
-        ridge = np.diag(np.where(diagonal == 0.0, 1.0, _RIDGE) * size)
-        return np.asarray(np.linalg.solve(matrix + ridge, rhs), dtype=np.float64)
-
-
-def inverted(matrix: Array) -> Array:
-    """Return the inverse of a positive semidefinite matrix with a diagonal of about one, regularised if singular."""
-    if len(matrix) >= _LARGE:
-        from scipy.linalg.lapack import dpotrf, dpotri
-
-        factor, failed = dpotrf(matrix, lower=True)
-        if not failed:
-            lower = np.tril(dpotri(factor, lower=True)[0])
-            return np.asarray(lower + np.tril(lower, -1).T, dtype=np.float64)
-    return solved(matrix, np.eye(len(matrix)))
 
 
 def unit_diagonal(matrix: Array) -> tuple[Array, Array]:
@@ -73,11 +46,34 @@ def unit_diagonal(matrix: Array) -> tuple[Array, Array]:
     return matrix * scale[:, None] * scale, scale
 
 
+def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
+    """Return the solution of ``matrix x = rhs`` for a positive semidefinite matrix ``(K, K)``.
+
+    A direction without information stays near zero, where an exact solution does not exist. ``damping`` is added to the
+    diagonal of the scaled matrix, which is one.
+    """
+    matrix, scale = unit_diagonal(matrix)
+    scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
+    try:
+        result = np.linalg.solve(matrix + damping * np.eye(len(matrix)), scale * rhs)
+    except np.linalg.LinAlgError:
+        ridge = np.where(np.diag(matrix) == 0.0, 1.0, _RIDGE)
+        result = np.linalg.solve(matrix + np.diag(ridge), scale * rhs)
+    return np.asarray(scale * result, dtype=np.float64)
+
+
 def posterior(gram: Array, prior: Array) -> Array:
-    """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``, through unit diagonal."""
-    matrix, scale = unit_diagonal(gram + np.diag(prior))
-    inverse: Array = scale[:, None] * inverted(matrix) * scale
-    return inverse
+    """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``."""
+    whole = gram + np.diag(prior)
+    if len(gram) >= _LARGE:
+        from scipy.linalg.lapack import dpotrf, dpotri
+
+        matrix, scale = unit_diagonal(whole)
+        factor, failed = dpotrf(matrix, lower=True)
+        if not failed:
+            lower = np.tril(dpotri(factor, lower=True)[0])
+            return np.asarray(scale[:, None] * (lower + np.tril(lower, -1).T) * scale, dtype=np.float64)
+    return solved(whole, np.eye(len(whole)))
 
 
 # Whitening.
@@ -95,13 +91,6 @@ class Whitening:
     blocks: tuple[tuple[NDArray[np.int64], Array], ...] = ()
     """Visits of n rows, for each n: ``(V, n)`` numbers of the rows, and ``(V, M n, M n)`` the symmetric inverse root of
     each visit's covariance, of values scaled by their weights."""
-    marginal_weight: Array | None = None
-    """``(M, N)`` reciprocal standard deviations of measurement and scatter together; None without scatter."""
-
-    @property
-    def row_weight(self) -> Array:
-        """``(M, N)`` reciprocal standard deviation of each component, without correlations."""
-        return self.weight if self.marginal_weight is None else self.marginal_weight
 
     def apply(self, values: Array) -> Array:
         """Return ``(..., M, N)`` whitened."""
@@ -152,8 +141,7 @@ class Whitening:
             for numbers, factor in self.blocks:
                 included = (place[numbers] >= 0).all(axis=1)
                 blocks.append((place[numbers][included], factor[included]))
-        marginal = None if self.marginal_weight is None else self.marginal_weight[:, rows]
-        return Whitening(weight, tuple(blocks), marginal)
+        return Whitening(weight, tuple(blocks))
 
 
 def whitening(
@@ -162,31 +150,29 @@ def whitening(
     """Build the map from the measurement's weights and the scatter of the joints.
 
     Args:
-        weight: ``(M, N)`` reciprocal standard deviations, zero for rows that are ignored.
+        weight: ``(M, N)`` reciprocal standard deviations of the measurement, zero for rows that are ignored.
         joint_columns: ``(M, J, N)`` Jacobian of the joint variables.
-        scatter: ``(J,)`` standard deviation of each joint from visit to visit, rad or m.
+        scatter: ``(J,)`` standard deviation of each joint from visit to visit, rad or m; ``(0,)`` without.
         visits: ``(N,)`` number of the visit of each row.
         noise: ``(3, 3)`` covariance of each position in addition to the weights, m²; None without.
     """
-    components = len(weight)
-    own = np.zeros((components, components))
-    if noise is not None:
-        own[:3, :3] = noise
+    if noise is None and not scatter.size:
+        return Whitening(weight)
+    components, blocks = len(weight), []
     scaled = joint_columns * weight[:, None, :] * scatter[:, None]
-    blocks = []
     for rows in blocks_of(visits):
         count, n = rows.shape
         columns = scaled[:, :, rows].transpose(2, 0, 3, 1).reshape(count, components * n, -1)
         covariance = columns @ columns.swapaxes(1, 2)
         if noise is not None:
-            by_row = weight[:, rows]
+            by_row, own = weight[:, rows], np.zeros((components, components))
+            own[:3, :3] = noise
             each = np.einsum("avi,ab,bvi,ij->vaibj", by_row, own, by_row, np.eye(n), optimize=True)
             covariance += each.reshape(covariance.shape)
         values, vectors = np.linalg.eigh(covariance)
         factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(1, 2)
         blocks.append((rows, factor))
-    variance = np.sum(np.square(scaled), axis=1) + np.square(weight) * np.diag(own)[:, None]
-    return Whitening(weight, tuple(blocks), weight / np.sqrt(1.0 + variance))
+    return Whitening(weight, tuple(blocks))
 
 
 def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
@@ -194,19 +180,6 @@ def blocks_of(numbers: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     order = np.argsort(numbers, kind="stable")
     _, first, counts = np.unique(numbers[order], return_index=True, return_counts=True)
     return [order[first[counts == n][:, None] + np.arange(n)].astype(np.int64) for n in np.unique(counts).tolist()]
-
-
-def whole_groups(numbers: NDArray[np.int64], size: int) -> list[NDArray[np.int64]]:
-    """Return the rows in blocks of about ``size`` rows that leave rows with equal numbers together.
-
-    Numbers come in the order of their first rows, so that a block's rows lie close together.
-    """
-    first = np.empty(int(numbers.max(initial=-1)) + 1, dtype=np.int64)
-    first[numbers[::-1]] = np.arange(numbers.size)[::-1]
-    order = np.argsort(first[numbers], kind="stable")
-    last = np.flatnonzero(np.diff(numbers[order], append=-1)) + 1
-    ends = np.minimum(np.arange(size, numbers.size + size, size), numbers.size)
-    return np.split(order, np.unique(last[np.searchsorted(last, ends)])[:-1])
 
 
 # Normal equations.
@@ -234,13 +207,8 @@ class NormalEquations:
         return rhs
 
     def step(self, prior: Array, damping: float = 0.0) -> Array:
-        """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; without information, zero.
-
-        ``damping`` is added to the diagonal of the scaled normal matrix, which is one.
-        """
-        matrix, scale = unit_diagonal(self.gram + np.diag(prior))
-        gradient = scale * (self.gradient - prior * self.theta)
-        return np.asarray(scale * solved(matrix + damping * np.eye(len(matrix)), gradient))
+        """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; see :func:`solved`."""
+        return solved(self.gram + np.diag(prior), self.gradient - prior * self.theta, damping)
 
     def moved_to(self, theta: Array, cost: float) -> NormalEquations:
         """Return the same linearisation at coefficients ``theta`` ``(K,)`` nearby, where the cost is ``cost``."""
@@ -256,10 +224,8 @@ class NormalEquations:
 
     def root(self) -> Array:
         """Return a matrix ``(K, K)`` whose Gram matrix is ``gram``, which resolves independent parts of 1e-7."""
-        matrix, scale = unit_diagonal(self.gram)
-        values, vectors = np.linalg.eigh(matrix)
-        length = np.divide(1.0, scale, out=np.zeros(len(scale)), where=scale > 0.0)
-        root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * length
+        values, vectors = np.linalg.eigh(unit_diagonal(self.gram)[0])
+        root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * np.sqrt(np.diag(self.gram))
         return root
 
     def expected_cost(self, theta: Array) -> float:
@@ -273,13 +239,11 @@ class PoseEquations:
 
     def __init__(self, model: Model, data: Measurements) -> None:
         """Bind every block."""
-        self.components = 3 if data.rotation is None else 6
-        self.n = data.n
-        starts = range(0, max(data.n, 1), BLOCK)
-        self._slices = [slice(start, min(start + BLOCK, data.n)) for start in starts]
-        self._parts = [data if len(starts) == 1 else data.subset(rows) for rows in self._slices]
-        self._bound = [model.bind(part) for part in self._parts]
-        self.terms, self.owners = self._bound[0].terms, self._bound[0].owners
+        self.components, self.n = 3 if data.rotation is None else 6, data.n
+        slices = [slice(start, min(start + BLOCK, data.n)) for start in range(0, max(data.n, 1), BLOCK)]
+        parts = [data if len(slices) == 1 else data.subset(rows) for rows in slices]
+        self._blocks = [(rows, part, model.bind(part)) for rows, part in zip(slices, parts, strict=True)]
+        self.terms, self.owners = self._blocks[0][2].terms, self._blocks[0][2].owners
         self.columns: NDArray[np.int64] = np.arange(len(self.terms))
         """Numbers of the sought coefficients: all at first, then the identifiable ones."""
         self._latest: tuple[Array, NDArray[np.int64], Array, Array] | None = None
@@ -290,10 +254,10 @@ class PoseEquations:
         Raises:
             EquilibriumError: the arm is softer than its weight allows.
         """
-        if ahead and len(self._slices) == 1:
+        if ahead and len(self._blocks) == 1:
             return self._linearised(theta, 0)[0]
         residual = np.empty((self.components, self.n))
-        for rows, part, bound in zip(self._slices, self._parts, self._bound, strict=True):
+        for rows, part, bound in self._blocks:
             residual[:, rows] = residuals(part, bound.poses(theta))
         return residual
 
@@ -308,9 +272,9 @@ class PoseEquations:
         residual, size = np.empty((self.components, self.n)), self.columns.size
         # Gram matrices of positions and of orientations, with the residual as the last column.
         grams = np.zeros((2, size + 1, size + 1))
-        for index, rows in enumerate(self._slices):
+        for index, (rows, *_) in enumerate(self._blocks):
             residual[:, rows], jacobian = self._linearised(theta, index)
-            of_block = white if len(self._slices) == 1 else white.subset(rows)
+            of_block = white if len(self._blocks) == 1 else white.subset(rows)
             for number, component in enumerate(of_block.rows(jacobian, residual[:, rows])):
                 grams[number // 3] += component @ component.T
         whole, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
@@ -325,9 +289,10 @@ class PoseEquations:
                 return residual, jacobian
             if np.isin(self.columns, columns).all():
                 return residual, jacobian[:, np.searchsorted(columns, self.columns)]
-        poses, jacobian = self._bound[index].linearise(theta, self.columns, self.components)
-        residual = residuals(self._parts[index], poses)
-        if len(self._slices) == 1:
+        _, part, bound = self._blocks[index]
+        poses, jacobian = bound.linearise(theta, self.columns, self.components)
+        residual = residuals(part, poses)
+        if len(self._blocks) == 1:
             self._latest = theta, self.columns, residual, jacobian
         return residual, jacobian
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from robacc.chain import BLOCK
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.observation import Noise, NoiseSource
+from robacc.modelling.model import Noise, NoiseSource
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
@@ -150,17 +150,24 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
 
 def _quantities(data: Measurements, names: tuple[str, ...]) -> list[tuple[str, str, Array]]:
     """Return name, unit and value per row of every circumstance that varies."""
-    columns: list[tuple[str, str, Array | None]] = []
-    for name, values in zip(names, () if data.q is None else data.q, strict=data.q is not None):
-        columns.append((name, "(rad or m)", values))
-        columns.append((f"the distance of {name} from its median", "(rad or m)", np.abs(values - np.median(values))))
-    columns += [(name, "m", values) for name, values in zip("xyz", data.position, strict=True)]
+    joints = [] if data.q is None else list(zip(names, data.q, strict=True))
     from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
-    columns.append(("the distance from the centre of the poses", "m", from_centre))
-    columns.append(("time", "s", data.time))
-    columns.append(("temperature", "°C", data.temperature))
-    columns.append(("payload", "kg", data.payload))
-    columns.append(("row number", "", np.arange(1.0, data.n + 1.0)))
+    columns: list[tuple[str, str, Array | None]] = [
+        *(
+            (quantity, "(rad or m)", values)
+            for name, q in joints
+            for quantity, values in (
+                (name, q),
+                (f"the distance of {name} from its median", np.abs(q - np.median(q))),
+            )
+        ),
+        *((name, "m", values) for name, values in zip("xyz", data.position, strict=True)),
+        ("the distance from the centre of the poses", "m", from_centre),
+        ("time", "s", data.time),
+        ("temperature", "°C", data.temperature),
+        ("payload", "kg", data.payload),
+        ("row number", "", np.arange(1.0, data.n + 1.0)),
+    ]
     return [(name, unit, values) for name, unit, values in columns if values is not None and np.ptp(values) > 0]
 
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.chain import BLOCK
-from robacc.effects.drivers import Validity, united
+from robacc.effects.drivers import united
 from robacc.effects.specification import Known, absorbed, entry_of, known_effects
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
-from robacc.modelling.model import Model
 from robacc.robots.description import Frame, Robot
 
 # Write a fit into a robot: constants into its own numbers, other effects into its list of effects.
@@ -29,35 +28,26 @@ def apply_fit(fit: Fit) -> Robot:
     values: list[dict[str, float]] = [{} for _ in fit.model.free]
     for name, owner, value in zip(fit.names, fit.owners, fit.theta, strict=True):
         values[owner][name] = float(value)
-    return apply_values(fit.model, values, fit.validity)
-
-
-def apply_values(
-    model: Model, values: Sequence[Mapping[str, float]], validity: Sequence[Validity] | None = None
-) -> Robot:
-    """Return the robot with coefficients given by name, for each of the model's free effects.
-
-    ``validity`` holds the ranges that each effect was fitted on, if known.
-    """
-    fitted = [
-        Known(effect, own, limit)
-        for effect, own, limit in zip(model.free, values, validity or [{}] * len(model.free), strict=True)
-    ]
+    fitted = [Known(*effect) for effect in zip(fit.model.free, values, fit.validity, strict=True)]
     classes = {type(known.effect) for known in fitted if known.effect.traits.is_constant}
     # Listed constants that add to fitted ones are absorbed with them: turns of one frame do not commute.
-    constants = [known for known in (*fitted, *model.known) if type(known.effect) in classes]
-    listed = [known for known in model.known if type(known.effect) not in classes]
+    constants = [known for known in (*fitted, *fit.model.known) if type(known.effect) in classes]
+    listed = [known for known in fit.model.known if type(known.effect) not in classes]
     keys = [known.effect.key() for known in listed]
     for known in fitted:
-        key, nonzero = known.effect.key(), {name: value for name, value in known.values.items() if value != 0}
-        if key in keys and not known.effect.traits.is_constant:
-            before = listed[keys.index(key)]
-            names = {**before.values, **nonzero}
-            sums = {name: before.values.get(name, 0.0) + nonzero.get(name, 0.0) for name in names}
-            listed[keys.index(key)] = Known(known.effect, sums, united(before.validity, known.validity))
-        elif nonzero and not known.effect.traits.is_constant:
-            listed.append(dataclasses.replace(known, values=nonzero))
-    return _written(model.arm.robot, constants, listed)
+        changes = {name: value for name, value in known.values.items() if value != 0}
+        if known.effect.traits.is_constant:
+            continue
+        if known.effect.key() in keys:
+            at = keys.index(known.effect.key())
+            sums = {
+                name: listed[at].values.get(name, 0.0) + changes.get(name, 0.0)
+                for name in {**listed[at].values, **changes}
+            }
+            listed[at] = Known(known.effect, sums, united(listed[at].validity, known.validity))
+        elif changes:
+            listed.append(dataclasses.replace(known, values=changes))
+    return _written(fit.model.arm.robot, constants, listed)
 
 
 def absorb_constants(robot: Robot) -> Robot:
@@ -66,9 +56,10 @@ def absorb_constants(robot: Robot) -> Robot:
     Raises:
         InputError: the file's ``effects:`` cannot be read.
     """
-    known = known_effects(robot)
-    constants = [k for k in known if k.effect.traits.is_constant]
-    return _written(robot, constants, [k for k in known if not k.effect.traits.is_constant])
+    split: tuple[list[Known], list[Known]] = [], []
+    for known in known_effects(robot):
+        split[known.effect.traits.is_constant].append(known)
+    return _written(robot, split[True], split[False])
 
 
 def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) -> Robot:
@@ -147,7 +138,7 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
         if _is_at_pole(frame):
             reason = "the pitch is 90 degrees, where roll and yaw turn about the same axis"
             why |= {names[3]: reason, names[5]: reason}
-    why |= {missing.name: missing.why for missing in fit.dropped}
+    why |= {missing.name: missing.why for missing in fit.identifiability.dropped}
     stds = _stds(_coordinate_covariance(fit, frames)).tolist()
     return tuple(
         FittedParameter(term.name, values[term.name], std, term.unit)

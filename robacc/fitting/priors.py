@@ -33,7 +33,7 @@ import numpy as np
 
 from robacc.effects.frames import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.normal_equations import posterior, solved, unit_diagonal
+from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -158,14 +158,12 @@ def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, 
     places = np.split(np.arange(indices.size), np.cumsum([kind.size for kind in members])[:-1])
     others = np.setdiff1d(np.arange(fitted.precision.size), indices)
     cross = fitted.gram[np.ix_(others, indices)]
-    matrix, scale = unit_diagonal(fitted.gram[np.ix_(others, others)] + np.diag(fitted.precision[others]))
-    coupled = scale[:, None] * np.column_stack((cross, fitted.rhs[others]))
-    eliminated = cross.T @ (scale[:, None] * solved(matrix, coupled))
+    normal = fitted.gram[np.ix_(others, others)] + np.diag(fitted.precision[others])
+    eliminated = cross.T @ solved(normal, np.column_stack((cross, fitted.rhs[others])))
     gram = fitted.gram[np.ix_(indices, indices)] - eliminated[:, :-1]
     rhs = fitted.rhs[indices] - eliminated[:, -1]
     diagonal = np.diag(gram)
-    matrix, scale = unit_diagonal(gram)
-    mean, odds, slab_std = scale * solved(matrix, scale * rhs), np.zeros(indices.size), np.empty(indices.size)
+    mean, odds, slab_std = solved(gram, rhs), np.zeros(indices.size), np.empty(indices.size)
     probability, slab_mean = np.empty(indices.size), np.empty(indices.size)
     for kind in places:
         slab_std[kind] = max(float(np.sqrt(np.mean(np.square(mean[kind])))), _SMALLEST)
@@ -214,8 +212,7 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
     if not rotations or not np.isfinite(covariance).all():
         return fitted
-    matrix, scale = unit_diagonal(covariance)
-    if chi2_sf(float(scale * value @ solved(matrix, scale * value)), float(len(rotations))) <= _SIGNIFICANCE:
+    if chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= _SIGNIFICANCE:
         return fitted
     labels = ("theta", "d", "a", "alpha")
     effects = (LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free))

@@ -205,7 +205,7 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str], *, held_out: 
         n_parameters=count,
         parameters=parameters(fitted),
         notes=(
-            *(coefficient.why for coefficient in fitted.dropped),
+            *(coefficient.why for coefficient in fitted.identifiability.dropped),
             *gravity_warning(robot.gravity, fitted.model.arm.robot.gravity),
         ),
         commanded=poses or fitted.poses,

@@ -89,23 +89,17 @@ class Priors:
         self._broad = np.where(np.isfinite(given), np.inf, broad)
         self.is_broad = np.isfinite(self._broad)
         """``(P,)`` mask of the coefficients with a broad prior."""
-        self.groups = list(dict.fromkeys(term.group for term in terms if term.group is not None))
-        self._member = np.array([[term.group == name for term in terms] for name in self.groups], dtype=np.float64)
-        self._weights = np.array([term.weight for term in terms], dtype=np.float64)
-        typical = np.array([term.typical for term in terms], dtype=np.float64)
+        usual = {term.group: term.typical for term in reversed(terms) if term.group is not None}
+        self.group_stds = {name: start.get(name, usual[name]) for name in reversed(usual)}
+        """Standard deviation of each group, in units of its terms' weights."""
+        self._member = np.array([[term.group == name for term in terms] for name in self.group_stds], dtype=np.float64)
+        self._weights, typical = np.array([(term.weight, term.typical) for term in terms]).reshape(-1, 2).T
         self._largest = LARGEST_OF_PROFILE * np.array([np.max(typical * member) for member in self._member])
-        usual = typical[self._member.argmax(axis=1)] if self.groups else typical[:0]
-        self._stds = np.array([start.get(name, std) for name, std in zip(self.groups, usual.tolist(), strict=True)])
         sizes = [
             start.get(term.group, term.typical) * term.weight if term.group else std
             for term, std in zip(terms, given.tolist(), strict=True)
         ]
         self.precision: Array = 1.0 / np.square(np.array(sizes, dtype=np.float64))
-
-    @property
-    def group_stds(self) -> dict[str, float]:
-        """Return the standard deviation of each group, in units of its terms' weights."""
-        return dict(zip(self.groups, self._stds.tolist(), strict=True))
 
     def follow(self, theta: Array) -> bool:
         """Let broad priors pull as they do at ``theta`` ``(P,)``; return False, without a change, if they nearly do."""
@@ -132,10 +126,11 @@ class Priors:
         block of two groups. ``components`` is the number of residuals of the inliers.
         """
         member, weights = self._member[:, columns], self._weights[columns]
-        before, noise_var = self._stds, 1.0
+        stds = before = np.array(list(self.group_stds.values()))
+        noise_var = 1.0
         for _ in range(_ROUNDS):
-            self._set(noise_var)
-            prior, previous = self.precision[columns], self._stds
+            self._set(stds, noise_var)
+            prior, previous = self.precision[columns], stds
             inverse = posterior(normal.gram, prior)
             theta, determined = inverse @ normal.rhs, 1.0 - prior * np.diag(inverse)
             of_group = np.maximum(member @ determined, 1e-3)
@@ -144,17 +139,18 @@ class Priors:
             information = 0.5 * member @ block @ member.T + _LEAST_INFORMATION * np.eye(len(member))
             scoring = np.linalg.solve(information, 0.5 * (ratio - of_group))
             step = np.where(np.abs(scoring) < _NEAR, scoring, np.log(ratio / of_group))
-            self._stds = np.minimum(np.maximum(previous * np.exp(0.5 * step), 1e-9), self._largest)
+            stds = np.minimum(np.maximum(previous * np.exp(0.5 * step), 1e-9), self._largest)
             if not noise_known:
                 dof = max(components - float(determined.sum()), 1.0)
                 noise_var = max(normal.expected_cost(theta) / dof, 1e-12)
-            if np.all(np.abs(self._stds - previous) <= max(_SETTLED, _INNER * settled) * self._stds):
+            if np.all(np.abs(stds - previous) <= max(_SETTLED, _INNER * settled) * stds):
                 break
-        self._set(noise_var)
-        return bool(np.any(np.abs(self._stds - before) > settled * self._stds))
+        self._set(stds, noise_var)
+        return bool(np.any(np.abs(stds - before) > settled * stds))
 
-    def _set(self, noise_var: float) -> None:
-        for std, member in zip(self._stds.tolist(), self._member > 0.0, strict=True):
+    def _set(self, stds: Array, noise_var: float) -> None:
+        self.group_stds = dict(zip(self.group_stds, stds.tolist(), strict=True))
+        for std, member in zip(stds.tolist(), self._member > 0.0, strict=True):
             self.precision[member] = noise_var / np.square(std * self._weights[member])
 
 
@@ -239,26 +235,33 @@ class _Solver:
         self.residual = self.equations.residual(self.theta, ahead=not self.theta.any())
         self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
         self.row = outliers.row_weights(data, self.misfit)
-        self.scatter = options.scatter if options.scatter is not None and options.scatter.any() else None
-        self.joints = None if self.scatter is None else joint_columns(model, data)[: self.equations.components]
-        self.latest: Whitening | None = None
+        self.scatter, self.visits = np.zeros(0), np.arange(data.n)
+        self.joints = np.zeros((self.equations.components, 0, data.n))
+        if options.scatter is not None and options.scatter.any():
+            self.scatter, self.visits = options.scatter, visit_numbers(data)
+            self.joints = joint_columns(model, data)[: len(self.joints)]
+        self.latest = Whitening(np.empty(0))
         self.normal: NormalEquations | None = None
         """Linearisation at the present coefficients, weights and inliers; None if any has changed."""
         self.identifiability = self._identify()
 
-    def whitening(self, inliers: NDArray[np.bool_] | None = None) -> Whitening:
-        """Return the whitening of the inliers, or of all rows if ``inliers`` is None; the latest is kept."""
-        weight = self.row if inliers is None or inliers.all() else self.row * inliers
-        if self.latest is None or not (self.latest.weight is weight or np.array_equal(self.latest.weight, weight)):
+    def whitening(self, inliers: NDArray[np.bool_]) -> Whitening:
+        """Return the whitening of the inliers; the latest is kept."""
+        weight = self.row if inliers.all() else self.row * inliers
+        if not (self.latest.weight is weight or np.array_equal(self.latest.weight, weight)):
             noise = self.data.correlated_noise
-            if self.joints is not None and self.scatter is not None:
-                self.latest = whitening(weight, self.joints, self.scatter, visit_numbers(self.data), noise)
-            elif noise is not None:
-                alone = np.zeros((len(weight), 0, self.data.n)), np.zeros(0), np.arange(self.data.n)
-                self.latest = whitening(weight, *alone, noise)
-            else:
-                self.latest = Whitening(weight)
+            self.latest = whitening(weight, self.joints, self.scatter, self.visits, noise)
         return self.latest
+
+    def _row_weight(self) -> Array:
+        """Return ``(M, N)`` reciprocal standard deviations of each row, noise and scatter together."""
+        if self.data.correlated_noise is None and not self.scatter.size:
+            return self.row
+        variance = np.sum(np.square(self.joints * self.scatter[:, None]), axis=1)
+        if self.data.correlated_noise is not None:
+            variance[:3] += np.diag(self.data.correlated_noise)[:, None]
+        result: Array = self.row / np.sqrt(1.0 + np.square(self.row) * variance)
+        return result
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.
@@ -266,15 +269,15 @@ class _Solver:
         The decision is made at the nominal robot, not at a start: if axes are parallel, columns that depend on each
         other exactly look independent at fitted values, and fitting both again gives links of any length.
         """
-        equations = self.equations
-        if self.options.identified is not None:
-            equations.columns = self.options.identified.columns
-            return self.options.identified
+        equations, given = self.equations, self.options.identified
+        if given is not None:
+            equations.columns = given.columns
+            return given
         is_free = np.array([term.group is None for term in equations.terms], dtype=bool)
         at_nominal = not self.theta.any()
         if not at_nominal:
             equations.columns = np.flatnonzero(is_free)
-        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening())
+        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(np.ones_like(self.inliers)))
         free = [term for term in equations.terms if term.group is None]
         root = normal.subset(np.flatnonzero(is_free[equations.columns])).root()
         identified = identify_terms(root, free, self.data.n)
@@ -307,7 +310,7 @@ class _Solver:
         for _ in range(_REWEIGHTINGS):
             linear = self._minimise()
             changed = self.priors.follow(self.theta)
-            if self.priors.groups:
+            if self.priors.group_stds:
                 components = float(np.count_nonzero(self.inliers) * self.equations.components)
                 known, settled = self.options.misfit is not None, 10 * self.options.settled
                 changed |= self.priors.update(linear, self.equations.columns, components, known, settled)
@@ -389,7 +392,7 @@ class _Solver:
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
-        weight, count = self.whitening().row_weight, self.equations.columns.size
+        weight, count = self._row_weight(), self.equations.columns.size
         inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count)
         if outliers.outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
@@ -406,14 +409,14 @@ class _Solver:
         """Return the fit; ``linear`` is the last linearisation."""
         equations, columns, count = self.equations, self.equations.columns, len(self.equations.terms)
         inverse, used = self._inverse(linear)
-        white, chi_square = self.whitening(), self.whitening(self.inliers).cost(self.residual)
+        chi_square = self.whitening(self.inliers).cost(self.residual)
         dof = float(np.count_nonzero(self.inliers) * equations.components) - used
         is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
         if self.options.misfit is None and dof > 0 and not is_known:
             inverse = inverse * (chi_square / dof)  # The observed noise exceeds the stated one.
         covariance = np.full((count, count), np.nan)
         covariance[np.ix_(columns, columns)] = inverse
-        is_given = self.options.misfit is not None and self.scatter is None
+        is_given = self.options.misfit is not None and not self.scatter.size
         return Fit(
             model=self.model,
             names=tuple(term.name for term in equations.terms),
@@ -427,8 +430,8 @@ class _Solver:
             inliers=self.inliers,
             data=self.data,
             residual=self.residual,
-            weight=white.row_weight,
-            whitening=white,
+            weight=self._row_weight(),
+            whitening=self.whitening(np.ones_like(self.inliers)),
             scatter=self.options.scatter,
             chi_square=chi_square,
             degrees_of_freedom=dof,

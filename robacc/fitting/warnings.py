@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
-from robacc.modelling.observation import Noise, NoiseSource
+from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 
@@ -113,24 +112,21 @@ def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
         return ()
     lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
     pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
-    shared = () if pattern is None else (pattern,)
     several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
     counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
-    return (f"outliers left out of the fit: {counted}", *shared)
+    return (f"outliers left out of the fit: {counted}", *filter(None, (pattern,)))
 
 
 def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
     """Return a warning with the probable cause if the residual is too large for an arm; else empty."""
-    names = {effect.name for effect in declared.model.free}
-    absent = [name for name in ALIGNABLE if name not in names]
-    position = data.position[:, declared.inliers]
-    position_var = float(np.sum(np.var(position, axis=1)))
-    mean_square = float(np.mean(np.sum(np.square(declared.residual[:3, declared.inliers]), axis=0)))
-    if mean_square <= (_FAR if absent else _GROSS) ** 2 * position_var:
+    absent = [name for name in ALIGNABLE if name not in {effect.name for effect in declared.model.free}]
+    spread = float(np.sum(np.var(data.position[:, declared.inliers], axis=1)))
+    if rms_length(declared.residual[:3, declared.inliers]) ** 2 <= (_FAR if absent else _GROSS) ** 2 * spread:
         return ()
-    cause, advice = "units, joint signs, exchanged columns or an instrument that was moved", ""
+    cause = "units, joint signs, exchanged columns or an instrument that was moved"
     if absent:
-        cause, advice = "frames that do not agree", f"; declare {','.join(absent)}"
+        cause = "frames that do not agree"
+    advice = f"; declare {','.join(absent)}" * bool(absent)
     return (f"errors this large come from {cause} rather than from the arm{advice}",)
 
 
@@ -177,23 +173,8 @@ _ALIKE = 2.0
 given, and from twice as much the setup is suspected."""
 
 
-class Displacement(NamedTuple):
-    """Motion of the frames between the poses of a fit and the validation poses."""
-
-    shift: float
-    """Mean distance of the poses, m."""
-    turn: float
-    """rad"""
-    by_target: bool
-    """Whether the target moved too."""
-    registered: float
-    """Error with the frames registered, m rms."""
-    error: float
-    """Error without, m rms."""
-
-
-def displacement(fit: Fit, holdout: Measurements) -> Displacement | None:
-    """Return how far the frames of validation poses lie from those of a fit; None if they agree."""
+def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
+    """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
     if holdout.n < _FEWEST:
         return None
     predicted = fit.predict(holdout)
@@ -202,31 +183,23 @@ def displacement(fit: Fit, holdout: Measurements) -> Displacement | None:
     if error < 2.0 * _ALIKE * of_fit:
         return None
     rotation, translation = np.moveaxis(predicted.rotation, 2, 0)[None], predicted.translation.T[None]
-    for targets in (0, 1):
+    causes = ("base", ""), ("base and target", ", or the target was mounted again")
+    for targets, (what, cause) in enumerate(causes):
         found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
-        registered = rms_length(found.vectors[0].T)
+        vectors, turn = found.vectors[0].T, found.rotation[0]
         gain = float(np.median(np.linalg.norm(residual, axis=0))) / max(float(found.median[0]), 1e-300)
-        if gain >= _LEAST_GAIN and registered <= _ALIKE * of_fit:
+        if gain >= _LEAST_GAIN and rms_length(vectors) <= _ALIKE * of_fit:
             # The residual in the measuring frame is R^T times that in the base.
-            shift = (residual - rotate_back(found.rotation[0], found.vectors[0].T)).mean(axis=1)
-            turn = float(np.linalg.norm(log_so3(found.rotation[0])))
-            return Displacement(float(np.linalg.norm(shift)), turn, bool(targets), registered, error)
+            shift = (residual - rotate_back(turn, vectors)).mean(axis=1)
+            return (
+                f"the validation poses lie {1e3 * np.linalg.norm(shift):.3g} mm and "
+                f"{np.degrees(np.linalg.norm(log_so3(turn))):.2g}° from where the model has them: the instrument or "
+                f"the robot base moved between the files{cause}; with {what} registered on them, their error is "
+                f"{1e3 * rms_length(vectors):.3g} mm rms in place of {1e3 * error:.3g} mm; transform both files into "
+                "one frame (common reference points), or leave out `holdout`, write the model, and use estimate with "
+                '`align="base_frame,tool_frame"` on the validation poses'
+            )
     return None
-
-
-def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
-    """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
-    moved = displacement(fit, holdout)
-    if moved is None:
-        return None
-    what, cause = ("base and target", ", or the target was mounted again") if moved.by_target else ("base", "")
-    return (
-        f"the validation poses lie {1e3 * moved.shift:.3g} mm and {np.degrees(moved.turn):.2g}° from where the model "
-        f"has them: the instrument or the robot base moved between the files{cause}; with {what} registered on "
-        f"them, their error is {1e3 * moved.registered:.3g} mm rms in place of {1e3 * moved.error:.3g} mm; transform "
-        "both files into one frame (common reference points), or leave out `holdout`, write the model, and use "
-        'estimate with `align="base_frame,tool_frame"` on the validation poses'
-    )
 
 
 def larger_error_warning(fitted: float, held_out: float) -> str | None:
@@ -252,8 +225,8 @@ _LARGEST = {
 is an interaction."""
 _LONGEST = 0.05
 """Correction of a length that no assembled arm needs, as a share of the reach."""
-_ORIENTATION = math.radians(3.0)
-"""Remaining orientation error that no instrument leaves, rad."""
+_ORIENTATION = 3.0
+"""Remaining orientation error that no instrument leaves, degrees."""
 _LISTED = 4
 
 
@@ -279,13 +252,12 @@ def suspected_mistakes(fit: Fit) -> tuple[str, ...]:
             f"suspected data mistake: {', '.join(corrections[:_LISTED])}{more}; no assembled arm deviates this far; "
             "check the table's convention and lengths, the signs and zeros of the joints, and interactions of joints"
         )
-    if fit.residual.shape[0] == 6:
-        error = float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0)))
-        if error > _ORIENTATION:
-            texts.append(
-                f"suspected data mistake: a median orientation error of {math.degrees(error):.3g} degrees remains; "
-                "check the convention of the orientation columns (order of a quaternion, angles, unit)"
-            )
+    error = math.degrees(float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0))))
+    if error > _ORIENTATION:
+        texts.append(
+            f"suspected data mistake: a median orientation error of {error:.3g} degrees remains; "
+            "check the convention of the orientation columns (order of a quaternion, angles, unit)"
+        )
     return tuple(texts)
 
 

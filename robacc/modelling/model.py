@@ -7,24 +7,205 @@ predicts and linearises. With all coefficients zero it predicts the nominal chai
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import TOOL, Scalar
+from robacc.chain import TOOL, Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
-from robacc.errors import UsageError
-from robacc.geometry import Array, Poses
+from robacc.errors import EquilibriumError, UsageError
+from robacc.geometry import Array, Poses, left_jacobian_inverse, log_between
+from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
 from robacc.measurements import Measurements
-from robacc.modelling.deflections import Deflections, TermPart
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+
+# Deflections of the arm under its loads, and their derivatives by every coefficient.
+#
+# An equilibrium deflection follows from the force at the deflected pose. A rigid-form deflection follows from the force
+# at the pose without deflections, which the arm's geometry moves but no deflection does.
+
+_STEPS = 60
+_CONVERGED = 1e-14
+"""rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
+
+
+@dataclass(frozen=True, slots=True)
+class TermPart:
+    """Part of term ``number``, counted over the fixed terms of a model, then its free terms."""
+
+    number: int
+    part: Part
+
+
+MotionGain = tuple[int, int, Any]
+"""A column, a motion, and the gain ``(N,)``, or a constant, by which the column's coefficient moves the motion."""
+_Spring = tuple[Weighted, Any]
+"""A motion with its loads, and the factor, a number or ``(N,)``, of gravity's force by which the motion deflects."""
+
+
+@dataclass(frozen=True)
+class Deflections:
+    """Elastic parts of a model bound to ``n`` poses of ``arm``."""
+
+    arm: Arm
+    n: int
+    entries: tuple[TermPart, ...]
+
+    @cached_property
+    def counts(self) -> tuple[int, ...]:
+        """Motion counts after which a sweep must keep the frame of a load."""
+        return tuple(sorted({load.after for entry in self.entries for load in entry.part.loads or ()}))
+
+    def _of_form(self, *, deflected: bool) -> list[TermPart]:
+        """Return the parts whose force is evaluated at the deflected pose, or at the undeflected one."""
+        return [entry for entry in self.entries if entry.part.deflected == deflected]
+
+    def deflected(self, scalars: list[Scalar], coefficients: NDArray[Any]) -> list[Scalar]:
+        """Return every scalar of the chain with deflections, from ``scalars`` of the undeflected arm.
+
+        Raises:
+            EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
+        """
+        if first := _springs(self._of_form(deflected=False), coefficients):
+            scalars = _moved(scalars, self._deflections_at(scalars, first))
+        if not (elastic := _springs(self._of_form(deflected=True), coefficients)):
+            return scalars
+        deflections, last_change = dict[int, NDArray[Any]](), np.inf
+        for _ in range(_STEPS):
+            previous, deflections = deflections, self._deflections_at(_moved(scalars, deflections), elastic)
+            changes = [np.abs(values - previous.get(motion, 0.0)) for motion, values in deflections.items()]
+            change = float(np.max(changes, initial=0.0))
+            # Changes shrink at a constant rate. The derivative that a complex step carries lags behind them.
+            rate, is_real = change / last_change, not any(map(np.iscomplexobj, deflections.values()))
+            if change < _CONVERGED or (0.0 < rate < 1.0 and is_real and change * rate < _CONVERGED * (1.0 - rate)):
+                return _moved(scalars, deflections)
+            last_change = change
+        raise EquilibriumError(
+            "the elastic equilibrium does not converge: a compliance is too large for the arm's weight; "
+            "check the unit of the compliance and the masses in the robot file"
+        )
+
+    def _deflections_at(self, scalars: Sequence[Scalar], springs: Sequence[_Spring]) -> dict[int, NDArray[Any]]:
+        """Return the deflections ``(N,)`` by motion under the forces at the pose of ``scalars``."""
+        motions = sorted({weighted.motion for weighted, _ in springs})
+        sweep = self.arm.chain.sweep(scalars, self.n, motions, self.counts)
+        torques = self._forces(sweep, motions, [weighted for weighted, _ in springs])
+        deflections: dict[int, NDArray[Any]] = {}
+        for (weighted, factor), torque in zip(springs, torques, strict=True):
+            deflections[weighted.motion] = deflections.get(weighted.motion, 0.0) + factor * torque
+        return deflections
+
+    def _forces(self, sweep: Sweep, motions: Sequence[int], weighted: Sequence[Weighted]) -> NDArray[Any]:
+        """Return gravity's force along each of the motions at the pose of a sweep over ``motions``."""
+        linear, angular = sweep.twists()
+        at = [motions.index(item.motion) for item in weighted]
+        frames = dict(zip(self.counts, sweep.frames, strict=True))
+        return forces(np.array(self.arm.robot.gravity), weighted, frames, linear[:, at], angular[:, at])
+
+    def derivatives(
+        self,
+        undeflected: Sequence[Scalar],
+        followed: Sweep,
+        motions: Sequence[int],
+        column: Mapping[int, int],
+        coefficients: Array,
+    ) -> tuple[list[MotionGain], Array, Array]:
+        """Return the gains of the compliances, and derivatives ``(6, W, N)`` of the poses, deflections included.
+
+        The first are by motions that a coefficient moves itself, the second by motions that a load deflects: no force
+        at the undeflected pose follows those.
+
+        Args:
+            undeflected: Scalars of the arm without deflections.
+            followed: Sweep of the deflected arm over ``motions``, which include every motion that a part moves.
+            motions: Indices of motions, W of them.
+            column: Term number to column.
+            coefficients: Coefficients of every term.
+        """
+        slot = {motion: i for i, motion in enumerate(motions)}
+        gains: list[MotionGain] = []
+        first: dict[int, Array] = {}
+        deflected: Array = followed.jacobian
+        if at_rest := self._of_form(deflected=False):
+            sweep = self.arm.chain.sweep(undeflected, self.n, motions, self.counts)
+            gains, first = self._gains(at_rest, sweep, slot, column, coefficients)
+        if in_equilibrium := self._of_form(deflected=True):
+            direct, slopes = self._gains(in_equilibrium, followed, slot, column, coefficients)
+            gains += direct
+            deflected = _followed_by(deflected, self._equilibrium_response(slopes, slot), slot)
+        return gains, _followed_by(deflected, first, slot), deflected
+
+    def _gains(
+        self,
+        elastic: Sequence[TermPart],
+        sweep: Sweep,
+        slot: Mapping[int, int],
+        column: Mapping[int, int],
+        coefficients: Array,
+    ) -> tuple[list[MotionGain], dict[int, Array]]:
+        """Return the gains of compliance coefficients and the slopes E of deflections, at the pose of ``sweep``.
+
+        Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
+        """
+        requested = [entry for entry in elastic if entry.number in column]
+        torques = self._forces(sweep, list(slot), [_weighted(entry.part) for entry in requested])
+        gains = [
+            (column[entry.number], entry.part.motion, entry.part.factor * torque)
+            for entry, torque in zip(requested, torques, strict=True)
+        ]
+        slopes: dict[int, Array] = {}
+        frames, gravity = dict(zip(self.counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)
+        for weighted, factor in _springs(elastic, coefficients):
+            slope = force_derivatives(gravity, weighted, frames, tuple(slot), *sweep.twists())
+            slopes[weighted.motion] = slopes.get(weighted.motion, 0.0) + factor * slope
+        return gains, slopes
+
+    def _equilibrium_response(self, slopes: Mapping[int, Array], slot: Mapping[int, int]) -> dict[int, Array]:
+        """Solve X = E + E_FF X for X ``{motion: (W, N)}``: deflections in equilibrium move each other."""
+        if not slopes:
+            return {}
+        motions = tuple(slopes)
+        rhs = np.stack([slopes[motion].T for motion in motions], axis=1)
+        matrix = np.eye(len(motions)) - rhs[:, :, [slot[motion] for motion in motions]]
+        solution = np.linalg.solve(matrix, rhs)
+        return {motion: np.ascontiguousarray(solution[:, row].T) for row, motion in enumerate(motions)}
+
+
+def _followed_by(jacobian: Array, responses: Mapping[int, Array], slot: Mapping[int, int]) -> Array:
+    """Return derivatives by motions with those of the deflections that respond ``{motion: (W, N)}`` to them."""
+    result = jacobian
+    for motion, response in responses.items():
+        result = result + jacobian[:, slot[motion]][:, None] * response
+    return result
+
+
+def _springs(entries: Sequence[TermPart], coefficients: NDArray[Any]) -> list[_Spring]:
+    """Return the parts with a coefficient; parts of one motion without a regressor are one spring under all loads."""
+    plain: dict[int, list[tuple[float, tuple[Load, ...]]]] = {}
+    springs: list[_Spring] = []
+    for number, part in ((entry.number, entry.part) for entry in entries if coefficients[entry.number] != 0):
+        if isinstance(part.factor, np.ndarray) or np.iscomplexobj(coefficients):
+            springs.append((_weighted(part), coefficients[number] * part.factor))
+        else:
+            plain.setdefault(part.motion, []).append((float(coefficients[number]) * part.factor, part.loads or ()))
+    return springs + [(Weighted(motion, combined(shares)), 1.0) for motion, shares in plain.items()]
+
+
+def _weighted(part: Part) -> Weighted:
+    return Weighted(part.motion, part.loads or ())
+
+
+def _moved(scalars: Sequence[Scalar], deflections: Mapping[int, NDArray[Any]]) -> list[Scalar]:
+    """Return the scalars of the motions with deflections added."""
+    return [scalar + deflections[i] if i in deflections else scalar for i, scalar in enumerate(scalars)]
+
 
 # Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients.
 
@@ -264,3 +445,56 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
             column[chosen == name] = (*frame.xyz, *frame.rpy)[coordinate]
         scalars[arm.chain.index(TOOL, label)] = column
     return scalars
+
+
+# Observation by the instrument: noise, residuals and their exact derivative.
+
+NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
+_EQUAL = 0.01
+"""Share by which standard deviations along the axes may differ and count as equal."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation along each axis of the error that the model does not predict."""
+
+    position: float
+    """m, RMS over poses and axes."""
+    orientation: float | None
+    """rad; None where orientation was not measured."""
+    source: NoiseSource
+    along_axes: tuple[float, float, float] | None = None
+    """m, along x, y, z of the measuring frame; None if they do not differ."""
+
+    @classmethod
+    def of_variances(cls, position: Array, orientation: float | None, source: NoiseSource) -> Noise:
+        """Return the noise of mean variances ``position`` ``(3,)`` (m²) along the axes.
+
+        ``orientation`` is a standard deviation, rad.
+        """
+        x, y, z = np.sqrt(position).tolist()
+        differ = max(x, y, z) > (1.0 + _EQUAL) * min(x, y, z)
+        return cls(float(np.sqrt(np.mean(position))), orientation, source, (x, y, z) if differ else None)
+
+
+def residuals(data: Measurements, poses: Poses) -> Array:
+    """Return the residuals ``(M, N)``: measured minus predicted pose, in the measuring frame.
+
+    Position (m) comes first. Where orientation was measured (M = 6), the rotation vector log(R_measured R_predicted^T)
+    (rad) follows.
+    """
+    position = data.position - poses.translation
+    if data.rotation is None:
+        return position
+    return np.concatenate((position, log_between(data.rotation, poses.rotation)))
+
+
+def observed_jacobian(jacobian: Array, residual: Array) -> Array:
+    """Return minus the derivative of :func:`residuals`, ``(M, P, N)``, from rows dp, dphi of the predicted pose.
+
+    log(R exp(-dphi)) = r - J_r^-1(r) dphi with J_r(r) = J_l(-r), so orientation is exact for residuals of any size.
+    """
+    if residual.shape[0] == 3:
+        return jacobian[:3]
+    turned = np.einsum("ijn,jpn->ipn", left_jacobian_inverse(-residual[3:]), jacobian[3:])
+    return np.concatenate((jacobian[:3], turned))

@@ -91,8 +91,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     known = [item for item in known_effects(robot) if item.validity and any(item.values.values())]
     if not known:
         return None
-    outside, position_var = np.zeros(data.n, dtype=bool), np.zeros(data.n)
-    items: list[OutsideRange] = []
+    outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[OutsideRange]()
     for effect in known:
         share = np.zeros(data.n)
         for driver, (low, high) in effect.validity.items():

@@ -21,8 +21,7 @@ from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, predict, residuals
 from robacc.prediction.predicting import ToleranceParameter
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf

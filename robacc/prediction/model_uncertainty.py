@@ -37,8 +37,7 @@ from robacc.fitting.registration import registration_fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements, different
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, predict, residuals
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,

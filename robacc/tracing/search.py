@@ -42,8 +42,7 @@ from robacc.fitting.closed_form import register_frames
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
-from robacc.modelling.model import BoundModel, Model
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import BoundModel, Model, residuals
 from robacc.robots.arm import Arm
 from robacc.tracing.candidates import (
     PROFILE_ORDERS,

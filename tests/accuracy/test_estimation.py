@@ -18,8 +18,7 @@ from robacc.accuracy.estimation import Commanded, EstimateResult, commanded_pose
 from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
 from robacc.measurements import Measurements
-from robacc.modelling.model import predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import predict, residuals
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 from robacc.simulation.simulate import Plan, simulate
 

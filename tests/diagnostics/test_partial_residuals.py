@@ -18,8 +18,7 @@ from robacc.fitting.solver import fit
 from robacc.geometry import compose as product, log_so3, transpose
 from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, predict, residuals
 from robacc.robots.description import Frame
 
 NOISE = 1e-5

@@ -104,7 +104,7 @@ def test_recovery_within_four_standard_errors(name: str, arm_name: str) -> None:
     assert worst_of_prediction(found, robot) < 5.0
     # What a fit shrinks, or cannot tell from geometry, has no number of its own to compare: its prediction was.
     shrunk = any(term.group for term in effect.terms(one, data))
-    if effect.traits.is_constant or shrunk or any(drop.name in truth for drop in found.dropped):
+    if effect.traits.is_constant or shrunk or any(drop.name in truth for drop in found.identifiability.dropped):
         return
     for term, value in truth.items():
         i = found.names.index(term)

@@ -20,8 +20,7 @@ from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
-from robacc.modelling.observation import observed_jacobian
+from robacc.modelling.model import Model, observed_jacobian, predict
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
 
@@ -86,16 +85,16 @@ def test_estimates_scatter_about_the_truth_as_the_covariance_says(name: str, ori
     assert 1e-4 < stats.chi2.sf(statistic, count) < 1 - 1e-4
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_the_solution_is_scipys(name: str) -> None:
+@pytest.mark.parametrize(("name", "orientation"), [("puma560", True), ("puma560", False), ("panda", True)])
+def test_the_solution_is_scipys(name: str, orientation: bool) -> None:
     # From the registered start, frames metres away included; scipy's trust region on the same residuals.
-    free = effects(name, "base_frame", "tool_frame", "joint_offset", "link_geometry", "gear_ratio:2", "backlash:3")
-    robot, _ = truth_for(name, effects(name, *SEVERAL), blank(name))
-    data = simulate(robot, PLAN).data
+    free = effects(name, "base_frame", "tool_frame", "joint_compliance:2", *SEVERAL)
+    robot, _ = truth_for(name, effects(name, "joint_compliance:2", *SEVERAL), blank(name))
+    data = simulate(robot, dataclasses.replace(PLAN, orientation=orientation)).data
     found = fit(Model.of(arm(name).robot, free), data, Options(robust=False, misfit=(NOISE, NOISE), tolerance=1e-13))
     kept = found.identifiability.columns
     peer, size = by_scipy(found, data, NOISE, method="trf", xtol=1e-15, ftol=1e-15, gtol=1e-15)
-    assert kept.size > 30
+    assert kept.size > 25
     assert np.linalg.norm(found.theta[kept] - peer.x * size) <= 1e-9 * np.linalg.norm(found.theta[kept])
     # Standard errors are those of the Jacobian at the solution.
     np.testing.assert_allclose(
@@ -184,7 +183,7 @@ def test_priors_are_rows_of_their_own() -> None:
     np.testing.assert_array_less(np.sqrt(np.diag(found.covariance))[:3], deviation[:3])
 
 
-def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
+def test_a_profile_is_shrunk_by_its_own_width() -> None:
     one = arm("puma560")
     rng = np.random.default_rng(2)
     profile = TransmissionError((one.names[1],), tuple(float(n) for n in range(3, 23)), True)
@@ -196,24 +195,8 @@ def test_a_blocks_width_is_that_of_largest_marginal_likelihood() -> None:
         Model.of(one.robot, [*effects("puma560", "joint_offset"), profile]), data, Options(misfit=(NOISE, NOISE))
     )
     (width,) = found.group_stds.values()
-    shrunk = np.array([found.terms[i].group is not None for i in found.identifiability.columns])
-    assert shrunk.sum() == len(names)
-
-    def log_evidence(factor: float) -> float:
-        """Log marginal likelihood at ``factor`` times the width found, up to a constant."""
-        precision = np.where(shrunk, found.precision / factor**2, found.precision)
-        matrix = found.gram + np.diag(precision)
-        return float(
-            0.5 * found.rhs @ np.linalg.solve(matrix, found.rhs)
-            - 0.5 * np.linalg.slogdet(matrix)[1]
-            + 0.5 * np.sum(np.log(precision[shrunk]))
-        )
-
-    best = max(log_evidence(factor) for factor in np.geomspace(0.5, 2, 200))
-    # Settled to a hundredth of the width, which costs 1e-4 of its curvature of some forty coefficients.
-    assert log_evidence(1.0) == pytest.approx(best, abs=5e-3)
-    assert log_evidence(0.5) < best - 1
-    assert width > 0
+    # Forty values known to a part of their size tell it to a tenth.
+    assert width == pytest.approx(np.std(list(values.values())), rel=0.3)
     # Shrunk coefficients count for less than one each; the truth, drawn from a prior, lies where the posterior says.
     assert found.degrees_of_freedom > data.n * 6 - found.identifiability.columns.size
     at = [found.names.index(name) for name in names]

@@ -14,8 +14,7 @@ from robacc.fitting.held_out import LEAST_GROUPS, HoldOut, held_out_poses
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import Model, residuals
 from robacc.simulation.simulate import Plan, simulate
 
 FIT = "base_frame,tool_frame,joint_offset,link_geometry,joint_compliance[j2,j3]"

@@ -12,7 +12,7 @@ from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import mass_warning, with_mass_uncertainty
-from robacc.fitting.normal_equations import inverted, solved
+from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.parameters import parameters
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
@@ -100,4 +100,4 @@ def test_singular_systems_have_a_solution_without_the_missing_direction() -> Non
     with pytest.raises(np.linalg.LinAlgError):
         np.linalg.solve(matrix, np.ones(3))
     np.testing.assert_allclose(solved(matrix, np.array([1.0, 1.0, 0.0])), [0.5, 0.5, 0.0], atol=1e-9)
-    assert np.isfinite(inverted(matrix)).all()
+    assert np.isfinite(posterior(matrix, np.zeros(3))).all()

@@ -105,82 +105,9 @@ def test_profiles_are_summed_as_their_built_columns(
     np.testing.assert_allclose(normal.gram / scale / scale[:, None], expected, rtol=0, atol=1e-12)
     residual = white.apply(left).ravel()
     np.testing.assert_allclose(normal.gradient / scale, rows @ residual / scale, rtol=1e-9, atol=1e-9)
+    assert normal.cost == pytest.approx(residual @ residual, rel=1e-12)
     root = normal.root() / scale
     np.testing.assert_allclose(root.T @ root, expected, rtol=0, atol=1e-12)
-
-
-def test_more_columns_follow_fewer_at_the_same_coefficients() -> None:
-    data = measured(20)
-    free = (REGISTRY["base_frame"].default(arm("puma560"), data), profile("j2", tuple(map(float, range(1, 8)))))
-    few, whole = (PoseEquations(Model.of(arm("puma560").robot, free), data) for _ in range(2))
-    theta, white = np.zeros(len(few.terms)), Whitening(weights(few, data.n))
-    few.columns = np.arange(6)
-    part = few.linearise(theta, white)[1].gram
-    few.columns = whole.columns
-    complete = whole.linearise(theta, white)[1].gram
-    np.testing.assert_allclose(part, complete[:6, :6], rtol=0, atol=1e-12 * complete[:6, :6].max())
-    np.testing.assert_array_equal(few.linearise(theta, white)[1].gram, complete)
-
-
-def test_a_linearisation_serves_at_coefficients_nearby() -> None:
-    data = measured()
-    equations = PoseEquations(model(data, "base_frame", "joint_offset"), data)
-    white = Whitening(weights(equations, data.n))
-    near = np.full(len(equations.terms), 1e-7)
-    _, here = equations.linearise(np.zeros(near.size), white)
-    _, there = equations.linearise(near, white)
-    moved = here.moved_to(near, there.cost)
-    scale = np.sqrt(np.diag(there.gram))
-    # To first order: what remains is the curvature, a share of 1e-7 of the columns.
-    np.testing.assert_allclose(moved.gradient / scale, there.gradient / scale, rtol=0, atol=1e-5 * np.sqrt(there.cost))
-    np.testing.assert_array_equal(moved.theta, near)
-    assert moved.expected_cost(near) == there.cost
-
-
-@pytest.mark.parametrize("orientation", ORIENTATION)
-def test_summed_whole_or_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = measured(orientation=orientation)
-    free = ("base_frame", "joint_offset", "link_geometry", "payload_compliance", "instrument_scale")
-    theta = np.full(len(PoseEquations(model(data, *free), data).terms), 1e-4)
-    results = []
-    for block in (4096, 7):
-        monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", block)
-        equations = PoseEquations(model(data, *free), data)
-        weight = weights(equations, data.n)
-        residual, summed = equations.linearise(theta, Whitening(weight))
-        np.testing.assert_array_equal(residual, equations.residual(theta))
-        results.append(summed)
-    for one in results[1:]:
-        scale = np.sqrt(np.diag(results[0].gram))
-        np.testing.assert_allclose(
-            one.gram / scale[:, None] / scale, results[0].gram / scale[:, None] / scale, atol=1e-12
-        )
-        np.testing.assert_allclose(one.gradient / scale, results[0].gradient / scale, rtol=1e-9, atol=1e-9)
-        assert one.cost == pytest.approx(results[0].cost, rel=1e-12)
-
-
-@pytest.mark.parametrize("orientation", ORIENTATION)
-def test_a_row_without_weight_takes_no_part(orientation: bool) -> None:
-    data = measured(orientation=orientation)
-    some = np.arange(data.n) % 3 > 0
-    equations = PoseEquations(model(data, "joint_offset"), data)
-    weight = weights(equations, data.n)
-    theta = np.full(len(equations.terms), 1e-3)
-    _, masked = equations.linearise(theta, Whitening(weight * some))
-    part = data.subset(np.flatnonzero(some))
-    _, alone = PoseEquations(model(part, "joint_offset"), part).linearise(theta, Whitening(weight[:, some]))
-    np.testing.assert_allclose(masked.gram, alone.gram, rtol=1e-12)
-    np.testing.assert_allclose(masked.gradient, alone.gradient, rtol=1e-9)
-    assert masked.cost == pytest.approx(alone.cost, rel=1e-12)
-
-
-def test_what_the_linearisation_expects_elsewhere() -> None:
-    data = measured()
-    equations = PoseEquations(model(data, "joint_offset"), data)
-    _, normal = equations.linearise(np.zeros(len(equations.terms)), Whitening(weights(equations, data.n)))
-    solution = np.linalg.solve(normal.gram, normal.rhs)
-    assert normal.expected_cost(solution) == pytest.approx(normal.cost - normal.gradient @ solution, rel=1e-9)
-    assert normal.expected_cost(normal.theta) == pytest.approx(normal.cost)
 
 
 def test_columns_built_in_part_are_those_of_the_whole() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -39,20 +40,19 @@ def test_random_outliers_have_no_pattern() -> None:
     assert hits <= 4
 
 
-def test_rows_at_large_angles_of_a_joint_are_named() -> None:
+@pytest.mark.parametrize(
+    ("chosen", "expected"),
+    [
+        (lambda data: data.q[1] > 1.3, r"j2 above 1\.3\d* \(rad or m\)"),
+        (lambda data: data.time >= 9.0 * 143, "(time|row number) above "),
+    ],
+    ids=["large angles of a joint", "one time"],
+)
+def test_rows_that_share_a_circumstance_are_named(chosen: Callable[[Measurements], np.ndarray], expected: str) -> None:
     data = sample(150, 1)
-    pattern = outlier_pattern(data, data.q[1] > 1.3, NAMES)
-    found = re.match(r"(\d+) of \1 outliers have j2 above 1\.3\d* \(rad or m\), but only ", str(pattern))
-    assert found, pattern
-    assert str(pattern).endswith("the outliers have a common cause")
-
-
-def test_rows_at_one_time_are_named() -> None:
-    data = sample(100, 2)
-    outliers = np.zeros(100, dtype=bool)
-    outliers[95:] = True
-    pattern = outlier_pattern(data, outliers, NAMES)
-    assert re.match("5 of 5 outliers have (time|row number) above ", str(pattern)), pattern
+    pattern = str(outlier_pattern(data, chosen(data), NAMES))
+    assert re.match(rf"(\d+) of \1 outliers have {expected}", pattern), pattern
+    assert re.search("but only .*: the outliers have a common cause$", pattern)
 
 
 def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:

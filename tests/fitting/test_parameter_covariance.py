@@ -85,11 +85,10 @@ def test_document_gives_the_covariance_by_its_triangle() -> None:
     document = json.loads(json_text(COVARIANCE.write(covariance)))
     assert tuple(document["names"]) == covariance.names
     size = len(covariance.names)
-    triangle = np.zeros((size, size))
-    for i, row in enumerate(document["lower_triangle"]):
-        assert len(row) == i + 1
-        triangle[i, : i + 1] = row
-    written = np.where(triangle == 0.0, triangle.T, triangle)
+    assert [len(row) for row in document["lower_triangle"]] == list(range(1, size + 1))
+    written = np.zeros((size, size))
+    written[np.tril_indices(size)] = np.concatenate(document["lower_triangle"])
+    written = np.where(written == 0.0, written.T, written)
     # The document has eight significant digits, twelve of variances.
     np.testing.assert_allclose(written, covariance.matrix, rtol=6e-8)
     np.testing.assert_allclose(np.diag(written), np.diag(covariance.matrix), rtol=1e-11)

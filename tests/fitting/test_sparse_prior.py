@@ -140,24 +140,6 @@ def test_probabilities_are_those_of_all_subsets_counted() -> None:
     assert sorted(exact)[-1] > 0.99
 
 
-def test_the_model_is_drawn_about_the_robot_files_values() -> None:
-    # A file that says the wrong length from the start is drawn to what it says: nothing differs.
-    one = arm("puma560").robot
-    changed = dataclasses.replace(
-        one,
-        joints=tuple(
-            dataclasses.replace(j, parameters={**j.parameters, "a": j.parameters["a"] + 5e-4}) if j.name == "j2" else j
-            for j in one.joints
-        ),
-    )
-    data = measured(ONE, 1)
-    free = plain(data, "link_geometry").model.free
-    alone = fit(Model.of(changed, free), data, Options(misfit=(NOISE, NOISE)))
-    found, kinds = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
-    assert all(p < 0.9 for kind in kinds for p in kind.probability)
-    assert np.abs(predict(found.model.arm.robot, data).translation - data.position).max() < 6 * NOISE
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", ["one", "all"])
 def test_intervals_hold(wrong: str) -> None:

@@ -17,7 +17,7 @@ from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
 from robacc.errors import InputError
-from robacc.fitting.parameters import absorb_constants, apply_values, parameters
+from robacc.fitting.parameters import absorb_constants, apply_fit, parameters
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -179,19 +179,20 @@ def test_findings_of_one_origin_are_applied_as_they_were_fitted() -> None:
         model = Model.of(dataclasses.replace(robot, effects=entries), effects[listed:])
         theta = np.array([value for coefficients in values[listed:] for value in coefficients.values()])
         expected = model.bind(data).poses(theta)
-        written = apply_values(model, values[listed:]) if listed < 3 else absorb_constants(model.arm.robot)
+        exact = dataclasses.replace(data, position=expected.translation)
+        fitted = dataclasses.replace(fit(model, exact), theta=theta)
+        written = apply_fit(fitted) if listed < 3 else absorb_constants(model.arm.robot)
         assert not written.effects
+        if listed < 3:
+            assert (
+                apply_fit(dataclasses.replace(fitted, theta=0.0 * theta)).joints
+                == absorb_constants(model.arm.robot).joints
+            )
         again = parse_robot(robot_to_yaml(written), "again.yaml")
         found = predict(again, data)
         # Rounding of the angles near the pole of roll, pitch and yaw.
         np.testing.assert_allclose(found.translation, expected.translation, rtol=0, atol=3e-15)
         np.testing.assert_allclose(found.rotation, expected.rotation, rtol=0, atol=3e-15)
-
-
-def test_corrections_of_zero_leave_the_origins_numbers() -> None:
-    robot = ur10()
-    written = apply_values(Model.of(robot, [LinkGeometry(Arm.of(robot).names)]), [{}])
-    assert written.joints == robot.joints
 
 
 def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw() -> None:

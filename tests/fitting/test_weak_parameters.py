@@ -14,7 +14,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import weak_parameters_warning
+from robacc.fitting.warnings import condition_warning, weak_parameters_warning
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
@@ -44,9 +44,11 @@ def measured(robot: Robot, q: np.ndarray, seed: int, oriented: bool, noise: floa
     return dataclasses.replace(data, position=position, rotation=poses.rotation if oriented else None)
 
 
-def geometry(name: str, data: Measurements, robot: Robot | None = None, options: Options | None = None) -> Fit:
+def geometry(
+    name: str, data: Measurements, robot: Robot | None = None, options: Options | None = None, asked: str = GEOMETRY
+) -> Fit:
     nominal = dataclasses.replace(robot or arm(name).robot, effects=())
-    model = Model.of(nominal, build(parse_requests(GEOMETRY), Model.of(nominal).arm, data))
+    model = Model.of(nominal, build(parse_requests(asked), Model.of(nominal).arm, data))
     return fit(model, data, options or Options())
 
 
@@ -178,3 +180,15 @@ def test_standard_errors_at_other_orientations_hold_the_truth() -> None:
         shares.append(np.mean(np.abs(poses.translation - predict(true, fresh).translation) < 1.96 * std))
     # Positions of one arm share its errors: 25 arms give the share to some 2 %.
     assert 0.91 < np.mean(shares) < 1.0
+
+
+def test_poses_of_nearly_one_orientation_leave_the_tool_unknown() -> None:
+    """The orientation of the flange stays the same but for a thousandth."""
+    q, small = joints("irb1600", 80, 2), 1e-3 * np.random.default_rng(0).standard_normal((4, 80))
+    q[4] = 0.6 - q[1] - q[2] + small[3]
+    q[[0, 3, 5]] = small[:3]
+    data = measured(dataclasses.replace(arm("irb1600").robot, effects=()), q, 1, oriented=False, noise=2e-5)
+    (warning,) = condition_warning(geometry("irb1600", data, asked="base_frame,tool_frame"))
+    assert "weakly identifiable on these poses, most of all" in warning
+    assert "tool_frame." in warning
+    assert " mm)" in warning

@@ -16,7 +16,7 @@ from robacc.chain import BASE
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
-from robacc.modelling.observation import residuals
+from robacc.modelling.model import residuals
 from robacc.modelling.robot_file import read_robot
 from robacc.prediction.comparison import (
     SufficientStatistics,

@@ -10,7 +10,7 @@ import pytest
 from robacc.documents.fit import NOISE, REPEATABILITY
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.warnings import LackOfFit
-from robacc.modelling.observation import Noise
+from robacc.modelling.model import Noise
 from robacc.render.views.fit import _remaining_error, _residual
 from robacc.tracing.trace import assumption_of, is_hidden_noise
 

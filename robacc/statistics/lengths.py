@@ -30,28 +30,9 @@ Distribution = Callable[[Array], tuple[Array, Array]]
 """Returns P(Q <= q) and q times its density for squared lengths q ``(N,)`` above zero."""
 
 
-_THIRDS = math.pi * np.array([2.0, 4.0, 0.0]) / 3.0
-_NEARLY_EQUAL = 1e-6
-"""Distance of the cosine from one below which two eigenvalues are nearly equal; from it on, 12 digits are right."""
-
-
 def principal_variances(covariance: Array) -> Array:
-    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero.
-
-    In closed form, which is many times faster: O. K. Smith, "Eigenvalues of a symmetric 3 x 3 matrix", Communications
-    of the ACM 4 (1961) 168. It loses digits where two are nearly equal; these are by LAPACK.
-    """
-    mean = np.einsum("iin->n", covariance) / 3.0
-    rest = covariance - mean * np.eye(3)[:, :, None]
-    size = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
-    (a, b, c), (_, d, e), (_, _, f) = rest / np.where(size > 0.0, size, 1.0)
-    cosine = 0.5 * (a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))
-    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + _THIRDS[:, None]
-    values = mean + 2.0 * size * np.cos(angles)
-    nearly_equal = np.abs(cosine) > 1.0 - _NEARLY_EQUAL
-    values[:, nearly_equal] = np.linalg.eigvalsh(np.moveaxis(covariance[..., nearly_equal], -1, 0)).T
-    result: Array = np.maximum(values, 0.0)
-    return result
+    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
+    return np.asarray(np.maximum(np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T, 0.0))
 
 
 def _solved(
@@ -92,25 +73,13 @@ _CONTOUR = list(zip(_ZETA.tolist(), (0.5 * np.exp(_ZETA) * (1j - _U)).tolist(), 
 
 def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
-    low, middle, high = 2.0 * variances / squares
-    # The product of the factors 1 + 2 v_i ζ/q is a polynomial of ζ. The first factors have the angle of the product of
-    # two up to a full turn, and of three up to one and a half. Complex numbers are in parts, which is faster.
-    two, pair = middle + high, middle * high
-    first, second, third = two + low, pair + low * two, low * pair
+    doubled = 2.0 * variances / squares
     probability, density = np.zeros(squares.size), np.zeros(squares.size)
     for zeta, factor in _CONTOUR:
-        square, cube = zeta * zeta, zeta * zeta * zeta
-        x = 1.0 + zeta.real * first + square.real * second + cube.real * third
-        y = zeta.imag * first + square.imag * second + cube.imag * third
-        size = np.sqrt(x * x + y * y)
-        larger = np.sqrt(0.5 * (size + np.abs(x)))
-        smaller = 0.5 * np.abs(y) / larger
-        # The root in the upper half plane; in the lower one after a full turn of the product.
-        sign = np.where((y > 0.0) & (two + 2.0 * zeta.real * pair < 0.0), -1.0, 1.0) / size
-        x, y = np.copysign(np.where(x >= 0.0, larger, smaller), y) * sign, np.where(x >= 0.0, smaller, larger) * sign
-        density += factor.imag * x - factor.real * y
-        ratio = factor / zeta
-        probability += ratio.imag * x - ratio.real * y
+        first, second, third = np.sqrt(1.0 + zeta * doubled)
+        part = factor / (first * second * third)
+        density += part.imag
+        probability += (part / zeta).imag
     return probability, density
 
 
@@ -158,55 +127,14 @@ def mixture_quantile(probability: float, variances: Array) -> float:
     return math.sqrt(_solved(probability, mixture, first, 1e-5)[0] * mean_power)
 
 
-# The mean is E|Z| = (8 / pi)^(1/2) R_G(v_1, v_2, v_3), as R_G is the mean of the length of diag(v)^(1/2) u over all
-# unit vectors u (DLMF 19.16.3 and 19.21.10). R_F and R_D, of which R_G is composed, are by duplication: B. C. Carlson,
-# "Numerical computation of real or complex elliptic integrals", Numerical Algorithms 10 (1995) 13-26.
-
-_DUPLICATIONS = 5
-"""Steps of Carlson's integrals, from which the error of the series is below rounding."""
-
-
 def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``."""
-    result = np.zeros(variances.shape[1])
-    for start in range(0, result.size, BLOCK):
-        power = variances[:, start : start + BLOCK].sum(axis=0)
-        shares = np.sort(variances[:, start : start + BLOCK] / np.where(power > 0.0, power, 1.0), axis=0)
-        result[start : start + BLOCK] = np.sqrt(8.0 / math.pi * power) * _complete_integral(*shares)
-    return result
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``: (8 / pi)^(1/2) R_G(v_1, v_2, v_3).
 
+    Carlson's R_G is the mean of the length of diag(v)^(1/2) u over all unit vectors u (DLMF 19.16.3 and 19.21.10).
+    """
+    from scipy.special import elliprg
 
-def _complete_integral(x: Array, z: Array, y: Array) -> Array:
-    """Return Carlson's R_G of ascending numbers; with z between the others, no part of it cancels another."""
-    z = np.maximum(z, 1e-30)
-    middle, product, square_root = z, (x - z) * (z - y) / 3.0, np.sqrt(x * y / z)
-    total, weight = np.zeros(x.shape), 1.0
-    for _ in range(_DUPLICATIONS):
-        a, b, c = np.sqrt(x), np.sqrt(y), np.sqrt(z)
-        added = a * b + (a + b) * c
-        total += weight / (c * (z + added))
-        weight *= 0.25
-        x, y, z = 0.25 * (x + added), 0.25 * (y + added), 0.25 * (z + added)
-    mean = (x + y + z) / 3.0
-    u, v = 1.0 - x / mean, 1.0 - y / mean
-    e2, e3 = u * v - (u + v) ** 2, -u * v * (u + v)
-    first = (1.0 + e2 * (e2 / 24.0 - 0.1 - 3.0 * e3 / 44.0) + e3 / 14.0) / np.sqrt(mean)
-    mean = (x + y + 3.0 * z) / 5.0
-    u, v = 1.0 - x / mean, 1.0 - y / mean
-    w, uv = -(u + v) / 3.0, u * v
-    e2, e3, e4, e5 = uv - 6.0 * w * w, (3.0 * uv - 8.0 * w * w) * w, 3.0 * (uv - w * w) * w * w, uv * w**3
-    series = (
-        1.0
-        - 3.0 * e2 / 14.0
-        + e3 / 6.0
-        + 9.0 * e2 * e2 / 88.0
-        - 3.0 * e4 / 22.0
-        - 9.0 * e2 * e3 / 52.0
-        + 3.0 * e5 / 26.0
-    )
-    second = 3.0 * total + weight * series / (mean * np.sqrt(mean))
-    result: Array = 0.5 * (middle * first + product * second + square_root)
-    return result
+    return np.asarray(math.sqrt(8.0 / math.pi) * elliprg(*variances))
 
 
 # One vector, to full precision.

@@ -92,8 +92,8 @@ class Measurements:
     ordered: bool = False
     """Rows are in the order of measurement."""
     warnings: tuple[str, ...] = ()
-    _known: dict[bool, Grouping | None] = dataclasses.field(init=False, repr=False, compare=False, default_factory=dict)
-    """Grouping of the rows (true), and the result of the quick test (false), once known: a million rows take time."""
+    _known: list[Grouping] = dataclasses.field(init=False, repr=False, compare=False, default_factory=list)
+    """Grouping of the rows, once known: a million rows take time."""
 
     def __post_init__(self) -> None:
         """Make every column read-only, because several computations share the record."""
@@ -188,13 +188,10 @@ class Measurements:
 
         Without a ``pose`` column the test takes a fifth of the time of the grouping.
         """
-        if False not in self._known:
-            differ = self.n == 0
-            if self.pose is None:
-                mixed = np.arange(self.n) if self.commands is None else np.sort(_mixed(self.commands))
-                differ = not np.any(mixed[1:] == mixed[:-1])
-            self._known[False] = None if differ else self._grouping()
-        return self._known[False]
+        commands = self.commands
+        if self.pose is None and (commands is None or np.all(np.diff(np.sort(_mixed(commands))))):
+            return None
+        return self._grouping() if self.n else None
 
     def contradicted_ids(self) -> tuple[str, ...]:
         """Warn of rows that share a ``pose`` id but were commanded to different poses."""
@@ -216,9 +213,9 @@ class Measurements:
         )
 
     def _grouping(self) -> Grouping:
-        if (known := self._known.get(True)) is None:
-            known = self._known[True] = commanded_groups(self.pose, self.commands) or Grouping(np.arange(self.n))
-        return known
+        if not self._known:
+            self._known.append(commanded_groups(self.pose, self.commands) or Grouping(np.arange(self.n)))
+        return self._known[0]
 
 
 def different(numbers: NDArray[np.int64]) -> int:
@@ -287,5 +284,5 @@ def _equal_columns(values: Array) -> NDArray[np.int64]:
 
 
 def _mixed(values: Array) -> Array:
-    """Return one number ``(N,)`` for each column of ``(K, N)`` rounded to 1e-9, which different columns do not share."""
+    """Return one number ``(N,)`` for each column of ``(K, N)`` rounded to 1e-9; different columns differ in it."""
     return sum((math.sqrt(k + 2.0) * np.round(row, 9) for k, row in enumerate(values)), np.zeros(values.shape[1]))

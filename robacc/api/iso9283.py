@@ -26,9 +26,9 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.documents.accuracy import ISO9283, ISO9283_POSES
 from robacc.errors import UsageError
+from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
-from robacc.iso_9283.visits import Iso9283Result
 from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import optional_size
 from robacc.render.views.elements import draw

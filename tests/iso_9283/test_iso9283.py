@@ -13,8 +13,8 @@ from commands import missing
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
+from robacc.iso_9283.criteria import Characteristic
 from robacc.iso_9283.evaluation import iso9283
-from robacc.iso_9283.visits import Characteristic
 from robacc.measurements import Measurements
 
 MM = 1e-3

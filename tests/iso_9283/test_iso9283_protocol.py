@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.estimation import Commanded
-from robacc.iso_9283.criteria import characteristic, drift, repeatability
+from robacc.iso_9283.criteria import Condition, characteristic, drift, repeatability, visits_of
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.evaluation import iso9283, protocol
-from robacc.iso_9283.visits import Condition, visits_of
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Frame, Robot
 

@@ -391,11 +391,6 @@ def test_notes(measured: Measurements, told: tuple[str, ...], untold: tuple[str,
     assert missing("\n".join(iso9283([measured]).notes), *told, *untold) == list(untold)
 
 
-def test_every_criterion_has_its_symbol() -> None:
-    symbols = {characteristic.symbol for characteristic in iso9283([KNOWN]).characteristics}
-    assert symbols == {"AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"}
-
-
 def test_a_command_that_moves_between_visits_is_warned_of() -> None:
     moving = KNOWN.commanded_position.copy()
     moving[0, -1] += 0.002

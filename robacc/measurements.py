@@ -248,21 +248,16 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
         return None if commands is None else Grouping(_equal_columns(commands))
     names, number = np.unique(ids, return_inverse=True)
     number = number.astype(np.int64)
-    if commands is None or names.size == ids.size or not (wrong := _contradicted(number, commands)).any():
+    if commands is None or names.size == ids.size:
         return Grouping(number)
-    rows = wrong[number]
+    last = np.empty(names.size, dtype=np.int64)
+    last[number] = np.arange(number.size)
+    differ = np.any([np.abs(row - row[last[number]]) > _SAME_COMMAND for row in commands], axis=0)
+    rows = (np.bincount(number, weights=differ) > 0.0)[number]
+    if not rows.any():
+        return Grouping(number)
     number[rows] = names.size + _equal_columns(commands[:, rows])
     return Grouping(np.unique(number, return_inverse=True)[1].astype(np.int64), rows)
-
-
-def _contradicted(number: NDArray[np.int64], commands: Array) -> NDArray[np.bool_]:
-    """Return ``(G,)``, true where the commands of a group differ from those of its last row."""
-    result = np.zeros(int(number.max(initial=-1)) + 1, dtype=bool)
-    last = np.empty(result.size, dtype=np.int64)
-    last[number] = np.arange(number.size)
-    for row in commands:
-        result[number[np.abs(row - row[last[number]]) > _SAME_COMMAND]] = True
-    return result
 
 
 def even_rows(n: int, most: int) -> NDArray[np.int64]:

@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from robacc.errors import Counted
 from robacc.geometry import Array, Poses
 
-_BLOCK = 16384
-"""Poses hashed per block: the working arrays of a block stay in the cache."""
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
 _SAME_COMMAND = 1e-3
@@ -93,8 +91,8 @@ class Measurements:
     ordered: bool = False
     """Rows are in the order of measurement."""
     warnings: tuple[str, ...] = ()
-    _known: dict[bool, Grouping | None] = dataclasses.field(init=False, repr=False, compare=False, default_factory=dict)
-    """Grouping of the rows (true), and the result of the quick test (false), once known: a million rows take time."""
+    _known: list[Grouping] = dataclasses.field(init=False, repr=False, compare=False, default_factory=list)
+    """Grouping of the rows, once known: a million rows take time."""
 
     def __post_init__(self) -> None:
         """Make every column read-only, because several computations share the record."""
@@ -189,13 +187,10 @@ class Measurements:
 
         Without a ``pose`` column the test takes a fifth of the time of the grouping.
         """
-        if False not in self._known:
-            differ = self.n == 0
-            if self.pose is None:
-                mixed = np.arange(self.n) if self.commands is None else np.sort(_hashes(self.commands))
-                differ = not np.any(mixed[1:] == mixed[:-1])
-            self._known[False] = None if differ else self._grouping()
-        return self._known[False]
+        commands = self.commands
+        if self.pose is None and (commands is None or np.all(np.diff(np.sort(_mixed(commands))))):
+            return None
+        return self._grouping() if self.n else None
 
     def contradicted_ids(self) -> tuple[str, ...]:
         """Warn of rows that share a ``pose`` id but were commanded to different poses."""
@@ -217,9 +212,9 @@ class Measurements:
         )
 
     def _grouping(self) -> Grouping:
-        if (known := self._known.get(True)) is None:
-            known = self._known[True] = commanded_groups(self.pose, self.commands) or Grouping(np.arange(self.n))
-        return known
+        if not self._known:
+            self._known.append(commanded_groups(self.pose, self.commands) or Grouping(np.arange(self.n)))
+        return self._known[0]
 
 
 def different(numbers: NDArray[np.int64]) -> int:
@@ -252,21 +247,16 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
         return None if commands is None else Grouping(_equal_columns(commands))
     names, number = np.unique(ids, return_inverse=True)
     number = number.astype(np.int64)
-    if commands is None or names.size == ids.size or not (wrong := _contradicted(number, commands)).any():
+    if commands is None or names.size == ids.size:
         return Grouping(number)
-    rows = wrong[number]
+    last = np.empty(names.size, dtype=np.int64)
+    last[number] = np.arange(number.size)
+    differ = np.any([np.abs(row - row[last[number]]) > _SAME_COMMAND for row in commands], axis=0)
+    rows = (np.bincount(number, weights=differ) > 0.0)[number]
+    if not rows.any():
+        return Grouping(number)
     number[rows] = names.size + _equal_columns(commands[:, rows])
     return Grouping(np.unique(number, return_inverse=True)[1].astype(np.int64), rows)
-
-
-def _contradicted(number: NDArray[np.int64], commands: Array) -> NDArray[np.bool_]:
-    """Return ``(G,)``, true where the commands of a group differ from those of its last row."""
-    result = np.zeros(int(number.max(initial=-1)) + 1, dtype=bool)
-    last = np.empty(result.size, dtype=np.int64)
-    last[number] = np.arange(number.size)
-    for row in commands:
-        result[number[np.abs(row - row[last[number]]) > _SAME_COMMAND]] = True
-    return result
 
 
 def even_rows(n: int, most: int) -> NDArray[np.int64]:
@@ -280,23 +270,17 @@ def _equal_columns(values: Array) -> NDArray[np.int64]:
     Sorting a hash per column takes a tenth of the time of sorting columns; a collision, which is almost impossible, is
     detected, and the columns are then sorted.
     """
-    mixed = _hashes(values)
+    mixed = _mixed(values)
     _, first, number = np.unique(mixed, return_index=True, return_inverse=True)
-    if first.size == mixed.size or all(
-        np.array_equal(np.round(row, 9), np.round(row, 9)[first][number]) for row in values
-    ):
-        return number.astype(np.int64)
-    return np.unique(np.round(values, 9), axis=1, return_inverse=True)[1].ravel().astype(np.int64)
+    if first.size < mixed.size and any(np.any(np.round(row, 9) != np.round(row, 9)[first][number]) for row in values):
+        number = np.unique(np.round(values, 9), axis=1, return_inverse=True)[1].ravel()
+    return number.astype(np.int64)
 
 
-def _hashes(values: Array) -> NDArray[np.uint64]:
+def _mixed(values: Array) -> NDArray[np.uint64]:
     """Return a hash ``(N,)`` of each column of ``(K, N)``, rounded to 1e-9."""
-    result = np.empty(values.shape[1], dtype=np.uint64)
-    for start in range(0, result.size, _BLOCK):
-        mixed = np.zeros(min(_BLOCK, result.size - start), dtype=np.uint64)
-        for row in values[:, start : start + _BLOCK]:
-            bits = (np.round(row, 9) + 0.0).view(np.uint64)
-            mixed = (mixed ^ bits) * np.uint64(0x9E3779B97F4A7C15)
-            mixed ^= mixed >> np.uint64(29)
-        result[start : start + _BLOCK] = mixed
-    return result
+    mixed = np.zeros(values.shape[1], dtype=np.uint64)
+    for row in values:
+        mixed = (mixed ^ (np.round(row, 9) + 0.0).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
+        mixed ^= mixed >> np.uint64(29)
+    return mixed

@@ -532,10 +532,7 @@ class _ErrorSample:
         if by_model and shape is not None:
             model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
             curve = dataclasses.replace(curve, model=model)
-            by_shape = (
-                "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
-            )
-            return dataclasses.replace(model.interval(confidence, by_shape), curve=curve)
+            return dataclasses.replace(model.interval(confidence, _BY_SHAPE), curve=curve)
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
         limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
         lower, upper, bound = (None if level is None else next(limits) for level in levels)

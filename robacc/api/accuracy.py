@@ -59,9 +59,9 @@ from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO928
 from robacc.documents.envelope import csv_text
 from robacc.documents.parts import pose_document
 from robacc.errors import Note, UsageError
+from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
-from robacc.iso_9283.visits import Iso9283Result
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import optional_size

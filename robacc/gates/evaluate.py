@@ -75,14 +75,10 @@ class BoundCurve:
         return cls(tuple(z), tuple(rising.tolist()), method, why, exact)
 
     @property
-    def has_upper(self) -> bool:
-        """Return whether the curve has a bound from above."""
-        return bool(self.z) and self.z[-1] >= _EXTRAPOLATION_QUANTILE
-
-    @property
-    def has_lower(self) -> bool:
-        """Return whether the curve has a bound from below."""
-        return bool(self.z) and self.z[0] <= -_EXTRAPOLATION_QUANTILE
+    def reaches(self) -> tuple[bool, bool]:
+        """Return whether the curve has a bound from below, and whether it has one from above."""
+        ends = self.z[:1] + self.z[-1:] or (0.0, 0.0)
+        return ends[0] <= -_EXTRAPOLATION_QUANTILE, ends[1] >= _EXTRAPOLATION_QUANTILE
 
     @property
     def positive(self) -> bool:
@@ -114,10 +110,9 @@ class BoundCurve:
         at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
         if scaled[0] <= at <= scaled[-1]:
             return normal_cdf(float(np.interp(at, scaled, self.z)))
-        is_above = at > scaled[-1]
-        if not (self.has_upper if is_above else self.has_lower):
+        end = -1 if at > scaled[-1] else 0
+        if not self.reaches[end]:
             return None
-        end = -1 if is_above else 0
         return normal_cdf(self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0]))
 
     def standard_error(self, level: float) -> float | None:
@@ -161,7 +156,7 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
         curve: Bounds of the figure; they set the scale on which the figure is close to normal.
         error: Standard error of the figure on that scale.
     """
-    centre = curve.scale(_limit(criterion))
+    centre = curve.scale(cast("float", criterion.limit))
     if not math.isfinite(centre) or error <= 0.0:
         return ()
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
@@ -213,7 +208,7 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         curve: Bounds of the figure; None if the result has no interval for it.
         n: Number of poses behind the figure.
     """
-    limit, sign, rule = _limit(criterion), -1.0 if criterion.at_least else 1.0, criterion.rule
+    limit, sign, rule = cast("float", criterion.limit), -1.0 if criterion.at_least else 1.0, criterion.rule
 
     def meets(number: float) -> bool:
         return sign * number <= sign * limit
@@ -240,7 +235,7 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         outcome, tested = "fail", favourable if tested is None else tested
     elif tested is None:
         why = curve.why or "there are too few poses for an interval"
-        if curve.why is None and (curve.has_upper or curve.has_lower):
+        if curve.why is None and any(curve.reaches):
             percent = f"{100 * criterion.confidence:g} %"
             why = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
     error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
@@ -269,10 +264,6 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         if_true,
         () if error is None else operating_curve(criterion, curve, error),
     )
-
-
-def _limit(criterion: GateCriterion) -> float:
-    return criterion.limit if criterion.limit is not None else math.nan
 
 
 def poses_to_decide(distance: float, z: float, n: int) -> int | None:
@@ -311,7 +302,7 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 
 def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
     """Decide on the largest error of ``n`` poses against an upper limit."""
-    share, margin = criterion.share, _limit(criterion) - value
+    share, margin = criterion.share, cast("float", criterion.limit) - value
     n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
     method = f"confidence {claim} (Wilks)"
@@ -596,8 +587,7 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
     if required not in steps:
         names = ", ".join(steps)
         raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
-    confidence = grade.get("confidence")
-    confidence = criterion.confidence if confidence is None else confidence
+    confidence = grade.get("confidence") or criterion.confidence
     decisions: list[Decision] = []
     n = None
     for quantity, unit in (("position", "m"), ("orientation", "rad")):

@@ -21,15 +21,20 @@ from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
 from robacc.iso_9283.criteria import (
+    Characteristic,
+    CommandedPose,
+    Condition,
+    Iso9283Result,
+    Status,
     accuracy,
     distance_criteria,
     drift,
     exchangeability,
     multidirectional,
     repeatability,
+    visits_of,
 )
 from robacc.iso_9283.cube import PREFERRED_EDGES, PREFERRED_SIZES, fit_cube
-from robacc.iso_9283.visits import Characteristic, CommandedPose, Condition, Iso9283Result, Status, visits_of
 from robacc.measurements import Measurements
 from robacc.poses.motion import motion_between_visits, visits_in_order
 from robacc.robots.description import Frame, Robot

@@ -281,19 +281,6 @@ def test_confidence_widens_intervals() -> None:
     assert wide.lower < narrow.lower < narrow.upper < wide.upper
 
 
-@pytest.mark.slow
-def test_the_interval_of_a_percentile_contains_the_percentile() -> None:
-    outside = 0
-    for seed in range(60):
-        result = error_statistics(gaussian(30, seed), "m")
-        interval, model = result.intervals.p95, result.radius95_zero_mean.interval
-        if interval.lower is None or interval.upper is None or model.lower is None or model.upper is None:
-            continue
-        assert interval.lower <= result.p95 <= interval.upper
-        outside += not model.lower <= result.p95 <= model.upper
-    assert outside > 0
-
-
 def test_fitted_parameters_count_as_poses() -> None:
     """Frames that leave 3 of 4 components leave the degrees of freedom of 30 of 40 poses."""
     errors = gaussian(40)

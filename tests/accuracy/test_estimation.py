@@ -10,7 +10,7 @@ import independent_arm
 import numpy as np
 import pytest
 from arms import arm
-from homogeneous import frame, shift, turn
+from homogeneous import shift, turn
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -19,7 +19,7 @@ from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict, residuals
-from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
+from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
@@ -28,23 +28,51 @@ SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 N = 40
 
 
-def dh_robot(**changes: object) -> Robot:
-    rows = ((0.4, 0.1, -np.pi / 2), (0.0, 0.5, 0.3), (0.1, 0.2, 0.7))
-    joints = tuple(
-        Joint(f"j{i}", "revolute", dict.fromkeys(DH_PARAMETERS, 0.0) | {"d": d, "a": a, "alpha": alpha})
-        for i, (d, a, alpha) in enumerate(rows)
-    )
-    robot = Robot("three", "standard", joints, tool=Frame((0.01, 0.02, 0.1), (0.1, 0.2, 0.3)))
-    return dataclasses.replace(robot, **changes)
+FRAMES = ("base_frame", "tool_frame")
 
 
-def dh_matrices(robot: Robot, q: np.ndarray) -> np.ndarray:
-    """``(N, 4, 4)`` by the textbook's matrices, base at the origin."""
-    pose = np.eye(4)
-    for joint, theta in zip(robot.joints, q, strict=True):
-        d, a, alpha = (joint.parameters[name] for name in ("d", "a", "alpha"))
-        pose = pose @ turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)
-    return pose @ frame(robot.tool.xyz, robot.tool.rpy)
+ROBOT = independent_arm.robot()
+
+
+LOW, HIGH = np.array(independent_arm.LIMITS).T[..., None]
+
+
+TABLE = np.array([row[:4] for row in independent_arm.DH])
+
+
+NOISE = 1e-5
+
+
+@dataclasses.dataclass(frozen=True)
+class Arm:
+    """An arm with errors of its geometry and of its joints, which vary once to three times a turn."""
+
+    table: Any
+    size: Any
+    phase: Any
+    order: Any
+
+    @classmethod
+    def drawn(cls, rng: np.random.Generator) -> Arm:
+        size = 3e-4 * np.exp(rng.normal(0.0, 0.7, TABLE.shape))
+        return cls(
+            TABLE + size * rng.normal(size=TABLE.shape),
+            2e-4 * rng.normal(size=(6, 1)),
+            rng.uniform(0.0, 6.3, (6, 1)),
+            rng.integers(1, 4, (6, 1)),
+        )
+
+    def poses(self, q: Any) -> tuple[Any, Any]:
+        """Positions ``(3, N)`` and rotations ``(3, 3, N)`` of the target."""
+        pose = np.eye(4)
+        angles = q + self.size * np.sin(self.order * q + self.phase)
+        for (theta, d, a, alpha), angle in zip(self.table, angles, strict=True):
+            pose = pose @ turn(2, theta + angle) @ shift(a, 0.0, d) @ turn(0, alpha)
+        position = pose[:, :3, 3] + pose[:, :3, :3] @ independent_arm.TOOL
+        return position.T, np.moveaxis(pose[:, :3, :3], 0, 2)
+
+
+NOMINAL = Arm(TABLE, np.zeros((6, 1)), np.zeros((6, 1)), np.ones((6, 1)))
 
 
 @pytest.fixture(name="known")
@@ -105,15 +133,12 @@ def test_blocks_do_not_change_the_errors(
 
 def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     rng = np.random.default_rng(5)
-    robot = dh_robot()
-    q = rng.uniform(-2, 2, size=(3, N))
-    matrices = dh_matrices(robot, q)
-    d = rng.normal(scale=1e-3, size=(3, N))
-    position = matrices[:, :3, 3].T + np.einsum("nij,jn->in", matrices[:, :3, :3], d)
+    q, d = rng.uniform(LOW, HIGH, (6, N)), rng.normal(scale=1e-3, size=(3, N))
+    position, rotation = NOMINAL.poses(q)
+    position = position + np.einsum("ijn,jn->in", rotation, d)
     data = Measurements(position=position, q=q, commanded_position=position)
-    result = estimate(data, robot)
-    assert result.commanded == "robot"
-    assert result.orientation is None
+    result = estimate(data, ROBOT)
+    assert (result.commanded, result.orientation) == ("robot", None)
     assert any("the cmd_ columns count only without `robot`" in text for text in result.warnings)
     assert any("no orientation was measured" in note for note in result.notes)
     np.testing.assert_allclose(result.errors.position, d, atol=3e-15)
@@ -121,10 +146,9 @@ def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
 
 
 def test_an_arm_without_effects_is_its_chain_bit_for_bit() -> None:
-    q = np.random.default_rng(6).uniform(-2, 2, size=(3, N))
-    data = Measurements(position=np.zeros((3, N)), q=q)
-    position, rotation = commanded_poses(data, dh_robot()).block(slice(None))
-    predicted = predict(dh_robot(), data)
+    data = Measurements(position=np.zeros((3, N)), q=np.random.default_rng(6).uniform(LOW, HIGH, (6, N)))
+    predicted = predict(ROBOT, data)
+    position, rotation = commanded_poses(data, ROBOT).block(slice(None))
     np.testing.assert_array_equal(position, predicted.translation)
     np.testing.assert_array_equal(rotation, predicted.rotation)
 
@@ -161,18 +185,13 @@ def test_each_target_has_its_own_metrics() -> None:
 
 def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
     rng = np.random.default_rng(8)
-    robot = dh_robot()
-    q = rng.uniform(-2, 2, size=(3, N))
-    matrices = dh_matrices(robot, q)
-    base = Rotation.from_rotvec([0.3, -1.0, 2.0])
-    noise = rng.normal(scale=1e-5, size=(3, N))
-    data = Measurements(
-        position=base.as_matrix() @ matrices[:, :3, 3].T + np.array([[1.0], [2.0], [-0.5]]) + noise,
-        rotation=np.moveaxis((base * Rotation.from_matrix(matrices[:, :3, :3])).as_matrix(), 0, -1),
-        q=q,
-    )
-    unaligned = estimate(data, robot, align=())
-    aligned = estimate(data, robot, align=("base_frame",))
+    q = rng.uniform(LOW, HIGH, (6, N))
+    position, rotation = NOMINAL.poses(q)
+    base, noise = Rotation.from_rotvec([0.3, -1.0, 2.0]).as_matrix(), rng.normal(scale=1e-5, size=(3, N))
+    position = base @ position + np.array([[1.0], [2.0], [-0.5]]) + noise
+    data = Measurements(position=position, rotation=np.einsum("ij,jkn->ikn", base, rotation), q=q)
+    unaligned = estimate(data, ROBOT, align=())
+    aligned = estimate(data, ROBOT, align=("base_frame",))
     assert any("frames that are not registered" in warning for warning in unaligned.warnings)
     assert aligned.alignment.n_parameters == 6
     assert aligned.warnings == ()
@@ -199,8 +218,8 @@ def test_frame_follows_the_commanded_orientation() -> None:
     [
         ({"sigma_position": np.full((3, 2), 2e-5 / np.sqrt(3))}, None, "0.02 mm rms"),
         (
-            {"q": np.zeros((3, 2)), "commanded_position": None},
-            dh_robot(effects=({"effect": "joint_offset", "joints": ["j1"], "values": {"j1": 0.01}},)),
+            {"q": np.zeros((6, 2)), "commanded_position": None},
+            dataclasses.replace(ROBOT, effects=({"effect": "joint_offset", "joints": ["j1"], "values": {"j1": 0.01}},)),
             "effects of the robot file are applied: joint_offset",
         ),
     ],
@@ -211,7 +230,7 @@ def test_notes_of_uncertainty_and_effects(changes: dict[str, Any], robot: Robot 
 
 
 ZERO = Measurements(position=np.zeros((3, 2)), commanded_position=np.zeros((3, 2)))
-JOINTS = np.zeros((3, 2))
+JOINTS = np.zeros((6, 2))
 
 
 @pytest.mark.parametrize(
@@ -220,7 +239,7 @@ JOINTS = np.zeros((3, 2))
         ({}, None, {"frame": "tool"}, "frame tool needs the commanded orientation"),
         ({"commanded_position": None}, None, {}, "no commanded positions: give `commanded`, a robot program"),
         ({"commanded_position": None, "q": JOINTS}, None, {}, "the poses have no commanded positions: give `robot`"),
-        ({"q": JOINTS}, dh_robot(), {"align": ("backlash",)}, "cannot align backlash; choose among base_frame, tool_f"),
+        ({"q": JOINTS}, ROBOT, {"align": ("backlash",)}, "cannot align backlash; choose among base_frame, tool_f"),
         (
             {},
             None,
@@ -229,7 +248,7 @@ JOINTS = np.zeros((3, 2))
         ),
         ({}, None, {"align": ("backlash",)}, "cannot align backlash"),
         *(({}, None, {"confidence": wrong}, r"at least 0\.5 and less than 1") for wrong in (0.3, 1.0, float("nan"))),
-        ({}, dh_robot(), {}, r"no columns of commanded joints .* omit `robot`"),
+        ({}, ROBOT, {}, r"no columns of commanded joints .* omit `robot`"),
     ],
 )
 def test_calls_that_do_not_fit(
@@ -320,53 +339,6 @@ def test_two_positions_in_another_frame_have_no_figure() -> None:
     assert robacc.estimate(far, align="none").position.rms == pytest.approx(2.0 * np.sqrt(3))
     near = Measurements(commanded + 1e-4, commanded_position=commanded)
     assert robacc.estimate(near).position.rms == pytest.approx(1e-4 * np.sqrt(3))
-
-
-FRAMES = ("base_frame", "tool_frame")
-
-
-ROBOT = independent_arm.robot()
-
-
-LOW, HIGH = np.array(independent_arm.LIMITS).T[..., None]
-
-
-TABLE = np.array([row[:4] for row in independent_arm.DH])
-
-
-NOISE = 1e-5
-
-
-@dataclasses.dataclass(frozen=True)
-class Arm:
-    """An arm with errors of its geometry and of its joints, which vary once to three times a turn."""
-
-    table: Any
-    size: Any
-    phase: Any
-    order: Any
-
-    @classmethod
-    def drawn(cls, rng: np.random.Generator) -> Arm:
-        size = 3e-4 * np.exp(rng.normal(0.0, 0.7, TABLE.shape))
-        return cls(
-            TABLE + size * rng.normal(size=TABLE.shape),
-            2e-4 * rng.normal(size=(6, 1)),
-            rng.uniform(0.0, 6.3, (6, 1)),
-            rng.integers(1, 4, (6, 1)),
-        )
-
-    def poses(self, q: Any) -> tuple[Any, Any]:
-        """Positions ``(3, N)`` and rotations ``(3, 3, N)`` of the target."""
-        pose = np.eye(4)
-        angles = q + self.size * np.sin(self.order * q + self.phase)
-        for (theta, d, a, alpha), angle in zip(self.table, angles, strict=True):
-            pose = pose @ turn(2, theta + angle) @ shift(a, 0.0, d) @ turn(0, alpha)
-        position = pose[:, :3, 3] + pose[:, :3, :3] @ independent_arm.TOOL
-        return position.T, np.moveaxis(pose[:, :3, :3], 0, 2)
-
-
-NOMINAL = Arm(TABLE, np.zeros((6, 1)), np.zeros((6, 1)), np.ones((6, 1)))
 
 
 def measured(arm: Arm, q: Any, rng: np.random.Generator, turned: bool) -> Measurements:

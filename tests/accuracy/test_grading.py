@@ -245,42 +245,40 @@ def test_every_message_of_a_scale(old: str, new: str, message: str | None) -> No
         assert any(problem.startswith(message) for problem in problems(text)), problems(text)
 
 
-def test_an_orientation_limit_after_none() -> None:
-    text = GOOD.replace(", orientation: 2e-3}", "}").replace("3e-4}", "3e-4, orientation: 1e-3}")
-    assert problems(text) == ["s.yaml:8, steps[1].orientation: the better grade A has no limit of orientation"]
-
-
-def test_a_file_without_a_mapping() -> None:
-    assert problems("- a\n")[0].startswith("s.yaml:1: expected keys with values (robacc, name, statistic")
-    assert problems("") == problems("# nothing\n") == ["s.yaml: the file is empty"]
-
-
-def test_a_scale_is_read_as_carefully_as_a_robot_file() -> None:
-    # libyaml ends the process here, without a word.
-    assert problems("[" * 200_000) == ["s.yaml:1: cannot be read as YAML: nested deeper than 32"]
-    assert problems(GOOD.replace("3e-4", "&a 3e-4")) == [
-        "s.yaml:8: cannot be read as YAML: anchors (&) and aliases (*) are not supported"
-    ]
-    assert "expected a number, found '3_00'" in problems(GOOD.replace("3e-4", "3_00"))[0]
-    assert "expected a name, found " in problems(GOOD.replace("mine", '"\\e[2J"'))[0]
+HEAD, TAIL = GOOD.split("steps:")[0], "\notherwise" + GOOD.split("otherwise")[1]
 
 
 @pytest.mark.parametrize(
-    ("steps", "message"),
+    ("text", "messages"),
     [
-        ("steps: []", "s.yaml:6, steps: a scale needs at least one step"),
-        ("steps: A", "s.yaml:6, steps: expected a list of steps, found 'A'"),
-        ("", "s.yaml:1, steps: is missing"),
+        (
+            GOOD.replace(", orientation: 2e-3}", "}").replace("3e-4}", "3e-4, orientation: 1e-3}"),
+            ["s.yaml:8, steps[1].orientation: the better grade A has no limit of orientation"],
+        ),
+        ("- a\n", ["s.yaml:1: expected keys with values (robacc, name, statistic"]),
+        ("", ["s.yaml: the file is empty"]),
+        ("# nothing\n", ["s.yaml: the file is empty"]),
+        # Read as carefully as a robot file; libyaml ends the process here, without a word.
+        ("[" * 200_000, ["s.yaml:1: cannot be read as YAML: nested deeper than 32"]),
+        (
+            GOOD.replace("3e-4", "&a 3e-4"),
+            ["s.yaml:8: cannot be read as YAML: anchors (&) and aliases (*) are not supported"],
+        ),
+        (GOOD.replace("3e-4", "3_00"), ["s.yaml:8, steps[1].position: expected a number, found '3_00'"]),
+        (GOOD.replace("mine", '"\\e[2J"'), ["s.yaml:2, name: expected a name, found "]),
+        (f"{HEAD}steps: []{TAIL}", ["s.yaml:6, steps: a scale needs at least one step"]),
+        (f"{HEAD}steps: A{TAIL}", ["s.yaml:6, steps: expected a list of steps, found 'A'"]),
+        (f"{HEAD}{TAIL}", ["s.yaml:1, steps: is missing"]),
+        (
+            GOOD.replace("statistic: rms", "statistic: p99").replace("position: 3e-4", "position: x"),
+            ["s.yaml:3, statistic: expected rms", "s.yaml:8, steps[1].position: expected a number, found 'x'"],
+        ),
     ],
+    ids=range(12),
 )
-def test_a_scale_without_steps(steps: str, message: str) -> None:
-    head, tail = GOOD.split("steps:")
-    assert problems(head + steps + "\notherwise" + tail.split("otherwise")[1]) == [message]
-
-
-def test_all_problems_at_once() -> None:
-    text = GOOD.replace("statistic: rms", "statistic: p99").replace("position: 3e-4", "position: x")
-    assert len(problems(text)) == 2
+def test_every_problem_of_a_whole_scale(text: str, messages: list[str]) -> None:
+    found = problems(text)
+    assert [part[: len(message)] for part, message in zip(found, messages, strict=True)] == messages
 
 
 def test_probability_is_the_confidence_between_the_limits() -> None:

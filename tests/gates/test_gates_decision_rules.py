@@ -73,7 +73,7 @@ def test_a_curve_from_a_stored_interval_is_near_the_exact_one(dof: int) -> None:
 def test_a_curve_knows_where_it_ends() -> None:
     lower = BoundCurve.through([Interval(1.0, None, None, 0.95, "order statistics", "30 poses: too few")], 2.0)
     assert lower.below(0.9) is not None
-    assert (lower.below(2.5), lower.has_lower, lower.has_upper) == (None, True, False)
+    assert (lower.below(2.5), lower.reaches) == (None, (True, False))
     assert lower.standard_error(0.95) == pytest.approx(math.log(2.0) / stats.norm.ppf(0.975), rel=1e-6)
     empty = BoundCurve.through([Interval.missing(0.95, "one pose")], 1.0)
     assert (empty.z, empty.below(3.0), empty.bound(0.95), empty.why) == ((), None, None, "one pose")

@@ -239,19 +239,6 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
     assert text == junit(outcome)
 
 
-def test_the_schemas_rules_see_faults() -> None:
-    good = junit(ALL)
-    for wrong, fault in (
-        (good.replace(' id="0"', ""), "testsuite without id"),
-        (good.replace('tests="4"', 'tests="four"'), "testsuite tests='four'"),
-        (good.replace("<properties />", ""), "testsuite without properties"),
-        (good.replace("<properties />", "<extra/>"), "element extra"),
-        (re.sub(r' type="\w+"', "", good), "failure without type"),
-        (good.replace("<testsuites>", "<testsuites>text"), "text in testsuites"),
-    ):
-        assert fault in faults(ElementTree.fromstring(wrong.encode()))
-
-
 def test_junit_carries_the_numbers_the_reason_and_the_time() -> None:
     root = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
     assert faults(root) == []

@@ -13,8 +13,8 @@ from commands import missing
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
+from robacc.iso_9283.criteria import Characteristic
 from robacc.iso_9283.evaluation import iso9283
-from robacc.iso_9283.visits import Characteristic
 from robacc.measurements import Measurements
 
 MM = 1e-3
@@ -62,87 +62,70 @@ def values(characteristic: Characteristic) -> dict[str, float]:
     return {"–".join(place.poses): place.position.value or 0.0 for place in characteristic.places}
 
 
-def test_accuracy_and_repeatability_by_hand() -> None:
-    """Visits ±1 along x and ±3 along y about (2, 2, 0): l = 1, 1, 3, 3, so RP = 2 + 3 sqrt(4/3)."""
-    result = iso9283([data({"P1": [[3, 2, 0], [1, 2, 0], [2, 5, 0], [2, -1, 0]]}, {"P1": [0, 0, 0]})])
-    accuracy, repeatability = result.characteristic("AP"), result.characteristic("RP")
-    assert accuracy.position.value == pytest.approx(math.sqrt(8) * MM, rel=1e-12)
+ORIGIN = {"P1": [0, 0, 0]}
+CROSS = [data({"P1": [[3, 2, 0], [1, 2, 0], [2, 5, 0], [2, -1, 0]]}, ORIGIN)]
+STRETCH = {"P1": [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]], "P2": [[100.1, 0, 0], [100.3, 0, 0], [100, 0, 0]]}
+LOST = data({"P1": [[0, 0, 0], [9, 0, 0], [0, 0, 0]], "P2": [[10, 0, 0], [10, 0, 0], [12, 0, 0]]})
+LOST = LOST.subset(np.flatnonzero((LOST.pose != "P1") | (LOST.cycle != "2")))
+WAYS = np.array([[1, 1, -1, -1, 0, 0], [1, 1, 1, 1, -1, -1]], dtype=float)
+APPROACHED = data({"P1": [[0, 0, 1], [0, 0, -1], [3, 4, 1], [3, 4, -1], [0, 4, 1], [0, 4, -1]]})
+WINDOWS = data({"P1": [[1, -1, 0], [1, 0, 0], [1, 1, 0], [3, -2, 0], [3, 0, 0], [3, 2, 0]]}, ORIGIN)
+SHUFFLED = dataclasses.replace(WINDOWS, time=np.arange(6.0)).subset(np.array([3, 0, 4, 1, 5, 2]))
+DRIFTED = {"dAP": 2.0, "dRP": 2 / 3 + 3 * math.sqrt(1 / 3), "shift": 2.0}
+CIRCLE = data({"P1": [[1, 0, 0.1], [1, 0, -0.1], [1, 0, 0], [-1, 0, 0.1], [-1, 0, -0.1], [-1, 0, 0]]}, ORIGIN)
+ROBOTS = [
+    dataclasses.replace(data({"P1": [[x, y, 1], [x, y, -1]]}, ORIGIN), source=f"/somewhere/{name}.csv")
+    for name, x, y in (("a", 0, 0), ("b", 3, 4), ("c", 0, 4))
+]
+
+
+@pytest.mark.parametrize(
+    ("files", "windows", "expected"),
+    [
+        # Visits ±1 along x and ±3 along y about (2, 2, 0): l = 1, 1, 3, 3.
+        pytest.param(CROSS, None, {"AP": math.sqrt(8), "RP": 2 + 3 * math.sqrt(4 / 3)}, id="one pose"),
+        # D = 100.1, 100.2, 100.0 for 100, and for 101.
+        pytest.param(
+            [data(STRETCH, {"P1": [0, 0, 0], "P2": [100, 0, 0]})], None, {"AD": 0.1, "RD": 0.3}, id="distance"
+        ),
+        pytest.param([data(STRETCH, {"P1": [0, 0, 0], "P2": [101, 0, 0]})], None, {"AD": 0.9}, id="shorter distance"),
+        # The second cycle of P1 was lost: D of cycles 1 and 3 remain.
+        pytest.param([LOST], None, {"RD": 3 * math.sqrt(2)}, id="matched by cycle"),
+        # From below the barycentre is (0, 0, 0), from above (3, 4, 0), from aside (0, 4, 0).
+        pytest.param([dataclasses.replace(APPROACHED, direction=WAYS)], None, {"vAP": 5.0}, id="approaches"),
+        # First window about (1, 0, 0) with y = -1, 0, 1, second about (3, 0, 0) with y = -2, 0, 2.
+        pytest.param([WINDOWS], 2, DRIFTED, id="drift"),
+        pytest.param([SHUFFLED], 2, DRIFTED, id="drift by time"),
+        # Half a circle round the command: AP stands, the barycentre has moved by twice AP.
+        pytest.param([CIRCLE], 2, {"dAP": 0.0, "shift": 2.0}, id="shift"),
+        # Barycentres at (0, 0, 0), (3, 4, 0), (0, 4, 0).
+        pytest.param(ROBOTS, None, {"E": 5.0, "AP": 5.0}, id="exchangeability"),
+    ],
+)
+def test_criteria_by_hand(files: list[Measurements], windows: int | None, expected: dict[str, float]) -> None:
+    result = iso9283(files, windows=windows)
+    found = {symbol: result.characteristic(symbol).position.value / MM for symbol in expected}
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_what_stands_beside_the_criteria() -> None:
+    accuracy, repeatability = (iso9283(CROSS).characteristic(symbol) for symbol in ("AP", "RP"))
     assert [figure.value for figure in accuracy.places[0].axes or ()] == pytest.approx([2 * MM, 2 * MM, 0], abs=1e-15)
-    assert repeatability.position.value == pytest.approx((2 + 3 * math.sqrt(4 / 3)) * MM, rel=1e-12)
-    assert repeatability.places[0].mean_distance == pytest.approx(2 * MM)
-    assert repeatability.places[0].sd_distance == pytest.approx(math.sqrt(4 / 3) * MM)
-    assert accuracy.position_at == repeatability.position_at == "P1"
-    assert (accuracy.clause, repeatability.clause) == ("7.2.1", "7.2.2")
-
-
-def test_distances_by_hand() -> None:
-    """D = 100.1, 100.2, 100.0 for 100: AD = 0.1, RD = 3 x 0.1."""
-    visits = {"P1": [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]], "P2": [[100.1, 0, 0], [100.3, 0, 0], [100, 0, 0]]}
-    result = iso9283([data(visits, {"P1": [0, 0, 0], "P2": [100, 0, 0]})])
-    accuracy, repeatability = result.characteristic("AD"), result.characteristic("RD")
-    assert accuracy.position.value == pytest.approx(0.1 * MM, rel=1e-9)
-    assert repeatability.position.value == pytest.approx(0.3 * MM, rel=1e-9)
-    assert accuracy.position_at == "P1–P2"
-    shorter = iso9283([data(visits, {"P1": [0, 0, 0], "P2": [101, 0, 0]})]).characteristic("AD")
-    assert shorter.places[0].position.value == pytest.approx(-0.9 * MM, rel=1e-9)
-    assert shorter.position.value == pytest.approx(0.9 * MM, rel=1e-9)
-
-
-def test_distances_are_matched_by_cycle_and_not_by_row() -> None:
-    """The second cycle of P1 was lost: D of cycles 1 and 3 remain."""
-    all_visits = data({"P1": [[0, 0, 0], [9, 0, 0], [0, 0, 0]], "P2": [[10, 0, 0], [10, 0, 0], [12, 0, 0]]})
-    remaining = all_visits.subset(np.flatnonzero((all_visits.pose != "P1") | (all_visits.cycle != "2")))
-    result = iso9283([remaining]).characteristic("RD")
-    assert result.places[0].n == 2
-    assert result.position.value == pytest.approx(3 * math.sqrt(2) * MM, rel=1e-12)
-
-
-def test_approaches_by_hand() -> None:
-    """From below the barycentre is (0, 0, 0), from above (3, 4, 0), from aside (0, 4, 0): vAP = 5."""
-    visits = [[0, 0, 1], [0, 0, -1], [3, 4, 1], [3, 4, -1], [0, 4, 1], [0, 4, -1]]
-    ways = np.array([[1, 1, -1, -1, 0, 0], [1, 1, 1, 1, -1, -1]], dtype=float)
-    result = iso9283([dataclasses.replace(data({"P1": visits}), direction=ways)]).characteristic("vAP")
-    assert result.position.value == pytest.approx(5 * MM, rel=1e-12)
-    assert result.places[0].between == "−+ and ++"
-    assert result.clause == "7.2.3"
-
-
-def test_drift_by_hand_goes_by_time_and_not_by_row() -> None:
-    """First window about (1, 0, 0) with y = -1, 0, 1, second about (3, 0, 0) with y = -2, 0, 2."""
-    visits = [[1, -1, 0], [1, 0, 0], [1, 1, 0], [3, -2, 0], [3, 0, 0], [3, 2, 0]]
-    ordered = data({"P1": visits}, {"P1": [0, 0, 0]})
-    result = iso9283([ordered], windows=2)
-    figures = [result.characteristic(symbol).position.value for symbol in ("dAP", "dRP", "shift")]
-    assert figures == pytest.approx([2 * MM, (2 / 3 + 3 * math.sqrt(1 / 3)) * MM, 2 * MM], rel=1e-12)
-    shuffled = dataclasses.replace(ordered, time=np.arange(6.0)).subset(np.array([3, 0, 4, 1, 5, 2]))
-    by_time = iso9283([shuffled], windows=2).characteristic("dAP")
-    assert by_time.position.value == pytest.approx(2 * MM, rel=1e-12)
-    assert by_time.notes == (
+    (place,) = repeatability.places
+    assert (place.mean_distance, place.sd_distance) == pytest.approx((2 * MM, math.sqrt(4 / 3) * MM))
+    assert (accuracy.clause, repeatability.clause, accuracy.position_at) == ("7.2.1", "7.2.2", "P1")
+    shorter = iso9283([data(STRETCH, {"P1": [0, 0, 0], "P2": [101, 0, 0]})]).characteristic("AD")
+    assert (shorter.places[0].position.value, shorter.position_at) == (pytest.approx(-0.9 * MM, rel=1e-9), "P1–P2")
+    assert iso9283([LOST]).characteristic("RD").places[0].n == 2
+    approaches = iso9283([dataclasses.replace(APPROACHED, direction=WAYS)]).characteristic("vAP")
+    assert (approaches.clause, approaches.places[0].between) == ("7.2.3", "−+ and ++")
+    assert iso9283([SHUFFLED], windows=2).characteristic("dAP").notes == (
         "2 windows of 3 visits, by time_s, the first and the last 0.05 min apart; each against the first",
     )
-
-
-def test_drift_that_leaves_accuracy_alone_is_a_shift() -> None:
-    """Half a circle round the command: AP stands, the barycentre has moved by twice AP."""
-    visits = [[1, 0, 0.1], [1, 0, -0.1], [1, 0, 0], [-1, 0, 0.1], [-1, 0, -0.1], [-1, 0, 0]]
-    result = iso9283([data({"P1": visits}, {"P1": [0, 0, 0]})], windows=2)
-    assert result.characteristic("dAP").position.value == pytest.approx(0, abs=1e-15)
-    assert result.characteristic("shift").position.value == pytest.approx(2 * MM, rel=1e-12)
-    assert any("the robot drifted during the run" in note for note in result.notes)
-
-
-def test_exchangeability_by_hand() -> None:
-    """Barycentres at (0, 0, 0), (3, 4, 0), (0, 4, 0): the largest distance is 5."""
-    commanded_positions = {"P1": [0, 0, 0]}
-    files = [
-        dataclasses.replace(data({"P1": [[x, y, 1], [x, y, -1]]}, commanded_positions), source=f"/somewhere/{name}.csv")
-        for name, x, y in (("a", 0, 0), ("b", 3, 4), ("c", 0, 4))
-    ]
-    result = iso9283(files)
-    assert result.characteristic("E").position.value == pytest.approx(5 * MM, rel=1e-12)
-    assert result.characteristic("E").places[0].between == "a.csv and b.csv"
-    assert result.characteristic("AP").position.value == pytest.approx(5 * MM, rel=1e-12)
-    assert result.characteristic("AP").position_at == "P1 of b.csv"
+    assert any("the robot drifted during the run" in note for note in iso9283([CIRCLE], windows=2).notes)
+    robots = iso9283(ROBOTS)
+    assert robots.characteristic("E").places[0].between == "a.csv and b.csv"
+    assert robots.characteristic("AP").position_at == "P1 of b.csv"
 
 
 def test_files_of_the_same_name_get_unique_names() -> None:
@@ -389,11 +372,6 @@ OUTLYING = dataclasses.replace(LONG, position=LONG.position + 2e-3 * (np.arange(
 )
 def test_notes(measured: Measurements, told: tuple[str, ...], untold: tuple[str, ...]) -> None:
     assert missing("\n".join(iso9283([measured]).notes), *told, *untold) == list(untold)
-
-
-def test_every_criterion_has_its_symbol() -> None:
-    symbols = {characteristic.symbol for characteristic in iso9283([KNOWN]).characteristics}
-    assert symbols == {"AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"}
 
 
 def test_a_command_that_moves_between_visits_is_warned_of() -> None:

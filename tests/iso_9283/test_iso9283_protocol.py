@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.estimation import Commanded
-from robacc.iso_9283.criteria import characteristic, drift, repeatability
+from robacc.iso_9283.criteria import Condition, characteristic, drift, repeatability, visits_of
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.evaluation import iso9283, protocol
-from robacc.iso_9283.visits import Condition, visits_of
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Frame, Robot
 
@@ -41,6 +40,14 @@ def condition(name: str, data: Measurements, rated_load: float | None = None) ->
 
 N = 150
 ONES = np.ones(N)
+
+
+Q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
+IN_ORDER = dict(zip(("direction", "speed"), motion_between_rows(Q), strict=True), q=Q)
+FEW = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
+UPRIGHT = cycles(3, points=np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2)
+UNKNOWN = cycles(commanded_position=None)
+SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
 
 
 @pytest.mark.parametrize(
@@ -81,39 +88,19 @@ ONES = np.ones(N)
         ("30 cycles", {}, "met", "30 visits of each commanded pose"),
         ("stabilisation", {}, "unknown", "the time between arrival and measurement is not recorded"),
         ("warm-up", {}, "unknown", "the warm-up is not recorded"),
-    ],
-)
-def test_conditions(name: str, columns: dict[str, Any], status: str, why: str) -> None:
-    result = condition(name, cycles(**columns))
-    assert result.status == status
-    assert why in result.why
-
-
-@pytest.mark.parametrize(
-    ("rated", "status", "why"),
-    [
-        (5.0, "met", "5 kg of 5 kg: 100 %"),
-        (50.0, "met", "10 %, an optional step; a test at 100 % load is needed too"),
-        (10.0, "not met", "50 %; the standard requires 100 %; optional steps are 10 %"),
-    ],
-)
-def test_load_against_the_rated_one(rated: float, status: str, why: str) -> None:
-    result = condition("rated load", cycles(payload=5 * ONES), rated_load=rated)
-    assert result.status == status
-    assert why in result.why
-
-
-Q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
-IN_ORDER = dict(zip(("direction", "speed"), motion_between_rows(Q), strict=True), q=Q)
-FEW = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
-UPRIGHT = cycles(3, points=np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2)
-UNKNOWN = cycles(commanded_position=None)
-SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
-
-
-@pytest.mark.parametrize(
-    ("name", "data", "status", "why"),
-    [
+        ("rated load, 5 kg", {"payload": 5 * ONES}, "met", "5 kg of 5 kg: 100 %"),
+        (
+            "rated load, 50 kg",
+            {"payload": 5 * ONES},
+            "met",
+            "10 %, an optional step; a test at 100 % load is needed too",
+        ),
+        (
+            "rated load, 10 kg",
+            {"payload": 5 * ONES},
+            "not met",
+            "50 %; the standard requires 100 %; optional steps are 10 %",
+        ),
         ("rated velocity", cycles(**IN_ORDER), "unknown", "they are relative, not absolute"),
         ("one approach", cycles(**IN_ORDER), "met", "has the same approach direction"),
         (
@@ -144,8 +131,10 @@ SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are
         ),
     ],
 )
-def test_conditions_of_other_data(name: str, data: Measurements, status: str, why: str) -> None:
-    result = condition(name, data)
+def test_conditions(name: str, columns: dict[str, Any] | Measurements, status: str, why: str) -> None:
+    name, _, rated = name.partition(", ")
+    data = cycles(**columns) if isinstance(columns, dict) else columns
+    result = condition(name, data, float(rated.removesuffix(" kg")) if rated else None)
     assert result.status == status
     assert why in result.why
 

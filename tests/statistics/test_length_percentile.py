@@ -140,10 +140,6 @@ def test_degenerate_covariances() -> None:
     assert thin - 3.0 == pytest.approx(1e-6 * stats.norm.ppf(0.95), rel=1e-6)
 
 
-def test_not_three_sigma_of_the_longest_axis() -> None:
-    assert length_quantile(0.95, ZERO, np.ones(3)) == pytest.approx(np.sqrt(stats.chi2.ppf(0.95, 3)), rel=1e-12)
-
-
 def test_gradient_against_differences() -> None:
     mean, variance = np.array([0.3, -0.2, 0.5]), np.array([1.0, 0.5, 0.2])
     by_mean, by_covariance = squared_quantile_gradient(length_quantile(0.95, mean, variance), mean, variance)

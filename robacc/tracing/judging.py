@@ -290,5 +290,14 @@ def with_directional_weights(
             after is not None
             and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
         ):
-            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
-    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
+            sizes = ", ".join(f"{1e3 * std:.3g}" for std in noise.std)
+            message = (
+                f"{noise.text} (an instrument's noise may differ along its line of sight): {sizes} mm along three "
+                "axes; the fit weights each direction by its own noise"
+            )
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, message))
+    warning = (
+        f"{noise.text}: the model lacks an effect, or the instrument's noise differs along its line of sight; "
+        "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
+    )
+    return dataclasses.replace(result, warnings=(*result.warnings, warning))

@@ -26,8 +26,8 @@ from robacc.error_model.covariance import (
     CovarianceParameters,
     Whitened,
     estimated,
+    gains_at_sizes,
     has_term_that_gains,
-    least_gain,
     log_evidence,
     too_many_gross_errors,
     usual_std,
@@ -430,7 +430,8 @@ class _Search:
             chosen, scales = list(state.chosen), list(state.scales)
             del chosen[k], scales[k]
             self._fit_effects(other, chosen, scales)
-            if any(least_gain(other.noise, other.linear, name) > own for name in TERMS):
+            sizes = (at_size for name in TERMS for at_size in gains_at_sizes(other.noise, other.linear, name))
+            if any(gain > own for gain, *_ in sizes):
                 return True
         return False
 

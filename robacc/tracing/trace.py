@@ -633,7 +633,7 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
     while (useless := _useless(final, identified, own_places)) is not None:
         identified.remove(useless)
         final, form = _fitted(declared, declared_form, identified, model, data)
-    if empirical and (left := correction_of_position(final, data, found.noise)) is not None:
+    if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
         correction = Identified(left[0], left[1], -left[2], 0.0)
         corrected, corrected_form = _fitted(declared, declared_form, [*identified, correction], model, data)
         if _useless(corrected, [correction], own_places) is None:
@@ -641,7 +641,7 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
             final, form = corrected, corrected_form
     effects = [one.effect for one in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
-    structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
+    structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
     arm = model.arm
     constants = [one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(arm)]
     final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
@@ -671,7 +671,7 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
         undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
         explained_share=explained_share(judged.before, judged.after, noise, repeatability),
-        steps=found.steps,
+        steps=found.state.steps,
         settled=found.settled,
         missing=found.pool.missing,
         detection=tuple(detection_limits(found)),

@@ -27,7 +27,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import bdtrc
 
-from robacc.error_model.terms import MOST_COMPONENTS, TERMS, Linearised
+from robacc.error_model.terms import TERMS, Linearised
 from robacc.geometry import Array
 
 

@@ -12,9 +12,8 @@ import pytest
 from arms import arm
 from scipy import stats
 
-import robacc.calibration.calibrating
 import robacc.fitting.masses
-from robacc.calibration.calibrating import Calibration, calibrate
+import robacc.tracing.calibrating
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import REGISTRY
 from robacc.effects.request import Baseline, build, parse_requests
@@ -28,6 +27,7 @@ from robacc.render.views.fit import fit_view
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.calibrating import Calibration, calibrate
 from robacc.tracing.trace import trace
 
 DECLARED = Baseline(("base_frame", "tool_frame"), by_default=False)

@@ -47,7 +47,7 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.diagnostics.data_mistakes import other_arm
-from robacc.diagnostics.joint_readings import rounding_in_errors
+from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE_ITSELF, estimate_poses, per_pose_csv
 from robacc.errors import Note
 from robacc.measurements import Measurements, even_rows

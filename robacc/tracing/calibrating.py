@@ -12,8 +12,8 @@ import numpy as np
 from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, default_frames, paired_gain
 from robacc.chain import BLOCK
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
+from robacc.diagnostics.recorded import Rounding, evident_rounding, read_back_warning
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure

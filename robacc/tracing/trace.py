@@ -14,9 +14,8 @@ import numpy as np
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
 from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
-from robacc.diagnostics.row_loads import unlogged_loads
+from robacc.diagnostics.recorded import Rounding, memory_of_play, unlogged_loads
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS

@@ -297,10 +297,10 @@ def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool =
             break
         step[:] = 0.0
         step[free] = ahead * min(1.0, _LONGEST / float(np.abs(ahead).max()))
-        other = np.clip(at + step, low, high)
-        found = likelihood_derivatives(start.unpacked(other), part)
+        step = np.clip(at + step, low, high) - at
+        found = likelihood_derivatives(start.unpacked(at + step), part)
         if is_better := found[0] > best[0]:
-            at, best = other, found
+            at, best = at + step, found
         damping *= 0.1 if is_better else 10.0
     return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(best[0]) else noise
 
@@ -390,13 +390,13 @@ def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: st
         scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
         if max(scores, gain) > most:
             most, best = max(scores, gain), start
-    return noise if best is None else with_gross_errors(noise.with_term(name, best), linear, 1)
+    return noise if best is None else with_gross_errors(estimated(noise.with_term(name, best), linear), linear, 1)
 
 
 def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
     """Return the noise without the terms that no longer gain, the worst first."""
     while noise.terms:
-        others = [with_gross_errors(noise.without(name), linear, 1) for name in noise.terms]
+        others = [with_gross_errors(estimated(noise.without(name), linear), linear, 1) for name in noise.terms]
         best = max((noise, *others), key=lambda other: log_evidence(other, linear))
         if best is noise:
             break

@@ -319,6 +319,8 @@ class Scores:
     """``(K,)`` Z'P y."""
     log_odds: Array
     """``(C,)`` log Bayes factor plus log prior odds; -inf for candidates that the model contains, or not scored."""
+    log_bayes: Array
+    """``(C,)``"""
     scale: Array
     """``(C,)`` multiple of the usual size with the largest evidence."""
     gain: Array
@@ -412,7 +414,7 @@ class Evidence:
             log_bayes[numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
             scale[numbers] = scales[each, best]
             gain[numbers] = explained[each, best] / square
-        return Scores(self, reduced, products, log_bayes + self._log_prior, scale, gain)
+        return Scores(self, reduced, products, log_bayes + self._log_prior, log_bayes, scale, gain)
 
 
 def _products(columns: Array) -> Array:

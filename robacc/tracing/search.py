@@ -498,8 +498,7 @@ class _Search:
         return tuple(self._rank(scores, number) for number in best.values())
 
     def _rank(self, scores: Scores, number: int) -> Ranked:
-        candidate = self.pool.all[number]
-        log_bayes = float(scores.log_odds[number]) - candidate.log_prior
+        candidate, log_bayes = self.pool.all[number], float(scores.log_bayes[number])
         return Ranked(candidate.effect, log_bayes, candidate.log_prior, float(scores.gain[number]))
 
     def _with_noise(self, start: State, noise: CovarianceParameters) -> State:

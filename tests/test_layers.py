@@ -29,7 +29,7 @@ LAYERS = (
     ("robacc.accuracy",),
     ("robacc.simulation", "robacc.diagnostics"),
     ("robacc.tracing",),
-    ("robacc.calibration", "robacc.controllers", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
+    ("robacc.controllers", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.planning",),
     ("robacc.comparison", "robacc.gates", "robacc.outcomes"),
     ("robacc.documents",),

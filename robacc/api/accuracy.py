@@ -54,7 +54,7 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
 from robacc.diagnostics.data_mistakes import other_arm
-from robacc.diagnostics.joint_readings import rounding_in_errors
+from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
 from robacc.documents.envelope import csv_text
 from robacc.documents.parts import pose_document

@@ -39,7 +39,6 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import ModelUse, Provenance, Result, fields_of, options_of, use_model
-from robacc.calibration.calibrating import Calibration, calibrate as fit_effects
 from robacc.documents.envelope import InputFile
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
@@ -60,12 +59,13 @@ from robacc.render.views.elements import draw
 from robacc.render.views.fit import fit_view
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.tracing.calibrating import Calibration, calibrate as fit_effects
 from robacc.tracing.trace import Trace, trace as trace_effects
 from robacc.version import __version__
 
 if TYPE_CHECKING:
     from robacc.fitting.fit_result import Fit
-    from robacc.tracing.judging import Judged
+    from robacc.tracing.calibrating import Judged
 
 Made = TypeVar("Made", bound="FitResult")
 

@@ -110,7 +110,13 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     else:
         # The derivative of the residual by the joint, with all free coefficients at zero.
         direction = observed_jacobian(joint_columns(fit.model, data), fit.residual)[:, arm.number(joint)]
-    before, after, sd = _projected(direction, without, fit)
+    # NaN where the effect does not move the target.
+    weighted = direction * np.square(fit.weight)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        share = weighted / np.sum(weighted * direction, axis=0)
+    share[~np.isfinite(share)] = np.nan
+    sd = np.sqrt(np.sum(np.square(share / fit.weight), axis=0))
+    before, after = np.sum(share * without, axis=0), np.sum(share * fit.residual, axis=0)
     explained = before - after
     # Without a simpler driver the effect is drawn over its own prediction: poses lie along the diagonal.
     driver = effect.driver(arm, data, joint) or Driver("predicted", "", explained, True)
@@ -123,7 +129,10 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
             for part in term.parts:
                 value += coefficients.get(term.name, 0.0) * part.factor
     elif driver.is_only and np.isfinite(explained).any():
-        grid, value = _sorted(driver.values, explained)
+        is_finite = np.isfinite(explained)
+        values, first = np.unique(driver.values[is_finite], return_index=True)
+        rows = even_rows(values.size, _GRID)
+        grid, value = values[rows], explained[is_finite][first[rows]]
     spectrum = None
     if joint is not None and orders_of(effect) and driver.unit == "rad":
         spectrum = _spectrum(*(values[fit.inliers] for values in (driver.values, before, after, sd)))
@@ -131,16 +140,6 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     return PartialResidual(
         joint, driver.name, driver.unit, unit, driver.values, explained, before, after, sd, grid, value, spectrum
     )
-
-
-def _projected(direction: Array, without: Array, fit: Fit) -> tuple[Array, Array, Array]:
-    """Return both residuals along each pose's direction ``(M, N)``, and their standard deviation; NaN if it is zero."""
-    weighted = direction * np.square(fit.weight)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = weighted / np.sum(weighted * direction, axis=0)
-    share[~np.isfinite(share)] = np.nan
-    sd = np.sqrt(np.sum(np.square(share / fit.weight), axis=0))
-    return np.sum(share * without, axis=0), np.sum(share * fit.residual, axis=0), sd
 
 
 def _sign(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) -> Array | float:
@@ -151,14 +150,6 @@ def _sign(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) ->
     if any(part.loads is not None for part in parts) or not all(np.array_equal(signs[0], other) for other in signs):
         return 1.0
     return signs[0] * (-1.0 if fit.theta[fit.names.index(names[0])] < 0 else 1.0)
-
-
-def _sorted(x: Array, y: Array) -> tuple[Array, Array]:
-    """Return at most :data:`_GRID` of the finite poses, sorted by ``x``, each value of it once."""
-    is_finite = np.isfinite(y)
-    values, first = np.unique(x[is_finite], return_index=True)
-    rows = even_rows(values.size, _GRID)
-    return values[rows], y[is_finite][first[rows]]
 
 
 def _spectrum(angle: Array, before: Array, after: Array, sd: Array) -> Spectrum | None:

@@ -69,7 +69,15 @@ def joints_of(robot: Robot) -> KnownRobot:
         joint_names=robot.variable_names,
         joint_types=[joint.type for joint in robot.variables],
         limits=[joint.limits for joint in robot.variables],
-        branches=branch_columns(robot),
+        branches=tuple(
+            BranchColumn(
+                branch.joint.name,
+                branch.joint.type,
+                branch.position,
+                robot.has_masses and robot.carrier(branch) is not None,
+            )
+            for branch in robot.branch_variables
+        ),
         outside={rule.master: _rule_text(joint, rule) for joint in robot.variables if (rule := joint.outside)},
     )
 
@@ -79,19 +87,6 @@ def _rule_text(joint: Joint, rule: Mimic) -> str:
     offset = f" {'-' if rule.offset < 0 else '+'} {abs(rule.offset):g}" if rule.offset else ""
     unit = "m" if joint.type == "prismatic" else "rad"
     return f"{joint.name} = {rule.multiplier:g} * {rule.master}{offset} ({unit})"
-
-
-def branch_columns(robot: Robot) -> tuple[BranchColumn, ...]:
-    """Return the columns of the joints outside the robot's chain that move mass."""
-    return tuple(
-        BranchColumn(
-            branch.joint.name,
-            branch.joint.type,
-            branch.position,
-            robot.has_masses and robot.carrier(branch) is not None,
-        )
-        for branch in robot.branch_variables
-    )
 
 
 def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:

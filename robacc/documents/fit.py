@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
-    from robacc.tracing.judging import Judged
+    from robacc.tracing.calibrating import Judged
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""

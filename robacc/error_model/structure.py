@@ -24,7 +24,6 @@ from robacc.effects.correction import PoseCorrection
 from robacc.error_model.covariance import (
     ACCEPTED,
     LEAST,
-    MOST_COMPONENTS,
     CovarianceParameters,
     estimated,
     likelihood_derivatives,
@@ -34,7 +33,7 @@ from robacc.error_model.covariance import (
     whitened,
     with_terms_that_gain,
 )
-from robacc.error_model.terms import TERMS, ErrorPart, Linearised, Rows
+from robacc.error_model.terms import MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
 from robacc.fitting.fit_result import Fit, Options, sandwich, with_covariance
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
@@ -85,7 +84,7 @@ class DirectionalNoise:
         return tuple((x, y, z) for x, y, z in (self.axes.T @ (excess[:, None] * self.axes)).tolist())
 
     @property
-    def _structure(self) -> str:
+    def text(self) -> str:
         """Return the direction that differs from the two others, and by how much."""
         small, middle, large = np.sort(self.std)
         is_smaller = middle / small > large / middle
@@ -96,23 +95,6 @@ class DirectionalNoise:
         if is_smaller:
             return f"the error that remains is {across / self.std[k]:.2g} times as large across {direction} as along it"
         return f"the error that remains is {self.std[k] / across:.2g} times as large along {direction} as across it"
-
-    @property
-    def warning(self) -> str:
-        """Return the direction that differs, for a fit that weighted all directions equally."""
-        return (
-            f"{self._structure}: the model lacks an effect, or the instrument's noise differs along its line of sight; "
-            "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
-        )
-
-    @property
-    def message(self) -> str:
-        """Return the direction that differs, for a fit that allowed for it."""
-        sizes = ", ".join(f"{1e3 * std:.3g}" for std in self.std)
-        return (
-            f"{self._structure} (an instrument's noise may differ along its line of sight): {sizes} mm along three "
-            "axes; the fit weights each direction by its own noise"
-        )
 
 
 @dataclass(frozen=True)
@@ -228,8 +210,6 @@ def _with_covariance(
     for name in terms:
         term = TERMS[name]
         for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):
-            if kernel is None:
-                continue
             carried = (
                 np.einsum("nkm,mn->nk", by_column, linear.joints[number]) if term.of_joints else by_column[..., number]
             )
@@ -312,8 +292,8 @@ def correction_of_position(
     if (wander := noise.terms.get("wander")) is not None:
         alone = alone.with_term("wander", np.array([std, wander[-1]]))
     start = np.append(std, np.where(rows.moves, 0.0, 30.0))
-    found = estimated(alone.with_term("field", start), linear, linear.y.size)
-    alone = estimated(alone, linear, linear.y.size)
+    found = estimated(alone.with_term("field", start), linear, on_all=True)
+    alone = estimated(alone, linear, on_all=True)
     evidence = whitened(found, linear).log_likelihood - whitened(alone, linear).log_likelihood
     cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, found.std)
     if evidence - cost <= ACCEPTED:

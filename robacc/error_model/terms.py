@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Part, Term
 from robacc.effects.campaign import sequence_of
-from robacc.fitting.visits import places, random_rank, visit_numbers
+from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, residuals
@@ -30,6 +30,8 @@ from robacc.robots.arm import Arm
 
 ORDERS = np.arange(1, 41)
 """Orders per turn of a joint's profile; 40 is the highest order that competes as an effect."""
+MOST_COMPONENTS = 500
+"""Components that the parameters are estimated on: the time grows with their cube."""
 _STILL = 1e-6
 """rad or m; a joint that moves by less has no error that depends on its angle."""
 
@@ -157,6 +159,12 @@ class Linearised:
             self.rows.subset(index), self.y[index], self.columns[index], self.joints[:, :, index], self.prior_std
         )
 
+    @cached_property
+    def part(self) -> tuple[NDArray[np.int64], Linearised]:
+        """Rows of random poses, few enough to estimate parameters on."""
+        index = first_ranks(self.rows.draw, MOST_COMPONENTS // self.y.shape[1])
+        return index, self if index.size == len(self.y) else self.subset(index)
+
     def turned(self, axes: Array) -> Linearised:
         """Return the same with positions along ``axes`` ``(3, 3)``, in rows."""
 
@@ -226,12 +234,11 @@ class CovarianceTerm(abc.ABC):
         stds = range(count)[self.amplitudes]
         return [_STD if number in stds else self.shape_bounds for number in range(count)]
 
-    def kernels(self, parameters: Array, rows: Rows) -> list[Array | None]:
-        """Return the kernel ``(N, N)`` of each carrier; None where the term does not act."""
-        kernels: list[Array | None] = [None] * (len(rows.angles) if self.of_joints else rows.stated.shape[1])
+    def kernels(self, parameters: Array, rows: Rows) -> Array:
+        """Return the kernels ``(C, N, N)`` of all carriers; 0 where the term does not act."""
+        kernels = np.zeros((len(rows.angles) if self.of_joints else rows.stated.shape[1], *(rows.time.size,) * 2))
         for _, carriers, kernel in self.carried(parameters, rows):
-            for carrier in carriers:
-                kernels[carrier] = kernel
+            kernels[carriers] = kernel
         return kernels
 
     def derivatives(self, parameters: Array, rows: Rows) -> Iterator[Carried]:

@@ -193,7 +193,7 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
             shift = (residual - rotate_back(turn, vectors)).mean(axis=1)
             return (
                 f"the validation poses lie {1e3 * np.linalg.norm(shift):.3g} mm and "
-                f"{np.degrees(np.linalg.norm(log_so3(turn))):.2g}° from where the model has them: the instrument or "
+                f"{np.degrees(np.linalg.norm(log_so3(turn))):.4g}° from where the model has them: the instrument or "
                 f"the robot base moved between the files{cause}; with {what} registered on them, their error is "
                 f"{1e3 * rms_length(vectors):.3g} mm rms in place of {1e3 * error:.3g} mm; transform both files into "
                 "one frame (common reference points), or leave out `holdout`, write the model, and use estimate with "

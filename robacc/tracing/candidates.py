@@ -211,28 +211,6 @@ def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
                 yield OrderGrid(joint, arm.number(joint), orders, angle, log_prior, bool(is_high))
 
 
-def step_candidates(arm: Arm, data: Measurements, log_prior: float) -> Iterator[tuple[Effect, float]]:
-    """Yield steps of every form at places over the campaign, and their log priors."""
-    _, between = places(data, visit_numbers(data))
-    between = between[FEWEST - 1 : len(between) - FEWEST + 1]
-    for form in step_forms(arm, data) if between.size else ():
-        possible = possible_places(form, between)
-        few = possible[
-            np.unique(np.linspace(0, possible.size - 1, min(possible.size, _STEP_PLACES)).round().astype(int))
-        ]
-        yield from ((at_place(form, place, data), log_prior - math.log(few.size)) for place in few.tolist())
-
-
-def sight_candidates(arm: Arm, data: Measurements) -> Iterator[tuple[Effect, float]]:
-    """Yield effects of the line of sight from places about the poses where the instrument may stand."""
-    grid = first_places(lines_of_sight(arm, data, "a line of sight")[0])
-    for cls in REGISTRY.values():
-        if issubclass(cls, LineOfSight) and data.n > 1:
-            forms = list(cls().forms())
-            log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
-            yield from ((form.at(_rounded(place)), log_prior) for form in forms for place in grid)
-
-
 class Pool:
     """All candidates on given poses: those of the start, and forms beside an effect in the model."""
 
@@ -245,12 +223,27 @@ class Pool:
         """Forms of the catalogue, without those that a search makes."""
         self.all = list(named)
         self._numbers = {candidate.key: number for number, candidate in enumerate(named)}
-        units = max(len({candidate.effect_name for candidate in named}), 1)
-        if CHANGE_POINT in self._names:
-            self.add(step_candidates(arm, data, -math.log(3.0 * units)))
-        self.add(form for form in sight_candidates(arm, data) if form[0].name in self._names)
+        self.add(self._searched_forms(len({candidate.effect_name for candidate in named})))
         self.grids = tuple(order_grids(arm, data)) if PERIODIC in self._names else ()
         self._extended: set[tuple[object, ...]] = set()
+
+    def _searched_forms(self, units: int) -> Iterator[tuple[Effect, float]]:
+        """Yield steps at places over the campaign, and lines of sight from places where the instrument may stand."""
+        _, between = places(self.data, visit_numbers(self.data))
+        between = between[FEWEST - 1 : len(between) - FEWEST + 1]
+        if CHANGE_POINT in self._names and between.size:
+            for form in step_forms(self.arm, self.data):
+                possible = possible_places(form, between)
+                chosen = np.linspace(0, possible.size - 1, min(possible.size, _STEP_PLACES)).round().astype(int)
+                few = possible[np.unique(chosen)].tolist()
+                log_prior = -math.log(3.0 * max(units, 1) * len(few))
+                yield from ((at_place(form, place, self.data), log_prior) for place in few)
+        grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
+        for name, cls in REGISTRY.items():
+            if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
+                forms = list(cls().forms())
+                log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
+                yield from ((form.at(_rounded(place)), log_prior) for form in forms for place in grid)
 
     def add(self, forms: Iterable[tuple[Effect, float]]) -> None:
         """Add effects with their log priors, unless they are candidates already."""
@@ -356,20 +349,6 @@ class Scores:
         return min(max(across / math.sqrt(own * other), -1.0), 1.0) if min(own, other) > 0.0 else 0.0
 
 
-@dataclass(frozen=True)
-class _SameSize:
-    """Candidates of the same number of coefficients."""
-
-    numbers: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    """``(C, q)``"""
-    gram: Array
-    """``(C, q, q)`` whitened products of each candidate's columns."""
-    scales: Array
-    log_prior: Array
-    """``(C, T)`` multiples of the usual size, and the log prior of each."""
-
-
 class Evidence:
     """Scores of candidates beside the effects of a whitened model, and beside all but some of them."""
 
@@ -387,17 +366,14 @@ class Evidence:
         own_columns = np.split(np.arange(columns.shape[1]), np.cumsum(sizes)[:-1])
         self.places = dict(zip(numbers, own_columns, strict=False))
         """Columns of each candidate that is scored."""
+        # Candidates of the same number of coefficients: their numbers, columns (C, q), products of columns (C, q, q),
+        # and multiples of the usual size with the log prior of each (C, T).
         self._groups = []
         for size in np.unique(sizes):
             same = np.asarray(numbers, dtype=np.int64)[sizes == size]
             at = np.array([self.places[number] for number in same.tolist()])
-            part = columns[:, at]
-            if size == 1:
-                gram = np.einsum("ncq,ncq->c", part, part)[:, None, None]
-            else:
-                gram = np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
             scales, log_prior = np.stack([candidates[number].scales for number in same.tolist()], axis=1)
-            self._groups.append(_SameSize(same, at, gram, scales, log_prior))
+            self._groups.append((same, at, _products(columns[:, at]), scales, log_prior))
 
     def new(self, reduced: Array, first: NDArray[np.int64], second: NDArray[np.int64]) -> Array:
         """Return the products of some columns with others, less what the model with ``reduced`` products explains."""
@@ -422,32 +398,34 @@ class Evidence:
         dof = max(float(self._white.y.size - flat), 1.0)
         count = self._log_prior.size
         log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
-        for group in self._groups:
-            part = reduced[:, group.columns]
-            new = group.gram - np.matmul(part.transpose(1, 2, 0), part.transpose(1, 0, 2))
-            values, vectors = np.linalg.eigh(new)
-            along = np.einsum("cqr,cq->cr", vectors, products[group.columns])
-            seen = values > _NEW * np.trace(group.gram, axis1=1, axis2=2)[:, None]
+        for numbers, at, gram, scales, log_prior in self._groups:
+            values, vectors = np.linalg.eigh(gram - _products(reduced[:, at]))
+            along = np.einsum("cqr,cq->cr", vectors, products[at])
+            seen = values > _NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
-            noise = np.full(group.scales.shape, square / dof)
+            noise = np.full(scales.shape, square / dof)
             for _ in range(_SCALE_ROUNDS):
-                precision = (noise / np.square(group.scales))[:, :, None]
+                precision = (noise / np.square(scales))[:, :, None]
                 explained = np.sum(np.square(along) / (values + precision), axis=2)
                 noise = np.maximum(square - explained, 1e-9 * square) / dof
-            log_ratio = np.log(noise * dof / square)
-            log_scales = -0.5 * dof * log_ratio - 0.5 * np.sum(np.log1p(values / precision), axis=2)
-            if group.columns.shape[1] == 1:
+            log_scales = -0.5 * dof * np.log(noise * dof / square) - 0.5 * np.sum(np.log1p(values / precision), axis=2)
+            if at.shape[1] == 1:
                 sign = along[:, :, 0] / np.sqrt((values[:, :, 0] + precision[:, :, 0]) * noise)
-                half = math.log(2.0) + log_ndtr(sign)
-                log_scales += np.where(self._positive[group.numbers][:, None], half, 0.0)
-            log_scales += group.log_prior
+                log_scales += np.where(self._positive[numbers][:, None], math.log(2.0) + log_ndtr(sign), 0.0)
+            log_scales += log_prior
             best = np.argmax(log_scales, axis=1)
             each = np.arange(best.size)
-            log_bayes[group.numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
-            scale[group.numbers] = group.scales[each, best]
-            gain[group.numbers] = explained[each, best] / square
-
+            log_bayes[numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
+            scale[numbers] = scales[each, best]
+            gain[numbers] = explained[each, best] / square
         return Scores(self, reduced, products, log_bayes + self._log_prior, log_bayes, scale, gain)
+
+
+def _products(columns: Array) -> Array:
+    """Return the products ``(C, q, q)`` of ``C`` sets of columns ``(n, C, q)``."""
+    if columns.shape[2] == 1:
+        return np.asarray(np.einsum("ncq,ncq->c", columns, columns)[:, None, None])
+    return np.asarray(np.matmul(columns.transpose(1, 2, 0), columns.transpose(1, 0, 2)))
 
 
 # The test that the evidence amounts to.

@@ -11,7 +11,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,8 @@ from robacc.error_model.covariance import (
     CovarianceParameters,
     Whitened,
     estimated,
+    gains_at_sizes,
     has_term_that_gains,
-    least_gain,
     log_evidence,
     too_many_gross_errors,
     usual_std,
@@ -112,7 +112,7 @@ class SearchStep:
     ranking: tuple[Ranked, ...]
 
 
-@dataclass
+@dataclass(frozen=True)
 class State:
     """A model in the search: effects in it, their coefficients, and the covariance."""
 
@@ -120,14 +120,10 @@ class State:
     bound: BoundModel
     theta: Array
     linear: Linearised
-    chosen: list[Candidate] = field(default_factory=list)
-    scales: list[float] = field(default_factory=list)
+    chosen: tuple[Candidate, ...] = ()
+    scales: tuple[float, ...] = ()
     """Multiple of the usual size of each effect's prior."""
-    steps: list[SearchStep] = field(default_factory=list)
-
-    def copy(self) -> State:
-        """Return a copy whose lists can change."""
-        return dataclasses.replace(self, chosen=list(self.chosen), scales=list(self.scales), steps=list(self.steps))
+    steps: tuple[SearchStep, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,8 +159,6 @@ class SearchResult:
     """The declared effects, with base and tool registered."""
     identified: tuple[Identified, ...]
     """In the order in which they were added; empirical corrections come last."""
-    noise: CovarianceParameters
-    steps: tuple[SearchStep, ...]
     next: tuple[Ranked, ...]
     """Candidates beside the final model, best first."""
     settled: bool
@@ -197,10 +191,9 @@ class _Search:
         names = {effect.name for effect in model.free}
         robot = register_frames(model.arm.robot, self.data, "base_frame" in names, "tool_frame" in names)
         self.model = dataclasses.replace(model, arm=Arm.of(robot))
-        self.regressors = Rows.of(self.model.arm, self.data)
+        self.rows = Rows.of(self.model.arm, self.data)
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
-        self.progress, self.moves = progress, 0
-        self.settled = True
+        self.progress, self.moves, self.settled = progress, 0, True
 
     def run(self) -> SearchResult:
         """Search, and return the most probable model."""
@@ -208,128 +201,114 @@ class _Search:
         ends = self._search_from(start)
         if too_many_gross_errors(max(ends, key=self._log_posterior).noise):
             # They may show what the model lacks: a backlash, whose smaller side looks like gross errors.
-            even = start.copy()
-            even.noise = estimated(dataclasses.replace(even.noise, factor=np.ones(self.data.n)), even.linear)
-            ends += self._search_from(even)
-        best = max(ends, key=self._log_posterior)
-        self._fit(best, rounds=20)
-        evidence, scores, without = self._scores(best)
+            noise = estimated(dataclasses.replace(start.noise, factor=np.ones(self.data.n)), start.linear)
+            ends += self._search_from(dataclasses.replace(start, noise=noise))
+        best = self._fitted(max(ends, key=self._log_posterior), rounds=20)
+        scores, without = self._scores(best)
         identified = [
             self._identified(candidate, beside, best.chosen)
             for candidate, beside in zip(best.chosen, without, strict=True)
         ]
+        present = [candidate.effect for candidate in best.chosen]
         return SearchResult(
             model=self.model,
             identified=(*identified, *self._corrections(best)),
-            noise=best.noise,
-            steps=tuple(best.steps),
-            next=tuple(r for r in self._ranked(scores).values() if r.effect not in [c.effect for c in best.chosen]),
+            next=tuple(ranked for ranked in self._ranked(scores) if ranked.effect not in present),
             settled=self.settled,
-            evidence=evidence,
+            evidence=scores.evidence,
             pool=self.pool,
             state=best,
         )
 
     # -- fits
 
-    def _bound(self, chosen: Sequence[Candidate]) -> BoundModel:
-        return self.model.with_free(*(candidate.effect for candidate in chosen)).bind(self.data)
-
-    def _prior_std(self, bound: BoundModel, scales: Sequence[float]) -> Array:
-        declared = self.model.free
-        stds = []
+    def _linearised(self, bound: BoundModel, theta: Array, scales: Sequence[float]) -> Linearised:
+        declared, stds = self.model.free, []
         for term, owner in zip(bound.terms, bound.owners, strict=True):
             size = term.typical * term.weight
             if owner >= len(declared):
                 stds.append(size * scales[owner - len(declared)])
             else:
                 stds.append(PRIOR_STDS.get(declared[owner].name, _OTHER_DECLARED * size))
-        return np.array(stds)
+        return Linearised.at(bound, theta, np.array(stds), self.rows, self.data)
 
     def _start(self) -> State:
         """Return the fit of the declared effects beside independent noise; rows far off have less weight."""
-        bound = self._bound([])
-        theta, prior = np.zeros(len(bound.terms)), self._prior_std(bound, [])
-        kinds = [slice(0, 3), slice(3, 6)][: self.regressors.stated.shape[1] // 3]
-        residual = residuals(self.data, bound.poses(theta))
-        rms = [np.sqrt(np.mean(np.square(residual[kind]))) for kind in kinds]
-        log_std = np.log(np.maximum(rms, math.exp(LEAST)))
-        noise = CovarianceParameters(log_std, np.ones(self.data.n))
-        state = State(noise, bound, theta, Linearised.at(bound, theta, prior, self.regressors, self.data))
-        free = min(0.9, theta.size / residual.size)
+        bound = self.model.bind(self.data)
+        theta = np.zeros(len(bound.terms))
+        kinds = residuals(self.data, bound.poses(theta)).reshape(-1, 3, self.data.n)
+        stds = np.sqrt(np.mean(np.square(kinds), axis=(1, 2)))
+        noise = CovarianceParameters(np.log(np.maximum(stds, math.exp(LEAST))), np.ones(self.data.n))
+        state = State(noise, bound, theta, self._linearised(bound, theta, ()))
+        free = min(0.9, theta.size / kinds.size)
         for _ in range(12):
-            moved = self._step(state)
-            residual = residuals(self.data, state.bound.poses(state.theta))
-            lengths = [np.sqrt(np.sum(np.square(residual[kind]), axis=0)) for kind in kinds]
+            state, moved = self._step(state)
+            lengths = np.linalg.norm(residuals(self.data, bound.poses(state.theta)).reshape(kinds.shape), axis=1)
             # The median of the length of three normal components is 1.54 standard deviations.
-            medians = [float(np.median(length)) / 1.54 for length in lengths]
-            stds = np.maximum(medians, math.exp(LEAST)) / math.sqrt(1.0 - free)
-            factor = np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0])))
-            state.noise = CovarianceParameters(np.log(stds), factor)
+            stds = np.maximum(np.median(lengths, axis=1) / 1.54, math.exp(LEAST)) / math.sqrt(1.0 - free)
+            noise = CovarianceParameters(np.log(stds), np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0]))))
+            state = dataclasses.replace(state, noise=noise)
             if moved < 0.1:
                 break
-        state.noise = with_gross_errors(state.noise, state.linear)
-        self._fit(state)
-        return state
+        return self._fitted(dataclasses.replace(state, noise=with_gross_errors(noise, state.linear)))
 
-    def _step(self, state: State) -> float:
-        """Take one Gauss-Newton step with a line search; return its length in standard deviations of all rows."""
-        white = whitened(state.noise, state.linear)
-        prior = state.linear.prior_std
+    def _step(self, state: State) -> tuple[State, float]:
+        """Take one Gauss-Newton step with a line search; return its length in standard deviations of all rows, too."""
+        white, prior = whitened(state.noise, state.linear), state.linear.prior_std
         step = white.coefficients * prior - state.theta
-        start = self._objective(state, white, state.theta)
-        share = 1.0
-        while share > 0.02 and not self._objective(state, white, state.theta + share * step) <= start * (1 + 1e-9):
+
+        def objective(theta: Array) -> float:
+            try:
+                residual = residuals(self.data, state.bound.poses(theta))
+            except RobaccError:
+                return math.inf
+            error = white.apply(residual.T)
+            return float(error @ error + np.sum(np.square(theta / prior)))
+
+        start, share = objective(state.theta), 1.0
+        while share > 0.02 and not objective(state.theta + share * step) <= start * (1 + 1e-9):
             share *= 0.3
         if share <= 0.02:
-            return 0.0
-        state.theta = state.theta + share * step
-        state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
-        return float(np.linalg.norm(white.columns @ (share * step / prior)))
+            return state, 0.0
+        theta = state.theta + share * step
+        linear = self._linearised(state.bound, theta, state.scales)
+        moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
+        return dataclasses.replace(state, theta=theta, linear=linear), moved
 
-    def _objective(self, state: State, white: Whitened, theta: Array) -> float:
-        try:
-            residual = residuals(self.data, state.bound.poses(theta))
-        except RobaccError:
-            return math.inf
-        error = white.apply(residual[: self.regressors.stated.shape[1]].T)
-        return float(error @ error + np.sum(np.square(theta / state.linear.prior_std)))
-
-    def _fit(self, state: State, rounds: int = 6) -> None:
-        """Fit the effects of a state to convergence, and estimate its noise again."""
+    def _fitted(self, state: State, rounds: int = 6) -> State:
+        """Return a state whose effects are fitted to convergence, with its noise estimated again."""
         for _ in range(rounds):
-            if self._step(state) < _NEAR_ENOUGH:
+            state, moved = self._step(state)
+            if moved < _NEAR_ENOUGH:
                 break
-        state.noise = with_gross_errors(state.noise, state.linear)
+        return dataclasses.replace(state, noise=with_gross_errors(state.noise, state.linear))
 
-    def _fit_effects(self, state: State, chosen: list[Candidate], scales: list[float]) -> None:
-        """Replace the effects of a state and fit it; coefficients that it had are the start of the new fit."""
-        values = dict(zip(self._coefficients(state), state.theta.tolist(), strict=True))
-        state.chosen, state.scales, state.bound = chosen, scales, self._bound(chosen)
-        state.theta = np.array([values.get(coefficient, 0.0) for coefficient in self._coefficients(state)])
-        prior = self._prior_std(state.bound, scales)
-        state.linear = Linearised.at(state.bound, state.theta, prior, self.regressors, self.data)
-        self._fit(state)
+    def _with_effects(self, state: State, chosen: Sequence[Candidate], scales: Sequence[float]) -> State:
+        """Return a state fitted with other effects; coefficients that it had are the start of the fit."""
 
-    def _coefficients(self, state: State) -> list[tuple[object, str]]:
-        """Return the effect and the name of each coefficient."""
-        keys = [*range(len(self.model.free)), *(candidate.key for candidate in state.chosen)]
-        return [(keys[owner], name) for owner, name in zip(state.bound.owners, state.bound.names, strict=True)]
+        def coefficients(bound: BoundModel, effects: Sequence[Candidate]) -> list[tuple[object, str]]:
+            """Return the effect and the name of each coefficient."""
+            keys = [*range(len(self.model.free)), *(candidate.key for candidate in effects)]
+            return [(keys[owner], name) for owner, name in zip(bound.owners, bound.names, strict=True)]
+
+        values = dict(zip(coefficients(state.bound, state.chosen), state.theta.tolist(), strict=True))
+        bound = self.model.with_free(*(candidate.effect for candidate in chosen)).bind(self.data)
+        theta = np.array([values.get(coefficient, 0.0) for coefficient in coefficients(bound, chosen)])
+        linear = self._linearised(bound, theta, scales)
+        return self._fitted(State(state.noise, bound, theta, linear, tuple(chosen), tuple(scales), state.steps))
 
     # -- scores
 
     def _add_orders(self, state: State, white: Whitened) -> None:
         """Make the orders at the peaks of each joint's spectrum candidates: of the residual, and without each order."""
-        linear = state.linear
-        owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
+        linear, owners = state.linear, np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         periodic = [k for k, candidate in enumerate(state.chosen) if orders_of(candidate.effect)]
         square = np.sum(np.square(linear.joints / state.noise.independent(linear.rows.stated).T), axis=1)
         # Orders above the usual are tried where nothing else is found.
         grids = [grid for grid in self.pool.grids if not (grid.is_high and (state.chosen or state.noise.terms))]
         for without in (None, *periodic):
             kept = None if without is None else np.flatnonzero(owners != without)
-            weighted = white.weighted_residual(linear.y.shape[1], kept)
-            along = np.einsum("jan,na->jn", linear.joints, weighted)
+            along = np.einsum("jan,na->jn", linear.joints, white.weighted_residual(linear.y.shape[1], kept))
             for grid in grids:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
                 self.pool.add((of_order(grid.joint, order), grid.log_prior) for order in peaks.tolist())
@@ -339,35 +318,29 @@ class _Search:
 
         A coefficient that moves one motion by a regressor has that motion's column times the regressor.
         """
-        moved: dict[int, list[tuple[int, Array]]] = {}
-        whole: list[tuple[int, Term, float]] = []
-        column = 0
+        sources: dict[object, Term] = {}
+        columns: list[tuple[object, Array | float]] = []
         for candidate in candidates:
             for term, size in zip(candidate.terms, candidate.sizes.tolist(), strict=True):
                 part = term.parts[0]
-                if len(term.parts) > 1 or part.loads is not None or part.motion < 0:
-                    whole.append((column, term, size))
+                if len(term.parts) == 1 and part.loads is None and part.motion >= 0:
+                    sources.setdefault(part.motion, Term(f"motion {part.motion}", "", 1.0, (Part(part.motion),)))
+                    columns.append((part.motion, np.asarray(part.factor) * size))
                 else:
-                    moved.setdefault(part.motion, []).append((column, np.asarray(part.factor) * size))
-                column += 1
-        bound = state.bound
-        added = [
-            *(Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in moved),
-            *(term for _, term, _ in whole),
-        ]
-        count, extended = len(bound.terms), dataclasses.replace(bound, terms=(*bound.terms, *added))
-        theta = np.concatenate((state.theta, np.zeros(len(added))))
-        components = self.regressors.stated.shape[1]
-        _, jacobian = extended.linearise(theta, np.arange(count, count + len(added)), rows=components)
-        result = np.empty((column, components, self.data.n))
-        for slot, parts in enumerate(moved.values()):
-            factors = np.stack([np.broadcast_to(factor, (self.data.n,)) for _, factor in parts])
-            result[[at for at, _ in parts]] = jacobian[:, slot] * factors[:, None]
-        for slot, (at, _, size) in enumerate(whole, len(moved)):
-            result[at] = jacobian[:, slot] * size
+                    sources[candidate.key, term.name] = term
+                    columns.append(((candidate.key, term.name), size))
+        count, added = len(state.bound.terms), len(sources)
+        extended = dataclasses.replace(state.bound, terms=(*state.bound.terms, *sources.values()))
+        theta = np.concatenate((state.theta, np.zeros(added)))
+        components = self.rows.stated.shape[1]
+        _, jacobian = extended.linearise(theta, np.arange(count, count + added), rows=components)
+        slots = dict(zip(sources, range(added), strict=True))
+        result = np.empty((len(columns), components, self.data.n))
+        for column, (source, factor) in zip(result, columns, strict=True):
+            np.multiply(jacobian[:, slots[source]], factor, out=column)
         return result.T
 
-    def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Evidence, Scores, list[Scores]]:
+    def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Scores, list[Scores]]:
         """Return the scores beside a state, and beside it without each of its effects.
 
         ``numbers`` are those of the candidates that are scored, with all that join the pool; all if None.
@@ -383,12 +356,12 @@ class _Search:
         else:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
-        scored = [pool[number] for number in numbers.tolist()]
-        evidence = Evidence(white, white.apply(self._columns(state, scored)), pool, numbers.tolist())
+        columns = white.apply(self._columns(state, [pool[number] for number in numbers.tolist()]))
+        evidence = Evidence(white, columns, pool, numbers.tolist())
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
-        columns, flat = np.arange(owners.size), evidence.effective(owners < 0)
-        without = [evidence.scores(columns[owners != k], flat) for k in range(len(state.chosen))]
-        return evidence, evidence.scores(columns, flat), without
+        flat = evidence.effective(owners < 0)
+        without = [evidence.scores(np.flatnonzero(owners != k), flat) for k in range(len(state.chosen))]
+        return evidence.scores(np.arange(owners.size), flat), without
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -404,47 +377,38 @@ class _Search:
 
     def _search_from(self, start: State) -> list[State]:
         """Return the ends of searches from a state: without terms, and with terms first where they may gain."""
-        plain = start.copy()
-        self._settle(plain)
-        ends = [plain]
+        ends = [plain := self._settled(start)]
         if has_term_that_gains(plain.noise, plain.linear) or self._terms_rival(plain):
-            noise = with_terms_that_gain(start.noise, start.linear)
-            if noise.terms:
-                beside = self._with_noise(start, noise)
-                self._settle(beside)
-                while len((noise := without_idle_terms(beside.noise, beside.linear)).terms) < len(beside.noise.terms):
-                    beside = self._with_noise(beside, noise)
-                    self._settle(beside)
-                ends.append(beside)
+            noise, beside = with_terms_that_gain(start.noise, start.linear), start
+            while noise.terms.keys() != beside.noise.terms.keys():
+                beside = self._settled(self._with_noise(beside, noise))
+                noise = without_idle_terms(beside.noise, beside.linear)
+            ends += [] if beside is start else [beside]
         return ends
 
     def _terms_rival(self, state: State) -> bool:
         """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""
-        if not state.chosen:
-            return False
-        _, _, without = self._scores(state, np.empty(0, dtype=np.int64))
+        _, without = self._scores(state, np.empty(0, dtype=np.int64)) if state.chosen else (None, [])
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
-            own = float(beside.log_odds[self.pool.number(candidate)])
-            other = state.copy()
-            chosen, scales = list(state.chosen), list(state.scales)
-            del chosen[k], scales[k]
-            self._fit_effects(other, chosen, scales)
-            if any(least_gain(other.noise, other.linear, name) > own for name in TERMS):
+            chosen, scales = ([*values[:k], *values[k + 1 :]] for values in (state.chosen, state.scales))
+            other = self._with_effects(state, chosen, scales)
+            sizes = (at_size for name in TERMS for at_size in gains_at_sizes(other.noise, other.linear, name))
+            if any(gain > beside.log_odds[self.pool.number(candidate)] for gain, *_ in sizes):
                 return True
         return False
 
-    def _settle(self, state: State) -> None:
-        """Add, drop and swap effects until no move gains."""
+    def _settled(self, state: State) -> State:
+        """Return the state from which no effect that is added, dropped or swapped gains."""
         visited = {frozenset(candidate.key for candidate in state.chosen)}
         shortlist: NDArray[np.int64] | None = None
         while len(visited) <= _MOST_MOVES:
-            _, scores, without = self._scores(state, shortlist)
+            scores, without = self._scores(state, shortlist)
             own = [self.pool.number(candidate) for candidate in state.chosen]
-            state.scales = [float(beside.scale[i]) for beside, i in zip(without, own, strict=True)]
+            scales = tuple(float(beside.scale[i]) for beside, i in zip(without, own, strict=True))
+            state = dataclasses.replace(state, scales=scales)
             move = self._best_move(state, scores, without, visited)
             if move is None and shortlist is None:
-                self._log(state, "stop", None, scores)
-                return
+                return self._logged(state, "stop", None, scores)
             if move is None:
                 shortlist = None
                 continue
@@ -453,9 +417,9 @@ class _Search:
             shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
-            self._log(state, action, names, beside)
-            self._fit_effects(state, chosen, scales)
+            state = self._with_effects(self._logged(state, action, names, beside), chosen, scales)
         self.settled = False
+        return state
 
     def _best_move(
         self,
@@ -463,47 +427,43 @@ class _Search:
         scores: Scores,
         without: Sequence[Scores],
         visited: Collection[frozenset[tuple[object, ...]]],
-    ) -> tuple[str, list[Candidate], list[float], str, Scores] | None:
+    ) -> tuple[str, tuple[Candidate, ...], tuple[float, ...], str, Scores] | None:
         """Return the move that gains most to effects not yet visited; None if none gains."""
-        best = self._best(scores, state.chosen)
-        moves: list[tuple[float, str, int | None, int | None]] = []  # Gain, action, effect and candidate.
-        if best is not None and len(state.chosen) < MOST_FINDINGS:
-            moves.append((float(scores.log_odds[best]) - ACCEPTED, "add", None, best))
-        for k, beside in enumerate(without):
-            own = float(beside.log_odds[self.pool.number(state.chosen[k])])
-            moves.append((ACCEPTED - own, "drop", k, None))
-            rival = self._best(beside, [other for i, other in enumerate(state.chosen) if i != k], state.chosen[k])
-            if rival is not None:
-                moves.append((float(beside.log_odds[rival]) - own, "swap", k, rival))
-        for gain, action, at, number in sorted(moves, key=lambda move: -move[0]):
-            if gain <= (_SWAPS if action == "swap" else 0.0):
-                continue
+        count = len(state.chosen)
+        # Gain and least gain, action, places of the effects that leave, candidates that come, and scores without them.
+        moves: list[tuple[float, float, str, slice, list[int], Scores]] = []
+        if count < MOST_FINDINGS:
+            for best in self._best(scores, state.chosen):
+                gain = float(scores.log_odds[best]) - ACCEPTED
+                moves.append((gain, 0.0, "add", slice(count, count), [best], scores))
+        for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
+            own = float(beside.log_odds[self.pool.number(candidate)])
+            moves.append((ACCEPTED - own, 0.0, "drop", slice(k, k + 1), [], beside))
+            for rival in self._best(beside, [other for other in state.chosen if other is not candidate], candidate):
+                gain = float(beside.log_odds[rival]) - own
+                moves.append((gain, _SWAPS, "swap", slice(k, k + 1), [rival], beside))
+        for gain, least, action, at, numbers, beside in sorted(moves, key=lambda move: -move[0]):
+            new = [self.pool.all[number] for number in numbers]
             chosen, scales = list(state.chosen), list(state.scales)
-            beside, place, names = scores, len(chosen), []
-            if at is not None:
-                beside, place, names = without[at], at, [str(chosen.pop(at).effect)]
-                del scales[at]
-            if number is not None:
-                chosen.insert(place, self.pool.all[number])
-                scales.insert(place, float(beside.scale[number]))
-                names.append(str(self.pool.all[number].effect))
-            if frozenset(candidate.key for candidate in chosen) not in visited:
-                return action, chosen, scales, " -> ".join(names), beside
+            names = " -> ".join(str(candidate.effect) for candidate in (*chosen[at], *new))
+            chosen[at], scales[at] = new, [float(beside.scale[number]) for number in numbers]
+            if gain > least and frozenset(candidate.key for candidate in chosen) not in visited:
+                return action, tuple(chosen), tuple(scales), names, beside
         return None
 
-    def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> int | None:
-        """Return the number of the best candidate that is no form of an effect in the model."""
+    def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> list[int]:
+        """Return the number of the best candidate that is no form of an effect in the model, if there is one."""
         for number in scores.ranking().tolist():
             candidate = self.pool.all[number]
             if not math.isfinite(scores.log_odds[number]):
-                return None
+                break
             if candidate is not_itself or any(self._is_form_of(candidate, other) for other in others):
                 continue
             effect, multiples = candidate.effect, scores.fitted(number)
             implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
             if implausible is None or not effect.rejects_implausible:
-                return int(number)
-        return None
+                return [int(number)]
+        return []
 
     def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:
         """Return whether two candidates are forms of one effect: an effect of one name and joint is found once.
@@ -523,34 +483,33 @@ class _Search:
         pairs = itertools.product(orders_of(one.effect), orders_of(other.effect))
         return all(are_separable(first, second, extent) for first, second in pairs)
 
-    def _log(self, state: State, action: str, chosen: str | None, scores: Scores) -> None:
+    def _logged(self, state: State, action: str, chosen: str | None, scores: Scores) -> State:
         self.moves += 1
         self.progress(self.moves, len(state.chosen))
-        state.steps.append(SearchStep(action, chosen, tuple(self._ranked(scores).values())))
+        return dataclasses.replace(state, steps=(*state.steps, SearchStep(action, chosen, self._ranked(scores))))
 
-    def _ranked(self, scores: Scores) -> dict[EffectName, Ranked]:
+    def _ranked(self, scores: Scores) -> tuple[Ranked, ...]:
         """Return the best form of each effect on each joint, best first."""
-        best: dict[EffectName, Ranked] = {}
+        best: dict[EffectName, int] = {}
         for number in scores.ranking().tolist():
-            if (name := self.pool.all[number].effect_name) not in best and math.isfinite(scores.log_odds[number]):
-                best[name] = self._rank(scores, number)
-        return best
+            if math.isfinite(scores.log_odds[number]):
+                best.setdefault(self.pool.all[number].effect_name, number)
+        return tuple(self._rank(scores, number) for number in best.values())
 
     def _rank(self, scores: Scores, number: int) -> Ranked:
-        candidate = self.pool.all[number]
-        return Ranked(
-            candidate.effect, float(scores.log_bayes[number]), candidate.log_prior, float(scores.gain[number])
-        )
+        candidate, log_bayes = self.pool.all[number], float(scores.log_bayes[number])
+        return Ranked(candidate.effect, log_bayes, candidate.log_prior, float(scores.gain[number]))
 
     def _with_noise(self, start: State, noise: CovarianceParameters) -> State:
         """Return a state with another covariance."""
         now, earlier = set(noise.terms), set(start.noise.terms)
         moves = [
-            *(("add", name) for name in sorted(now - earlier)),
-            *(("drop", name) for name in sorted(earlier - now)),
+            (action, name)
+            for action, names in (("add", now - earlier), ("drop", earlier - now))
+            for name in sorted(names)
         ]
-        steps = [SearchStep(action, f"covariance: {name}", ()) for action, name in moves]
-        return dataclasses.replace(start.copy(), noise=noise, steps=[*start.steps, *steps])
+        steps = (SearchStep(action, f"covariance: {name}", ()) for action, name in moves)
+        return dataclasses.replace(start, noise=noise, steps=(*start.steps, *steps))
 
     # -- result
 
@@ -577,31 +536,26 @@ class _Search:
             **vars(self._rank(scores, own)),
             alternatives=tuple(alternatives.values()),
             aliases=tuple(aliases[:_MOST_ALIASES]),
-            places=(min(at), max(at)) if is_step(candidate.effect) and at else None,
+            places=(min(at), max(at)) if at else None,
         )
 
     def _corrections(self, state: State) -> Iterator[Identified]:
         """Yield what stands in a model file for the processes over the joints, where the model needs them."""
         likely, terms = whitened(state.noise, state.linear).log_likelihood, state.noise.terms
-        arm, moves = self.model.arm, self.regressors.moves
+        arm, moves = self.model.arm, self.rows.moves
         price = 0.5 * math.log(self.data.n)
-
-        def gain(other: CovarianceParameters) -> float:
-            return likely - whitened(other, state.linear).log_likelihood
-
         for j, joint in enumerate(arm.names if "profile" in terms else ()):
             without = terms["profile"].copy()
             without[j] = TERMS["profile"].bounds(len(without))[j][0]
             if moves[j] and arm.is_revolute(joint):
-                evidence = gain(dataclasses.replace(state.noise, terms={**terms, "profile": without}))
-                if evidence - price > ACCEPTED:
-                    effect = profile(joint, PROFILE_ORDERS)
-                    yield Identified(effect, evidence, -price, 0.0)
+                other = whitened(state.noise.with_term("profile", without), state.linear)
+                if (evidence := likely - other.log_likelihood) - price > ACCEPTED:
+                    yield Identified(profile(joint, PROFILE_ORDERS), evidence, -price, 0.0)
         if "smooth" in terms:
             assert self.data.q is not None
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]
-            lengths = np.exp(terms["smooth"][1:]) / self.regressors.scale
-            evidence = gain(state.noise.without("smooth"))
+            lengths = np.exp(terms["smooth"][1:]) / self.rows.scale
+            evidence = likely - whitened(state.noise.without("smooth"), state.linear).log_likelihood
             correction = PoseCorrection.over(arm, self.data, joints, lengths[moves].tolist())
             price *= TERMS["smooth"].variances(terms["smooth"], state.linear, usual_std(state.noise, state.linear))
             yield Identified(correction, evidence, -price, 0.0)
@@ -633,7 +587,7 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
     dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
     present = {effect.key() for effect in found.effects}
-    weight = 1.0 / found.noise.independent(found.state.linear.rows.stated).T
+    weight = 1.0 / found.state.noise.independent(found.state.linear.rows.stated).T
     result = []
     for candidate, columns in _forms(found):
         if candidate.key in present:

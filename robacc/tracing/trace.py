@@ -14,9 +14,8 @@ import numpy as np
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
 from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.joint_readings import Rounding, memory_of_play
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
-from robacc.diagnostics.row_loads import unlogged_loads
+from robacc.diagnostics.recorded import Rounding, memory_of_play, unlogged_loads
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
@@ -42,7 +41,8 @@ from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.tracing.judging import Judged, Progress, judge, with_directional_weights
+from robacc.robots.arm import Arm
+from robacc.tracing.calibrating import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.search import (
     Alternative,
     DetectionLimit,
@@ -79,53 +79,42 @@ class Harmonic:
     """Other orders that the poses do not distinguish from it."""
 
 
-def fitted_harmonics(effect: Effect, parameters: Sequence[FittedParameter], covariance: Array) -> tuple[Harmonic, ...]:
+def fitted_harmonics(
+    effect: Effect,
+    parameters: Sequence[FittedParameter],
+    covariance: Array,
+    arm: Arm,
+    extent: float,
+    aliases: Sequence[float],
+) -> tuple[Harmonic, ...]:
     """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
 
-    ``covariance`` ``(2 K, 2 K)`` belongs to the parameters; NaN where a parameter is not identified. Standard errors
-    follow by the law of propagation (JCGM 100, 5.2.2).
+    Of a profile, those are named that are clear. Standard errors follow by the law of propagation (JCGM 100, 5.2.2).
+
+    Args:
+        effect: A periodic error of a joint that turns.
+        parameters: Its coefficients.
+        covariance: ``(2 K, 2 K)``, of the coefficients; NaN where one is not identified.
+        arm: The arm, whose gears are possible origins.
+        extent: Range of the joint's angle over the poses, rad.
+        aliases: Orders that the poses do not distinguish from its own, if it has one.
     """
-    harmonics = []
+    joint, harmonics = effect.joints[0], []
     for i, order in enumerate(orders_of(effect)):
         cosine, sine = (parameter.value for parameter in parameters[2 * i : 2 * i + 2])
-        amplitude = math.hypot(cosine, sine)
-        along, across = None, None
-        if amplitude > 0.0:
-            rotation = np.array([[cosine, sine], [-sine, cosine]]) / amplitude
-            pair = slice(2 * i, 2 * i + 2)
-            variance = np.diag(rotation @ covariance[pair, pair] @ rotation.T)
-            if np.all(variance >= 0.0):
-                along, across = (float(size) for size in np.sqrt(variance))
-                across /= amplitude
-        harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across))
-    return tuple(sorted(harmonics, key=lambda harmonic: -harmonic.amplitude))
-
-
-def _named_harmonics(
-    identified: Identified,
-    final: Fit,
-    data: Measurements,
-    coefficients: Sequence[FittedParameter],
-    covariance: Array,
-) -> tuple[Harmonic, ...]:
-    """Return the strong harmonics of a periodic error of a joint that turns, with their physical origins.
-
-    A single order has its aliases, too.
-    """
-    arm, effect = final.model.arm, identified.effect
-    if not orders_of(effect) or not all(map(arm.is_revolute, effect.joints)):
-        return ()
-    harmonics = fitted_harmonics(effect, coefficients, covariance)
-    if effect.is_profile():
-        clear = [h for h in harmonics if h.amplitude_std is not None and h.amplitude > _CLEAR * h.amplitude_std]
-        harmonics = tuple(clear[:_MOST_NAMED])
-    assert data.q is not None
-    joint = effect.joints[0]
-    tolerance, ratio = order_tolerance(float(np.ptp(data.q[arm.number(joint)]))), arm.joint(joint).gear_ratio
-    aliases = identified.aliases if len(harmonics) == 1 else ()
-    return tuple(
-        dataclasses.replace(one, origin=origin_of(one.order, ratio, tolerance), aliases=aliases) for one in harmonics
-    )
+        amplitude, pair = math.hypot(cosine, sine), slice(2 * i, 2 * i + 2)
+        rotation = np.array([[cosine, sine], [-sine, cosine]]) / max(amplitude, 1e-300)
+        variance = np.diag(rotation @ covariance[pair, pair] @ rotation.T)
+        along = across = None
+        if amplitude > 0.0 and np.all(variance >= 0.0):
+            along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
+        if not effect.is_profile() or (along is not None and amplitude > _CLEAR * along):
+            origin = origin_of(order, arm.joint(joint).gear_ratio, order_tolerance(extent))
+            harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across, origin))
+    harmonics.sort(key=lambda harmonic: -harmonic.amplitude)
+    if len(harmonics) == 1:
+        harmonics[0] = dataclasses.replace(harmonics[0], aliases=tuple(aliases))
+    return tuple(harmonics[:_MOST_NAMED] if effect.is_profile() else harmonics)
 
 
 def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
@@ -213,7 +202,7 @@ def describe_finding(
     equilibrium form; the final fit may contain the effect in the other form.
     """
     final, effect = judged.fit, identified.effect
-    number = number_of(effect, final)
+    arm, number = final.model.arm, number_of(effect, final)
     fitted = final.model.free[number]
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
     before: tuple[float | None, float | None] = (None, None)
@@ -228,8 +217,16 @@ def describe_finding(
     if identified.places is not None:
         place, low, high = change = (place_of(effect), *identified.places)
         between = (place_text(place, effect, data), place_text(low, effect, data), place_text(high, effect, data))
-    harmonics = _named_harmonics(identified, final, data, coefficients, final.covariance[np.ix_(columns, columns)])
     values = {parameter.name: parameter.value for parameter in coefficients}
+    statement, harmonics = fitted.statement(arm, values, between), tuple[Harmonic, ...]()
+    if orders_of(effect) and all(map(arm.is_revolute, effect.joints)):
+        assert data.q is not None
+        covariance, extent = (
+            final.covariance[np.ix_(columns, columns)],
+            float(np.ptp(data.q[arm.number(effect.joints[0])])),
+        )
+        harmonics = fitted_harmonics(effect, coefficients, covariance, arm, extent, identified.aliases)
+        statement = periodic_statement(effect, harmonics, others) if harmonics else statement
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     warnings = [] if implausible is None else [implausible]
     moved, turned = _motion(number, final, data)
@@ -238,10 +235,7 @@ def describe_finding(
         count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
         if count < min(_FEW_POSES, _FEW_SHARE * share.size):
             warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
-
-    def sizes(each: Array | None) -> tuple[float | None, float | None]:
-        return (None, None) if each is None else (float(np.sqrt(np.mean(np.square(each)))), float(np.max(each)))
-
+    of_position, of_orientation = _rms_and_largest(moved), _rms_and_largest(turned)
     return Finding(
         effect.name,
         effect.joints,
@@ -253,17 +247,15 @@ def describe_finding(
         after[0],
         coefficients,
         harmonics,
-        tuple((driver, low, high) for driver, (low, high) in fitted.validity(final.model.arm, data).items()),
+        tuple((driver, low, high) for driver, (low, high) in fitted.validity(arm, data).items()),
         implausible,
         tuple(warnings),
         partial_residuals(fitted, final, data),
-        *sizes(moved),
-        periodic_statement(effect, harmonics, others)
-        if harmonics
-        else fitted.statement(final.model.arm, values, between),
+        *of_position,
+        statement,
         change,
         (before[1], after[1]),
-        sizes(turned),
+        of_orientation,
     )
 
 
@@ -275,6 +267,10 @@ def number_of(effect: Effect, final: Fit) -> int:
 def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
     """Return the rms of position, m, and of orientation, rad; None where it is not measured."""
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
+
+
+def _rms_and_largest(sizes: Array | None) -> tuple[float | None, float | None]:
+    return (None, None) if sizes is None else (float(np.sqrt(np.mean(np.square(sizes)))), float(np.max(sizes)))
 
 
 def _motion(number: int, final: Fit, data: Measurements) -> tuple[Array | None, Array | None]:
@@ -629,37 +625,44 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
     found = search(model, data, progress=searching)
     identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
     own_places = HoldOut.of(data, None, None, seed)
-    final, form = _fitted(declared, declared_form, identified, model, data)
+
+    def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
+        """Return the fit with some effects, elastic ones in the form that the data support; shrunk, in equilibrium."""
+        if not some:
+            return declared, declared_form
+        # Frames are first, so that they keep their parameters if poses cannot distinguish two.
+        extended = model.with_free(*sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame))
+        again = refit(declared, extended.free, data, Options())
+        return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
+
+    final, form = fitted(identified)
     while (useless := _useless(final, identified, own_places)) is not None:
         identified.remove(useless)
-        final, form = _fitted(declared, declared_form, identified, model, data)
-    if empirical and (left := correction_of_position(final, data, found.noise)) is not None:
+        final, form = fitted(identified)
+    if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
         correction = Identified(left[0], left[1], -left[2], 0.0)
-        corrected, corrected_form = _fitted(declared, declared_form, [*identified, correction], model, data)
+        corrected, corrected_form = fitted([*identified, correction])
         if _useless(corrected, [correction], own_places) is None:
             identified.append(correction)
             final, form = corrected, corrected_form
     effects = [one.effect for one in identified]
     refitted = functools.partial(refit, final, final.model.free, data)
-    structured = with_error_structure(final, data, Options(), refitted, tuple(found.noise.terms))
-    arm = model.arm
-    constants = [one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(arm)]
+    structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
+    constants = [
+        one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
+    ]
     final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
     before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
-    structured, repeatability = dataclasses.replace(structured, fit=final), structured.repeatability
+    structured = dataclasses.replace(structured, fit=final)
     numbers = [number_of(effect, final) for effect in effects]
     fitted_effects = [final.model.free[number] for number in numbers]
     judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
-    without = how.residuals(final, [[number] for number in numbers])
-    findings = tuple(
-        describe_finding(one, effects, judged, residual, data)
-        for one, residual in zip(identified, without, strict=True)
-    )
-    noise, advice = judged.noise, list[Advice]()
-    for effect, finding in zip(effects, findings, strict=True):
+    noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
+    for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
+        findings.append(finding := describe_finding(one, effects, judged, without, data))
         if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
             rival = finding.alternatives[0]
-            poses = advise(declared, effects, effect, rival, data, noise.noise.position, seed)
+            poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
             advice += [] if poses is None else [poses]
     unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
     return Trace(
@@ -667,32 +670,16 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
         verdict=(verdict := verdict_of(findings, unexplained)),
         assumption=assumption_of(verdict, noise, repeatability),
         declared=declared,
-        findings=findings,
+        findings=tuple(findings),
         undeclared_load=undeclared_load(final, data),
         unexplained=unexplained,
         explained_share=explained_share(judged.before, judged.after, noise, repeatability),
-        steps=found.steps,
+        steps=found.state.steps,
         settled=found.settled,
         missing=found.pool.missing,
         detection=tuple(detection_limits(found)),
         next_poses=tuple(advice),
     )
-
-
-def _fitted(
-    declared: Fit, form: DeflectionChoice | None, identified: Sequence[Identified], model: Model, data: Measurements
-) -> tuple[Fit, DeflectionChoice | None]:
-    """Return the fit with the identified effects, elastic ones in the form that the data support.
-
-    ``declared`` is the fit without them, in the form ``form``. With shrunk blocks the form is that of equilibrium.
-    """
-    if not identified:
-        return declared, form
-    # Frames are first, so that they keep their parameters if poses cannot distinguish two.
-    effects = sorted((one.effect for one in identified), key=lambda effect: not effect.traits.is_frame)
-    extended = model.with_free(*effects)
-    fitted = refit(declared, extended.free, data, Options())
-    return (fitted, None) if fitted.group_stds else choose_form(fitted, extended, data, Options())
 
 
 def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:
@@ -704,14 +691,13 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
     scatter in them, which the fits share, a lag of an IRB 120 was taken for useless.
     """
     numbers = [[number_of(one.effect, fit)] for one in identified]
-    whole, *without = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
-    if whole is None:
+    residuals = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
+    if residuals[0] is None:
         return None
-
-    def cost(residual: Array | None) -> float:
-        """Return the whitened sum of squares of held-out residuals of the inliers."""
-        return np.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
-
-    costs = [cost(residual) for residual in without]
+    # Whitened sums of squares of held-out residuals of the inliers.
+    costs = [
+        np.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
+        for residual in residuals
+    ]
     best = int(np.argmin(costs))
-    return identified[best] if costs[best] < cost(whole) else None
+    return identified[best - 1] if best > 0 else None

@@ -15,7 +15,6 @@ import pytest
 from arms import arm
 from commands import in_order, missing, one_line, output, refused, run
 
-from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -23,6 +22,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.calibrating import calibrate
 
 GEOMETRY = "base_frame,tool_frame,joint_offset,link_geometry"
 NOISE = 2e-5

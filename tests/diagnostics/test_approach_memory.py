@@ -7,7 +7,7 @@ import pytest
 from independent_arm import LIMITS, Run, measured, targets, torques
 from searched import fitted
 
-from robacc.diagnostics.joint_readings import memory_of_play, previous_visit
+from robacc.diagnostics.recorded import memory_of_play, previous_visit
 from robacc.effects.base import effect_class
 
 N = 120

@@ -12,7 +12,7 @@ from independent_arm import Run, measured, robot, run, targets
 from searched import ARM, fitted, found, model, values_of
 
 import robacc
-from robacc.diagnostics.joint_readings import evident_rounding, joint_step, read_back_warning
+from robacc.diagnostics.recorded import evident_rounding, joint_step, read_back_warning
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import KnownRobot

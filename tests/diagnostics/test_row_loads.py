@@ -7,7 +7,7 @@ import pytest
 from independent_arm import DECLARED, load_torques, measured, run, targets
 from searched import fitted
 
-from robacc.diagnostics.row_loads import RowLoads, unlogged_loads
+from robacc.diagnostics.recorded import RowLoads, unlogged_loads
 
 NOISE = 2e-5
 N = 90

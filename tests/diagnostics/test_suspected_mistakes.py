@@ -12,12 +12,12 @@ from results import run
 from test_mistake_sets import made
 
 import robacc
-from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import parse_requests
 from robacc.fitting.warnings import reach
 from robacc.geometry import exp_so3
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
+from robacc.tracing.calibrating import calibrate
 
 N = 30
 EFFECTS = "base_frame,tool_frame,link_geometry[j4]"

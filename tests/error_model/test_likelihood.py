@@ -65,8 +65,6 @@ def dense(noise: CovarianceParameters, linear: Linearised) -> Array:
     for name, parameters in noise.terms.items():
         kernels = TERMS[name].kernels(parameters, linear.rows)
         for carrier, kernel in enumerate(kernels):
-            if kernel is None:
-                continue
             for i in range(count):
                 for k in range(count):
                     if TERMS[name].of_joints:

@@ -12,8 +12,9 @@ import pytest
 from arms import arm
 from scipy import stats
 
-from robacc.calibration.calibrating import Calibration, calibrate
-from robacc.documents.fit import CALIBRATE, fit_document
+import robacc.fitting.masses
+import robacc.tracing.calibrating
+from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import REGISTRY
 from robacc.effects.request import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
@@ -26,6 +27,7 @@ from robacc.render.views.fit import fit_view
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.calibrating import Calibration, calibrate
 from robacc.tracing.trace import trace
 
 DECLARED = Baseline(("base_frame", "tool_frame"), by_default=False)
@@ -83,8 +85,11 @@ def test_the_likelihood_picks_the_right_form_whatever_the_noise() -> None:
             assert found.model.free == with_deflection(model.free, chosen.form)
 
 
-def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit() -> None:
+def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    fits = []
+    monkeypatch.setattr(robacc.fitting.masses, "fit", lambda *args: fits.append(args))
     found = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests(ASKED), n_folds=2)
+    assert not fits
     assert (found.deflection.form, found.deflection.gain) == ("equilibrium", None)
     assert found.deflection.difference < 1e-10
     rigid = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests("base_frame,tool_frame"))
@@ -98,6 +103,15 @@ def test_validation_poses_are_predicted_in_the_chosen_form() -> None:
     error = np.sum(np.square(apart.position - predict(found.robot, apart).translation), axis=0)
     # Poses held out are predicted by a fit to a part in a million of the residual, the model by one to 1e-8.
     assert found.after.held_out.position.rms == pytest.approx(np.sqrt(np.mean(error)), rel=1e-5)
+
+
+@pytest.mark.parametrize("form", ["equilibrium", "rigid"])
+def test_a_written_model_says_its_form_and_predicts_the_same(form: str) -> None:
+    found, data = calibrated(form), measured(form)
+    text = robot_to_yaml(found.robot)
+    assert ("deflection: rigid" in text) == (form == "rigid")
+    again = predict(parse_robot(text, "model.yaml"), data)
+    np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
 
 
 def test_the_form_asked_for_is_fitted_as_it_is() -> None:
@@ -189,10 +203,14 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     assert found.deflection.form == form
     finding = found.findings[0]
     assert finding.held_out_after < 2 * np.sqrt(3) * 2e-5 < finding.held_out_before
-    text = robot_to_yaml(found.robot)
-    assert ("deflection: rigid" in text) == (form == "rigid")
-    again = predict(parse_robot(text, "model.yaml"), data)
+    again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
+    payload = fit_document(TRACE, found, data, robot, holdout, baseline=DECLARED)
+    assert payload["deflection"]["form"] == form
+    assert payload["findings"][0]["settings"] == settings
+    stream = StringIO()
+    draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
+    assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
 
 
 @pytest.mark.slow

@@ -9,13 +9,13 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import parse_requests
 from robacc.errors import InputError
 from robacc.fitting import solver
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
+from robacc.tracing.calibrating import calibrate
 
 NOISE = 1e-5
 SCATTER = 1e-4

@@ -12,7 +12,6 @@ from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
 from robacc import trace
-from robacc.calibration.calibrating import calibrate
 from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.request import parse_requests
 from robacc.effects.specification import entry_of
@@ -25,6 +24,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.tracing.calibrating import calibrate
 
 ARMS = (
     "ur_description/urdf/ur10_robot.urdf",

@@ -14,7 +14,7 @@ from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
-from robacc.tracing.judging import ErrorCause, causes
+from robacc.tracing.calibrating import ErrorCause, causes
 
 NOISE = 5e-5
 FIT = "base_frame,tool_frame,joint_offset,link_geometry,gear_ratio[j3]"

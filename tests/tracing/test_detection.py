@@ -47,7 +47,7 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str) -> None:
     data, found = clean(name)
     assert found.effects == ()
     state, candidates = found.state, {candidate.key: candidate for candidate in found.pool.all}
-    known = state.linear.columns / found.noise.independent(state.linear.rows.stated)[:, :, None]
+    known = state.linear.columns / state.noise.independent(state.linear.rows.stated)[:, :, None]
     known = known.reshape(-1, known.shape[2]) * state.linear.prior_std
     # The priors are one more row a coefficient.
     basis = np.linalg.qr(np.concatenate((known, np.eye(known.shape[1]))))[0]
@@ -61,7 +61,7 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str) -> None:
         bound = found.model.with_free(effect).bind(data)
         theta = np.concatenate((state.theta, np.zeros(len(bound.terms) - state.theta.size)))
         columns = np.moveaxis(bound.linearise(theta, rows=3)[1], -1, 0)[:, :, state.theta.size :]
-        own = (columns / found.noise.independent(state.linear.rows.stated)[:, :, None]).reshape(len(known), -1)
+        own = (columns / state.noise.independent(state.linear.rows.stated)[:, :, None]).reshape(len(known), -1)
         own = np.concatenate((own * candidate.sizes / candidate.sizes[0], np.zeros((known.shape[1], own.shape[1]))))
         # The direction that is the hardest to see.
         seen = np.linalg.svd(own - basis @ (basis.T @ own), compute_uv=False)[-1] ** 2
@@ -96,7 +96,7 @@ def test_at_the_limit_the_evidence_accepts_half_of_linear_campaigns(rank: int, f
             broad = 1e3 * base
             triangle = np.linalg.cholesky(broad.T @ broad + np.eye(free))
             reduced = np.linalg.solve(triangle, broad.T @ y)
-            white = Whitened(broad, y, triangle, reduced, 0.0, lambda a: a, np.ones(count))
+            white = Whitened(broad, y, triangle, reduced, 0.0, np.ones(count))
             # The usual size is such that the effect at its limit is of the most probable size.
             scale = candidate.scales[0][3] / float(np.linalg.norm(way / times))
             scores = Evidence(white, own / scale, [candidate]).scores(np.arange(free), free)

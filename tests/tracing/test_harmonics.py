@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from arms import arm
 
 from robacc.effects.base import effect_class
 from robacc.effects.periodic import TransmissionError
@@ -14,7 +15,7 @@ from robacc.tracing.trace import Harmonic, fitted_harmonics, periodic_statement
 
 def line_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float | None, float, float | None]:
     own = [FittedParameter(name, float(value), 1e-6, "rad") for name, value in zip("cs", values, strict=True)]
-    (line,) = fitted_harmonics(TransmissionError(("j1",), (2.0,)), own, covariance)
+    (line,) = fitted_harmonics(TransmissionError(("j1",), (2.0,)), own, covariance, arm("puma560"), 3.0, ())
     return line.amplitude, line.amplitude_std, line.phase, line.phase_std
 
 

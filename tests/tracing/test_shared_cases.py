@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import yaml
 
-from robacc.calibration.calibrating import calibrate
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.registration import align
 from robacc.measurements import Measurements
@@ -22,6 +21,7 @@ from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.tracing.calibrating import calibrate
 from robacc.tracing.trace import Finding, Trace, trace
 
 SHARED = Path(__file__).resolve().parents[2].parent / "shared"

@@ -1,4 +1,4 @@
-"""Joint columns as recorded: read back or commanded, rounded, and errors that remember the last approach."""
+"""What was recorded and what was not: joints read back, rounded joints, a memory of play, loads that nobody logged."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.effects.base import effect_class
 from robacc.effects.campaign import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
@@ -16,8 +17,8 @@ from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
-from robacc.gravity import weight_torques
-from robacc.measurements import Measurements
+from robacc.gravity import gravity_torques, payload, weight_torques
+from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import normal_cdf
@@ -249,3 +250,158 @@ def _polynomials(values: Array) -> Array:
     ranks = np.argsort(np.argsort(values, kind="stable"), kind="stable")
     scaled = 2.0 * ranks / max(values.size - 1, 1) - 1.0
     return np.asarray(np.polynomial.chebyshev.chebvander(scaled, 4), dtype=np.float64)
+
+
+# Loads at the flange that differ from row to row and that nobody logged.
+#
+# A load of m_k kg on row k moves the tool by m_k sum_j c_j u_jk, with u_jk the displacement by the torque of 1 kg on
+# joint j and c_j the compliance of the joint. Both factors are unknown, so they are fitted in turn (alternating least
+# squares), with every coefficient of the model and a constant load. Loads come in a few sizes: the fitted loads
+# are then grouped, and each group has a common load.
+#
+# The groups count as loads if they explain the error far better than chance, than a continuum of loads divided into as
+# many groups, and than constant shifts of the same joints, which clearance or a jump of a zero would need.
+#
+# Source of alternating least squares for a product of two unknown vectors: H. Wold, "Estimation of principal components
+# and related models by iterative least squares", in: Multivariate Analysis (1966), 391-420.
+
+_FEWEST_ROWS = 40
+_MOST_GROUPS = 4
+_SMALLEST_GROUP = 0.05
+"""Least share of the rows in a group."""
+_ALTERNATIONS = 40
+"""Steps of the alternations, which bounds the time."""
+_SETTLED = 1e-3
+"""Share of the sum of squares that a step gains at the end: far below the factors that decide."""
+_LEAST_NEW = 1e-5
+"""Share of a column, given others, below which it adds nothing."""
+_LEAST_GAIN = 4.0
+"""Factor by which groups of loads lower the sum of squares. Chance gives 1.5 at most: one coordinate of three a row."""
+_CLEARLY = 2.0
+"""Factor by which loads leave a smaller sum of squares than shifts of the same joints, and up to which groups may leave
+a larger one than a load of its own for each row, but for its freedom."""
+
+
+@dataclass(frozen=True, slots=True)
+class RowLoads:
+    """Groups of rows that carry different loads."""
+
+    rows: tuple[NDArray[np.int64], ...]
+    """Numbers of the rows of each group, lightest load first."""
+    loads: tuple[float, ...]
+    """Load of each group above that of the first, over that of the last."""
+
+    @property
+    def text(self) -> str:
+        """Return the groups and what to do."""
+        sizes = " : ".join(str(rows.size) for rows in self.rows)
+        shares = " : ".join(f"{load:.2g}" for load in self.loads)
+        return (
+            f"a load at the flange that differs from row to row explains the errors: {len(self.rows)} groups of "
+            f"{sizes} rows, whose loads above the lightest are in the ratio {shares}; the payload was not logged: if "
+            "it changed, write payload_kg for each row, or the load's name in payload_group, and trace again; if it "
+            "did not change, the cause is outside the catalogue"
+        )
+
+
+def unlogged_loads(fit: Fit, data: Measurements) -> RowLoads | None:
+    """Return the groups of rows with different loads that explain the remaining error; None if there are none."""
+    if data.payload is not None or data.q is None or data.n < _FEWEST_ROWS:
+        return None
+    rows = even_rows(data.n, MOST_ROWS)
+    part = data.subset(rows)
+    torque = gravity_torques(fit.model.arm, part.q, payload(fit.model.arm, np.ones(part.n)))  # type: ignore[arg-type]
+    size = np.linalg.norm(torque, axis=1)
+    if size.max() == 0.0:
+        return None
+    # Joints that 1 kg hardly loads do not show it.
+    loaded = np.flatnonzero(size > 0.1 * size.max())
+    shifts = joint_columns(fit.model, part)[:3, loaded]
+    jacobian = fit.model.bind(part).linearise(fit.theta)[1][:3]
+    by_load, by_shift = (
+        _grouped(fit.residual[:3, rows], np.concatenate((jacobian, moved), axis=1), moved)
+        for moved in (shifts * torque[loaded], shifts)
+    )
+    if by_load is None or (by_shift is not None and by_shift[2] < _CLEARLY * by_load[2]):
+        return None
+    labels, levels, _ = by_load
+    order = np.argsort(levels)
+    shares = (levels[order] - levels.min()) / np.ptp(levels)
+    return RowLoads(tuple(rows[labels == label] for label in order), tuple(shares.tolist()))
+
+
+_Grouping = tuple[NDArray[np.int64], Array, float]
+"""Group of each row ``(N,)``, level of each group, and the sum of squares that remains."""
+
+
+def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
+    """Return the fewest groups of rows whose products with ``moved`` ``(3, J, N)`` explain the residual ``(3, N)``.
+
+    ``common`` ``(3, P, N)`` are columns with one coefficient for all rows.
+    """
+    n, flat = residual.shape[1], residual.ravel()
+    columns = _flat(common)
+    left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
+    basis = left[:, sizes > _LEAST_NEW * sizes.max()]
+    squares = float(np.sum(np.square(flat - basis @ (basis.T @ flat))))
+    amounts, free = _amounts(residual, basis, moved)
+    # Groups of loads may explain no more than a load of its own for each row.
+    for count in range(2, _MOST_GROUPS + 1) if squares > _LEAST_GAIN * free else ():
+        limits = np.quantile(amounts, np.arange(1, count) / count)
+        labels, levels = np.searchsorted(limits, amounts), np.arange(count, dtype=float)
+        for _ in range(_ALTERNATIONS):
+            error, mixture, remaining = _fit(residual, basis, moved * levels[labels])
+            direction = mixture @ moved
+            products, weights = np.sum(direction * error, axis=0), np.sum(np.square(direction), axis=0)
+            levels = np.bincount(labels, products, count) / np.maximum(np.bincount(labels, weights, count), 1e-300)
+            # The square of what a level leaves of a row, less that of the row.
+            labels = np.argmin(weights[:, None] * np.square(levels) - 2.0 * products[:, None] * levels, axis=1)
+        gain = squares / max(remaining, 1e-300)
+        cost = n * np.log(count) + 0.5 * np.log(3 * n) * (count + moved.shape[1])
+        # Each row's own amount takes one of its three coordinates. Equal groups of evenly spread amounts gain count^2.
+        is_tight = remaining < _CLEARLY * 1.5 * free or gain > 2.0 * count**2
+        is_large = np.bincount(labels, minlength=count).min() >= max(_SMALLEST_GROUP * n, 3)
+        if is_large and gain > _LEAST_GAIN and is_tight and 1.5 * n * np.log(gain) > cost:
+            return labels, levels, remaining
+    return None
+
+
+def _flat(columns: Array) -> Array:
+    """Return columns ``(3, P, N)`` as a matrix ``(3 N, P)``."""
+    return np.moveaxis(columns, 1, 2).reshape(-1, columns.shape[1])
+
+
+def _fit(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, float]:
+    """Fit ``moved`` ``(3, J, N)`` and the orthonormal ``basis`` ``(3 N, R)`` to the residual by least squares.
+
+    Returns:
+        The residual ``(3, N)`` without the part of the basis, the coefficients of ``moved``, and the sum of squares
+        that remains.
+    """
+    columns = _flat(moved)
+    coefficients = np.linalg.lstsq(columns - basis @ (basis.T @ columns), residual.ravel(), rcond=_LEAST_NEW)[0]
+    rest = residual.ravel() - columns @ coefficients
+    shared = basis @ (basis.T @ rest)
+    return residual - shared.reshape(residual.shape), np.asarray(coefficients), float(np.sum(np.square(rest - shared)))
+
+
+def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]:
+    """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, and the sum of squares."""
+    mixture, squares = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1)), math.inf
+    for _ in range(_ALTERNATIONS):
+        before = squares
+        direction = mixture @ moved
+        precision = np.maximum(np.sum(np.square(direction), axis=0), 1e-300)
+        unit = direction / np.sqrt(precision)
+        # What no row's own amount can explain decides the common coefficients.
+        along = np.sum(unit[:, :, None] * basis.reshape(3, -1, basis.shape[1]), axis=0)
+        across = residual - unit * np.sum(unit * residual, axis=0)
+        gram = (1.0 + _LEAST_NEW**2) * np.eye(basis.shape[1]) - along.T @ along
+        shared = basis @ np.linalg.solve(gram, basis.T @ across.ravel())
+        amounts = np.sum(direction * (residual - shared.reshape(residual.shape)), axis=0) / precision
+        amounts = amounts - np.average(amounts, weights=precision)
+        _, mixture, squares = _fit(residual, basis, moved * amounts)
+        mixture = mixture / max(float(np.abs(mixture).max()), 1e-300)
+        if before - squares <= _SETTLED * before < math.inf:
+            break
+    return amounts, squares

@@ -1,25 +1,39 @@
-"""What `calibrate` and `trace` both report of a fit: errors before and after, causes, coefficients, warnings."""
+"""Fit of named effects, and what `calibrate` and `trace` report of a fit: errors before and after, causes, warnings."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 
-from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, paired_gain
+from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, default_frames, paired_gain
 from robacc.chain import BLOCK
-from robacc.diagnostics.joint_readings import Rounding, evident_rounding, read_back_warning
-from robacc.effects.base import Effect
-from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability
-from robacc.fitting.fit_result import Fit
+from robacc.diagnostics.data_mistakes import check_data
+from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
+from robacc.diagnostics.recorded import Rounding, evident_rounding, read_back_warning
+from robacc.effects.base import Effect, effect_class
+from robacc.effects.request import CONSTANTS, Request, build
+from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure
+from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, mass_warning, with_mass_uncertainty
+from robacc.fitting.masses import DeflectionChoice, choose_form, mass_warning, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
-from robacc.fitting.parameters import FittedParameter, ParameterCovariance, apply_fit, parameter_covariance, parameters
-from robacc.fitting.registration import gravity_warning
+from robacc.fitting.parameters import (
+    Correlation,
+    FittedParameter,
+    ParameterCovariance,
+    apply_fit,
+    correlations,
+    high_leverage,
+    parameter_covariance,
+    parameters,
+)
+from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
+from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity_direction
+from robacc.fitting.solver import fit, refit
 from robacc.fitting.visits import places, places_warning
 from robacc.fitting.warnings import (
     LackOfFit,
@@ -34,7 +48,10 @@ from robacc.fitting.warnings import (
 )
 from robacc.geometry import Array
 from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
+from robacc.tracing.search import search
 
 # Causes of the error: every effect in a fit, declared or found, with what it does at the target.
 #
@@ -93,27 +110,19 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
             groups.setdefault((number, next((name for name in by_joint if name in names), None)), []).append(index)
     listed = []
     for (number, joint), indices in groups.items():
-        effect = fit.model.free[number]
+        effect, own = fit.model.free[number], np.ix_(indices, indices)
         values = fit.theta[columns[indices]]
-        own = np.ix_(indices, indices)
-        square = float(values @ moved[own] @ values)
-        noise = float(np.sum(moved[own] * covariance[own]))
-        size = np.sqrt(max(square, 1e-300))
-        std = np.sqrt(max(float(values @ moved[own] @ covariance[own] @ moved[own] @ values), 0.0)) / size
-        low = float(np.sqrt(max(square - noise, 0.0)) - _NORMAL_95 * std)
-        if not low > 0.0:
-            continue
+        pull = moved[own] @ values
+        square, noise = float(values @ pull), float(np.sum(moved[own] * covariance[own]))
+        size = float(np.sqrt(max(square, 1e-300)))
+        std = float(np.sqrt(max(float(pull @ covariance[own] @ pull), 0.0))) / size
+        interval = (float(np.sqrt(max(square - noise, 0.0))) - _NORMAL_95 * std, size + _NORMAL_95 * std)
         change = inverse[:, indices] @ np.linalg.solve(inverse[own], values)
         left = float(change @ moved @ change)
         share = min(left / nominal_rms**2, 1.0) if nominal_rms > 0.0 else None
-        joints = effect.joints if joint is None else (joint,)
-        interval = (low, float(size + _NORMAL_95 * std))
-        declared = effect not in found
-        listed.append(
-            ErrorCause(
-                effect.name, joints, effect.settings(), declared, float(size), interval, max(left, 0.0) ** 0.5, share
-            )
-        )
+        joints, declared = effect.joints if joint is None else (joint,), effect not in found
+        figures = (size, interval, max(left, 0.0) ** 0.5, share)
+        listed += [ErrorCause(effect.name, joints, effect.settings(), declared, *figures)] if interval[0] > 0.0 else []
     return tuple(sorted(listed, key=lambda cause: -cause.left))
 
 
@@ -279,16 +288,161 @@ def with_directional_weights(
     if (noise := result.directional) is None:
         return result
 
-    def held_out(judged: Result) -> Array | None:
-        return judged.residuals.held_out_after if judged.holdout is None else judged.holdout.after
-
-    before = held_out(result)
+    before = _held_out(result)
     if before is not None and data.position_variance is None:
         weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
-        after = held_out(weighted)
-        if (
-            after is not None
-            and not paired_gain(before, after, places(data if holdout is None else holdout)).high < 0.0
-        ):
-            return dataclasses.replace(weighted, warnings=(*weighted.warnings, noise.message))
-    return dataclasses.replace(result, warnings=(*result.warnings, noise.warning))
+        after, rows = _held_out(weighted), places(data if holdout is None else holdout)
+        if after is not None and not paired_gain(before, after, rows).high < 0.0:
+            sizes = ", ".join(f"{1e3 * std:.3g}" for std in noise.std)
+            message = (
+                f"{noise.text} (an instrument's noise may differ along its line of sight): {sizes} mm along three "
+                "axes; the fit weights each direction by its own noise"
+            )
+            return dataclasses.replace(weighted, warnings=(*weighted.warnings, message))
+    warning = (
+        f"{noise.text}: the model lacks an effect, or the instrument's noise differs along its line of sight; "
+        "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
+    )
+    return dataclasses.replace(result, warnings=(*result.warnings, warning))
+
+
+def _held_out(judged: Judged) -> Array | None:
+    """Return the residuals of held-out poses after the fit."""
+    return judged.residuals.held_out_after if judged.holdout is None else judged.holdout.after
+
+
+# Calibration: fit of the effects that a request names.
+
+
+def is_searched(request: Request) -> bool:
+    """Return whether the joints of the requested effect are chosen by evidence."""
+    cls = effect_class(request.name)
+    return request.joints is None and cls.traits.per_joint and not cls.traits.is_constant
+
+
+@dataclass(frozen=True)
+class Calibration(Judged):
+    """Calibrated robot, its fit and its error before and after."""
+
+    effects: tuple[Effect, ...]
+    shrunk: tuple[ShrunkKind, ...]
+    """Constants with shrinkage to the nominal values, by kind; their standard errors come from the data alone."""
+    correlations: tuple[Correlation, ...]
+    identifiability: Identifiability
+    leverage: tuple[tuple[int, float], ...]
+    """Rows with high leverage: index and share."""
+    partial_residuals: tuple[tuple[Effect, PartialResidual], ...]
+    """Partial residual over its driver of each effect that is not a constant."""
+
+
+def calibrate(
+    robot: Robot,
+    data: Measurements,
+    requests: Sequence[Request],
+    *,
+    options: Options | None = None,
+    priors: Mapping[str, float] | None = None,
+    shrink: bool = True,
+    n_folds: int | None = None,
+    seed: int = 0,
+    holdout: Measurements | None = None,
+    progress: Progress = lambda step, done, total: None,
+) -> Calibration:
+    """Fit the effects that ``requests`` name.
+
+    A per-joint effect that is requested without joints is fitted on the joints where the evidence supports it, as in
+    `trace`; with joints in brackets, it is fitted on exactly those. ``priors`` are standard deviations about zero by
+    coefficient name, in SI units (as :mod:`robacc.fitting.priors` gives them). Without them, ``shrink`` applies
+    shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.priors`).
+    Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
+
+    Raises:
+        InputError: The data contain a mistake, or there are too few poses.
+        UsageError: An effect cannot be fitted to this robot and these data.
+    """
+
+    def run(weighted: Measurements) -> Calibration:
+        how = HoldOut.of(weighted, holdout, n_folds, seed)
+        return _calibrate(robot, requests, weighted, options or Options(), priors or {}, shrink, how, progress)
+
+    return with_directional_weights(run, data, holdout)
+
+
+def _calibrate(
+    stated: Robot,
+    requests: Sequence[Request],
+    data: Measurements,
+    options: Options,
+    priors: Mapping[str, float],
+    shrink: bool,
+    how: HoldOut,
+    progress: Progress,
+) -> Calibration:
+    """Return the result of :func:`calibrate` with weights as the poses have them."""
+    mistakes = check_data(stated, data)
+    effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
+    robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
+    progress("fitting", 0, 1)
+    if searched := [request for request in requests if is_searched(request)]:
+        build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
+        effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
+    model = Model.of(robot, effects)
+    if priors:
+        names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
+        options = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
+    unshrunk, deflection = choose_form(fit(model, data, options), model, data, options)
+
+    def refitted(scattered: Options) -> Fit:
+        nonlocal deflection
+        again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
+        return again
+
+    structure = with_error_structure(unshrunk, data, options, refitted)
+    final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
+    if shrink and not priors:
+        everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
+        final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
+    structure = dataclasses.replace(structure, fit=final)
+    effects = final.model.free
+    frames = tuple(effect for effect in effects if effect.traits.is_frame)
+    registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
+    keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
+    is_nominal = options.robust and keys[0] == keys[1]
+    judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
+    kept = final.identifiability.columns
+    warnings = (
+        *judged.warnings,
+        *_request_warnings(requests, final, judged.nominal, judged.after),
+        *structure.warnings,
+    )
+    return Calibration(
+        **vars(dataclasses.replace(judged, warnings=warnings)),
+        effects=effects,
+        shrunk=shrunk,
+        correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
+        identifiability=final.identifiability,
+        leverage=high_leverage(final),
+        partial_residuals=tuple(
+            (effect, curve)
+            for effect in effects
+            if not effect.traits.is_constant
+            for curve in partial_residuals(effect, final, data)
+        ),
+    )
+
+
+def _request_warnings(requests: Sequence[Request], final: Fit, registered: Stage, after: Stage) -> Iterator[str]:
+    """Yield a warning about requested effects that no joint shows, and about frames that were not fitted."""
+    names = {effect.name for effect in final.model.free}
+    unsupported = [request.name for request in requests if is_searched(request) and request.name not in names]
+    if unsupported:
+        yield (
+            f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, as "
+            f"in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+        )
+    frames = [name for name in ALIGNABLE if name not in names]
+    if frames and after.fitted.position.rms > registered.fitted.position.rms:
+        yield (
+            f"the calibrated model is worse ({1e3 * after.fitted.position.rms:.3g} mm rms) than the nominal model with "
+            f"base and tool registered ({1e3 * registered.fitted.position.rms:.3g} mm): add {','.join(frames)} to `fit`"
+        )

@@ -182,7 +182,8 @@ def beside(fitted: Fit, data: Measurements, most_visits: int | None = None) -> t
     part, columns = data.subset(rows), fitted.identifiability.columns
     bound = fitted.model.bind(part)
     variance = np.diag(posterior(fitted.gram, fitted.precision))
-    prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (_BROAD**2 * np.maximum(variance, 1e-300)))
+    least = np.square(fitted.theta[columns] / _BROAD)  # Without noise, standard errors are smaller than rounding.
+    prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (_BROAD**2 * np.maximum(variance + least, 1e-300)))
     whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
@@ -285,7 +286,7 @@ def correction_of_position(
     moving = np.flatnonzero(rows.moves)
     if not moving.size:
         return None
-    std = max(0.5 * math.log(float(np.mean(np.square(fitted.residual[:3, index]))) / 2.0), LEAST)
+    std = math.log(max(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index])))), math.exp(LEAST)))
     alone = CovarianceParameters(np.array([std]), np.ones(index.size))
     if np.unique(rows.place).size < index.size:
         alone = alone.with_term("place", np.array([std]))

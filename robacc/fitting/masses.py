@@ -317,10 +317,12 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     links = [link for link in arm.owners if f"m{link + 1}" in columns.labels]
     more = sum(carried[link] for link in links) * _LOADS
     # More than the file's mass on each link, and less.
-    hypotheses = [(link, masses) for link in links for masses in (more, -more[more < 0.9 * carried[link]])]
+    tried = [(link, masses) for link in links for masses in (more, -more[more < 0.9 * carried[link]])]
     offsets = _OFFSETS * sum(abs(arm.chain.motions[k].value) for k in arm.lengths)
     places = []
-    for link, masses in hypotheses:
+    for link, masses in tried:
+        if not masses.size:
+            continue
         # Masses and first moments by mass, offset of the load, and relative error of the masses.
         mean = np.zeros((masses.size, offsets.size, *stds.shape))
         std = np.broadcast_to(stds, mean.shape).copy()
@@ -330,7 +332,7 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
         evidence = _log_evidence(columns, mean.reshape(-1, stds.shape[1]), std.reshape(-1, stds.shape[1]))
         by_mass = np.logaddexp.reduce((evidence.reshape(mean.shape[:3]) + log_prior).reshape(masses.size, -1), axis=1)
         by_mass -= math.log(_OFFSETS.size)
-        weights = np.exp(by_mass - by_mass.max(initial=-1e300))
+        weights = np.exp(by_mass - max(float(by_mass.max()), -1e300))
         if not weights.any():
             continue
         # The prior of the mass is even in its logarithm.
@@ -360,7 +362,7 @@ def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
     rhs = columns.rhs.reshape(n, -1)
     normal = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(*rhs.shape, *rhs.shape), shares, shares)
     start = np.linalg.solve(normal, (shares @ rhs.T)[..., None])[..., 0]
-    start = np.maximum(start, _LEAST_START * np.abs(start).max(initial=0.0))
+    start = np.maximum(start, _LEAST_START * np.abs(start).max())
     state = np.concatenate((np.log(start), np.zeros_like(mean)), axis=1)
     best, damping = _objective(columns, mean, std, state), np.full(len(mean), _LEAST_DAMPING)
     for _ in range(_STEPS):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-import robacc.fitting.priors
+import robacc.fitting.solver
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parameters import apply_fit
@@ -85,7 +85,7 @@ def test_few_orientations_do_not_change_links_by_centimetres(monkeypatch: pytest
     (warning,) = weak_parameters_warning(found)
     assert warning.startswith("weakly identifiable on these poses: ")
     assert "(standard deviation 3 mrad and 3 mm, that of a badly made arm)" in warning
-    monkeypatch.setattr(robacc.fitting.priors, "BADLY_MADE", np.inf)
+    monkeypatch.setattr(robacc.fitting.solver, "BADLY_MADE", np.inf)
     free = geometry("ur10", data)
     assert weak_parameters_warning(free) == ()
     # With priors, errors at other orientations are those of the arm as built; without, noise makes them larger.

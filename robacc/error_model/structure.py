@@ -292,7 +292,7 @@ def correction_of_position(
         alone = alone.with_term("place", np.array([std]))
     if (wander := noise.terms.get("wander")) is not None:
         alone = alone.with_term("wander", np.array([std, wander[-1]]))
-    start = np.append(std, np.where(rows.moves, 0.0, 30.0))
+    start = np.append(std, np.zeros(rows.moves.size))
     found = estimated(alone.with_term("field", start), linear, on_all=True)
     alone = estimated(alone, linear, on_all=True)
     evidence = whitened(found, linear).log_likelihood - whitened(alone, linear).log_likelihood

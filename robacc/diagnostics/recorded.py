@@ -13,7 +13,7 @@ from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.effects.base import effect_class
 from robacc.effects.campaign import FOLLOWED_SHARE
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.normal_equations import joint_columns
+from robacc.fitting.normal_equations import joint_columns, solved
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
@@ -396,8 +396,8 @@ def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]
         # What no row's own amount can explain decides the common coefficients.
         along = np.sum(unit[:, :, None] * basis.reshape(3, -1, basis.shape[1]), axis=0)
         across = residual - unit * np.sum(unit * residual, axis=0)
-        gram = (1.0 + _LEAST_NEW**2) * np.eye(basis.shape[1]) - along.T @ along
-        shared = basis @ np.linalg.solve(gram, basis.T @ across.ravel())
+        gram = np.eye(basis.shape[1]) - along.T @ along
+        shared = basis @ solved(gram, basis.T @ across.ravel(), _LEAST_NEW**2)
         amounts = np.sum(direction * (residual - shared.reshape(residual.shape)), axis=0) / precision
         amounts = amounts - np.average(amounts, weights=precision)
         _, mixture, squares = _fit(residual, basis, moved * amounts)

@@ -312,7 +312,11 @@ def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearis
 
 
 def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:
-    """Return the noise estimated again, with the factor of each row that is most probable."""
+    """Return the noise estimated again, with the factor of each row that is most probable.
+
+    Rows are judged one by one, so that scatter of a visit may look like a gross error of each of its rows: factors
+    that lower the evidence are not taken.
+    """
     noise = estimated(noise, linear)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
@@ -325,7 +329,10 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
         factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]
         if np.array_equal(factor, noise.factor):
             break
-        noise = estimated(dataclasses.replace(noise, factor=factor), linear)
+        found = estimated(dataclasses.replace(noise, factor=factor), linear)
+        if log_evidence(found, linear) <= log_evidence(noise, linear):
+            break
+        noise = found
     return noise
 
 

@@ -14,6 +14,12 @@ from robacc.geometry import Array, Poses
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
+SHOWN = {
+    "position": (True, True, True),
+    "point": (True, True, True),
+    **dict.fromkeys(("plane", "distance"), (False, False, True)),
+}
+"""Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
 _SAME_COMMAND = 1e-3
 """rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
 were read back. An arm's error changes by about a thousandth of itself over such a distance."""
@@ -39,7 +45,8 @@ class Measurements:
     """N measured poses. A column that the file lacks is None; the others have no missing value."""
 
     position: Array
-    """``(3, N)`` attained position of the target in the measuring frame, m."""
+    """``(3, N)`` attained position of the target in the measuring frame, m; of other kinds of measurement, the measured
+    number as z."""
     rotation: Array | None = None
     """``(3, 3, N)`` attained orientation."""
     q: Array | None = None
@@ -58,6 +65,12 @@ class Measurements:
     cycle: NDArray[Any] | None = None
     target: NDArray[Any] | None = None
     """``(N,)`` name of the measured target, text."""
+    kind: NDArray[Any] | None = None
+    """``(N,)`` what each row shows, of :data:`SHOWN`; None: the position, and the orientation where there is one."""
+    fixture: NDArray[Any] | None = None
+    """``(N,)`` name of the socket, plane or anchor that a row is measured from; empty for the measuring frame."""
+    reference: Measurements | None = None
+    """N poses that distances without an anchor are measured from."""
     visit: NDArray[Any] | None = None
     """``(N,)`` number or name of the arm's arrival, text: rows with the same visit were measured in one arrival."""
     time: Array | None = None
@@ -131,7 +144,25 @@ class Measurements:
             for field in dataclasses.fields(self)
             if isinstance(getattr(self, field.name), np.ndarray)
         }
+        if self.reference is not None:
+            changes["reference"] = self.reference.subset(index)
         return dataclasses.replace(self, **changes)
+
+    @property
+    def shown(self) -> NDArray[np.bool_] | None:
+        """``(3, N)`` the components that each row shows; None if all."""
+        return None if self.kind is None else np.array([SHOWN[kind] for kind in self.kind.tolist()]).T
+
+    @property
+    def has_length(self) -> bool:
+        """Whether any row measures a length; a smaller arm reaches the same sockets and planes in the same joints."""
+        return self.kind is None or bool(np.isin(self.kind, ("position", "distance")).any())
+
+    def count(self, rows: NDArray[np.bool_]) -> int:
+        """Return how many numbers were measured in rows ``(N,)``."""
+        if (shown := self.shown) is not None:
+            return int(np.count_nonzero(shown & rows))
+        return int(np.count_nonzero(rows)) * (3 if self.rotation is None else 6)
 
     def first_measured(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the ``mask`` ``(N,)`` without copies of measurements."""

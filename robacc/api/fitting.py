@@ -299,6 +299,9 @@ def trace(
     arguments = locals()
     load_plug_ins()
     inputs = _load(poses, robot, holdout, declared, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
+    if inputs.data.reference is not None:
+        message = "distances from an earlier pose do not show what acts at each of the two poses"
+        raise InputError(Problem(message, inputs.data.source, fix="use calibrate, or measure distances from an anchor"))
     effects = build(parse_requests(",".join(inputs.baseline.names)), Arm.of(inputs.robot), inputs.data)
     body = trace_effects(
         Model.of(inputs.robot, effects),
@@ -335,8 +338,9 @@ def _load(
 
     def read(source: PosesSource, kind: str, any_target: bool) -> tuple[Measurements, InputFile]:
         data, record = load_poses(
-            source, described, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target
-        )
+            source, described, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target,
+            any_kind=True,
+        )  # fmt: skip
         if data.q is None:
             name = path_of(source) or data.source or "the poses"
             raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
@@ -356,6 +360,8 @@ def _load(
     else:
         text = ",".join([effects] if isinstance(effects, str) else effects).strip()
         baseline = Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)
+    if arm.fixtures and "base_frame" not in baseline.names:
+        baseline = replace(baseline, names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
     return FitInputs(arm, data, validation, names, (record, arm_record, *validation_records), use, baseline)

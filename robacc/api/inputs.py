@@ -58,7 +58,7 @@ from robacc.poses.reading import (
 from robacc.poses.reshaped_tables import unit_of_positions
 from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
 Read = TypeVar("Read")
@@ -192,6 +192,7 @@ def load_poses(
     kind: str = "poses",
     attained: bool = True,
     any_target: bool = False,
+    any_kind: bool = False,
     visited_by: KnownRobot | None = None,
 ) -> tuple[Measurements, InputFile]:
     """Return poses, checked against ``robot`` if there is one, and their record.
@@ -204,6 +205,7 @@ def load_poses(
         kind: Kind of the input in the record.
         attained: The poses were measured; planned poses may lack x, y, z.
         any_target: Several targets are valid although the robot has one tool.
+        any_kind: Other kinds of measurement than positions and poses are valid.
         visited_by: Names and limits that apply to poses to visit, which name no target: all are visited at each pose.
 
     Raises:
@@ -242,6 +244,10 @@ def load_poses(
             if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
                 raise InputError(problem) from None
             raise
+        if data.kind is not None and not any_kind:
+            kinds = " and ".join(dict.fromkeys(map(str, data.kind)))
+            fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
+            raise InputError(Problem(f"the rows are of kind {kinds}, which are no positions", data.source, fix=fix))
         record = InputFile.at(path, data.sha256 or "", kind)
         if commands is not None:
             record = replace(record, reading={**(record.reading or {}), **statements})
@@ -465,10 +471,15 @@ def check_targets(data: Measurements, robot: Robot) -> None:
 
 
 def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
-    """Return the robot with the targets that the poses name, if it has none and they name several; and the poses.
+    """Return the robot with the sockets, planes and anchors of the poses, and their targets if it has none; the poses.
 
-    Each starts at the tool. The poses carry a warning.
+    Several targets start at the tool each, and the poses carry a warning.
     """
+    if data.fixture is not None and data.kind is not None:
+        named = dict(zip(data.fixture.tolist(), data.kind.tolist(), strict=True))
+        named |= {"": "position"} if (data.kind == "position").any() else {}
+        fixtures = {name: Fixture(kind) for name, kind in named.items() if name or kind == "position"}
+        robot = replace(robot, fixtures=fixtures)
     names = [] if robot.targets or data.target is None else list(dict.fromkeys(data.target.tolist()))
     if len(names) < 2:
         return robot, data

@@ -57,7 +57,7 @@ def read_robot_poses(
         ignore_limits=ignore_limits,
         attained=attained,
     )
-    if attained:
+    if attained and data.kind is None:
         warnings = check_size(data, robot)
         data = dataclasses.replace(data, warnings=(*data.warnings, *warnings))
     return data

@@ -319,6 +319,7 @@ class InstrumentScale(Effect):
     traits = Traits(
         per_joint=False,
         extrapolates="a scale acts in proportion to the distance",
+        needs=(Need("no row measures a length", lambda arm, data: data.has_length),),
         is_of_measurement=True,
         shared_by=("origin", "span"),
     )

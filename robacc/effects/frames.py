@@ -85,8 +85,16 @@ class BaseFrame(Effect):
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return six terms."""
-        return frame_terms(arm, BASE, self.name, typical=1e-3, least_part=LEAST_OF_CONSTANT)
+        """Return six terms, and those of each socket, plane and anchor that the poses are measured from."""
+        regressors: dict[str, Array | float] = {self.name: 1.0}
+        if arm.robot.fixtures:
+            fixture = np.full(data.n, "") if data.fixture is None else data.fixture
+            names = {f"{self.name}.{name}".rstrip("."): name for name in arm.robot.fixtures}
+            regressors = {prefix: (fixture == name).astype(float) for prefix, name in names.items()}
+        still = [
+            f"{self.name}.{name}" for name, each in arm.robot.fixtures.items() if each.kind in ("point", "distance")
+        ]
+        return _terms_of_frames(arm, BASE, regressors, still)
 
 
 @register
@@ -114,11 +122,26 @@ class ToolFrame(Effect):
         regressors: dict[str, Array | float] = {f"{self.name}.{names[0]}" if names else self.name: 1.0}
         if names and data.target is not None:
             regressors = {f"{self.name}.{name}": (data.target == name).astype(float) for name in names}
-        return tuple(
-            term
-            for prefix, regressor in regressors.items()
-            for term in frame_terms(arm, TOOL, prefix, regressor, typical=1e-3, least_part=LEAST_OF_CONSTANT)
+        return _terms_of_frames(arm, TOOL, regressors)
+
+
+def _terms_of_frames(
+    arm: Arm, owner: int, regressors: Mapping[str, Array | float], still: Collection[str] = ()
+) -> tuple[Term, ...]:
+    """Return the terms of each frame, by the prefix of their names: six, or three of a frame that is a point."""
+    return tuple(
+        term
+        for prefix, regressor in regressors.items()
+        for term in frame_terms(
+            arm,
+            owner,
+            prefix,
+            regressor,
+            turning=prefix not in still,
+            typical=1e-3,
+            least_part=LEAST_OF_CONSTANT,
         )
+    )
 
 
 @register

@@ -294,14 +294,16 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
     A value of the chain's motion adds to the joint's parameter of that name; those of a frame move and turn it.
     """
     arm = Arm.of(robot)
-    joints, targets = list(robot.joints), dict(robot.targets)
+    joints, targets, fixtures = list(robot.joints), dict(robot.targets), dict(robot.fixtures)
     moved: dict[tuple[int, str], dict[str, float]] = {}
     for term in (term for effect in effects for term in effect.terms(arm, every_column(arm))):
         motion = arm.chain.motions[term.parts[0].motion]
         name = term.name.removesuffix(f".{term.label}").partition(".")[2]
         moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
     for (owner, name), changes in moved.items():
-        if owner == BASE:
+        if owner == BASE and name:
+            fixtures[name] = dataclasses.replace(fixtures[name], base=_moved_frame(fixtures[name].base, changes))
+        elif owner == BASE:
             robot = dataclasses.replace(robot, base=_moved_frame(robot.base, changes))
         elif owner == TOOL and targets:
             targets[name] = _moved_frame(targets[name], changes)
@@ -316,7 +318,7 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
             else:
                 parameters |= {label: parameters.get(label, 0.0) + change for label, change in changes.items()}
             joints[owner] = dataclasses.replace(joints[owner], parameters=parameters)
-    return dataclasses.replace(robot, joints=tuple(joints), targets=targets)
+    return dataclasses.replace(robot, joints=tuple(joints), targets=targets, fixtures=fixtures)
 
 
 def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:

@@ -27,7 +27,7 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import bdtrc
 
-from robacc.error_model.terms import TERMS, Linearised
+from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.geometry import Array
 
 
@@ -99,6 +99,7 @@ class Whitened:
     log_likelihood: float
     factor: Array
     """``(n, n)`` lower factor of V, or ``(n,)`` its standard deviations where it is diagonal."""
+    rows: Rows
 
     @property
     def coefficients(self) -> Array:
@@ -107,14 +108,14 @@ class Whitened:
 
     def apply(self, values: Array) -> Array:
         """Whiten ``(N, M, …)`` to ``(n, …)``."""
-        return _divided(_flat(values), self.factor)
+        return _divided(_flat(values, self.rows), self.factor)
 
     def weighted_residual(self, components: int, kept: NDArray[np.int64] | None = None) -> Array:
         """Return P y ``(N, M)``, with some of the columns if ``kept`` names them."""
         columns = self.columns if kept is None else self.columns[:, kept]
         system = columns.T @ columns + np.eye(columns.shape[1])
         white = self.y - columns @ np.linalg.solve(system, columns.T @ self.y)
-        return _divided(white, self.factor, "T").reshape(components, -1).T
+        return by_row(_divided(white, self.factor, "T"), self.rows, components)
 
 
 @lru_cache(maxsize=2)
@@ -130,12 +131,14 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
             raise np.linalg.LinAlgError
         factor = np.tril(lower.T)
     else:
-        factor = _flat(noise.independent(linear.rows.stated))
-    columns, y = (_divided(_flat(values), factor) for values in (linear.columns * linear.prior_std, linear.y))
+        factor = _flat(noise.independent(linear.rows.stated), linear.rows)
+    columns, y = (
+        _divided(_flat(values, linear.rows), factor) for values in (linear.columns * linear.prior_std, linear.y)
+    )
     triangle: Array = np.asarray(np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1])), dtype=np.float64)
     reduced = solve_triangular(triangle, columns.T @ y, lower=True)
     log_likelihood = -0.5 * (_log_det(factor) + _log_det(triangle) + float(y @ y - reduced @ reduced))
-    return Whitened(columns, y, triangle, reduced, log_likelihood, factor)
+    return Whitened(columns, y, triangle, reduced, log_likelihood, factor, linear.rows)
 
 
 def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
@@ -153,7 +156,9 @@ def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
         moved = np.matmul(linear.joints.T, carried.reshape(count, len(linear.joints), -1))
         matrix += moved.reshape(count, components, components, count).swapaxes(0, 1)
     flat = matrix.reshape(components * count, components * count)
-    flat[np.diag_indices(len(flat))] += _flat(noise.variance(linear.rows.stated, components))
+    kept = linear.rows.kept
+    flat = flat if kept is None else flat[np.ix_(kept, kept)]
+    flat[np.diag_indices(len(flat))] += _flat(noise.variance(linear.rows.stated, components), linear.rows)
     return flat
 
 
@@ -171,9 +176,10 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
         error = white.y - white.columns @ white.coefficients
         spread = solve_triangular(white.triangle, white.columns.T, lower=True)
         share = own / noise.variance(linear.rows.stated, components)
-        slope = (np.square(error) - 1.0 + np.sum(np.square(spread), axis=0)).reshape(components, -1).T * share
+        share = share if linear.rows.shown is None else share * linear.rows.shown
+        slope = by_row(np.square(error) - 1.0 + np.sum(np.square(spread), axis=0), linear.rows, components) * share
         return white.log_likelihood, noise.by_kind(slope), np.diag(noise.by_kind(2.0 * np.square(share)))
-    columns, y = _flat(linear.columns * linear.prior_std), _flat(linear.y)
+    columns, y = _flat(linear.columns * linear.prior_std, linear.rows), _flat(linear.y, linear.rows)
     size, at = noise.packed.size, len(noise.log_std)
     matrix = covariance(noise, linear)
     matrix += columns @ columns.T
@@ -182,13 +188,16 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
     if info:
         return -math.inf, np.zeros(size), np.eye(size)
     weighted = dpotrs(factor, y, lower=0)[0]
-    by_row = weighted.reshape(components, -1).T
-    by_joint = np.einsum("jan,na->jn", linear.joints, by_row)
+    weighted_rows = by_row(weighted, linear.rows, components)
+    by_joint = np.einsum("jan,na->jn", linear.joints, weighted_rows)
     # Of a a' - P, which is symmetric as the kernels are, the lower triangle counts twice.
     slopes = np.tril(np.multiply.outer(weighted, weighted) - dpotri(factor, lower=0)[0].T)
+    if (kept := linear.rows.kept) is not None:
+        of_measured, slopes = slopes, np.zeros((components * count, components * count))
+        slopes[np.ix_(kept, kept)] = of_measured
     gradient, moved = np.zeros(size), np.zeros((count, components, size))
     gradient[:at] = noise.by_kind(np.diag(slopes).reshape(components, -1).T * own)
-    moved[:, np.arange(components), noise.kinds(components)] = 2.0 * own * by_row
+    moved[:, np.arange(components), noise.kinds(components)] = 2.0 * own * weighted_rows
     slopes[np.diag_indices(len(slopes))] *= 0.5
     blocks = slopes.reshape(components, count, components, count)
     weights = {False: blocks[np.arange(components), :, np.arange(components)]}
@@ -203,9 +212,9 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
                 by_carrier = slope @ by_joint[carriers].T
                 moved[:, :, at + number] += np.einsum("jan,nj->na", linear.joints[carriers], by_carrier)
             else:
-                moved[:, carriers, at + number] += slope @ by_row[:, carriers]
+                moved[:, carriers, at + number] += slope @ weighted_rows[:, carriers]
         at += len(parameters)
-    white_moved = solve_triangular(factor, _flat(moved), trans="T", check_finite=False)
+    white_moved = solve_triangular(factor, _flat(moved, linear.rows), trans="T", check_finite=False)
     return -0.5 * (_log_det(factor) + float(y @ weighted)), gradient, 0.5 * white_moved.T @ white_moved
 
 
@@ -233,9 +242,18 @@ def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     return np.asarray(np.sqrt(mean.reshape(-1, 3).mean(axis=1)))
 
 
-def _flat(a: Array) -> Array:
-    """Return ``(N, M, …)`` as ``(M N, …)``, component by component."""
-    return np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
+def _flat(a: Array, rows: Rows) -> Array:
+    """Return ``(N, M, …)`` as ``(n, …)``, component by component, without components that were not measured."""
+    flat = np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
+    return flat if rows.kept is None else flat[rows.kept]
+
+
+def by_row(flat: Array, rows: Rows, components: int) -> Array:
+    """Return ``(n,)`` as ``(N, M)``, 0 for components that were not measured."""
+    if rows.kept is not None:
+        flat, measured = np.zeros(rows.stated.size), flat
+        flat[rows.kept] = measured
+    return flat.reshape(components, -1).T
 
 
 def _divided(flat: Array, factor: Array, trans: Literal["N", "T"] = "N") -> Array:
@@ -317,7 +335,8 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
     Rows are judged one by one, so that scatter of a visit may look like a gross error of each of its rows: factors
     that lower the evidence are not taken.
     """
-    noise = estimated(noise, linear)
+    noise, shown = estimated(noise, linear), linear.rows.shown
+    lacking = 0 if shown is None else np.count_nonzero(~shown, axis=1)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
         # Along the axes of the scatter over the noise, the components of a row are independent.
@@ -326,6 +345,7 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
         along = np.square(np.einsum("nab,na->nb", vectors, left))
         variance = np.maximum(shared, 0.0) + np.square(GROSS_FACTORS)[:, None, None]
         log_posterior = _LOG_SHARES[:, None] - 0.5 * np.sum(np.log(variance) + along / variance, axis=2)
+        log_posterior += np.multiply.outer(np.log(GROSS_FACTORS), lacking)
         factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]
         if np.array_equal(factor, noise.factor):
             break

@@ -135,7 +135,7 @@ def with_error_structure(
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.
     directional = None
-    if data.position_variance is None and data.noise_covariance is None:
+    if data.position_variance is None and data.noise_covariance is None and data.kind is None:
         directional = _directional(start, noise, linear)
         noise = start if directional is not None else noise
     visits = different(visit_numbers(data))
@@ -284,7 +284,7 @@ def correction_of_position(
     linear = linear.of_position
     rows, arm = linear.rows, fitted.model.arm
     moving = np.flatnonzero(rows.moves)
-    if not moving.size:
+    if not moving.size or data.kind is not None:
         return None
     std = math.log(max(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index])))), math.exp(LEAST)))
     alone = CovarianceParameters(np.array([std]), np.ones(index.size))

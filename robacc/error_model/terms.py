@@ -56,6 +56,8 @@ class Rows:
     """``(N, M)`` variance of the noise that the file states, m² and rad²; 0 without."""
     scale: Array
     """``(J,)`` factor of the angles: 1 of a joint that turns, rad/m of a slide."""
+    shown: NDArray[np.bool_] | None
+    """``(N, M)`` the components that were measured; None if all."""
 
     @classmethod
     def of(cls, arm: Arm, data: Measurements) -> Rows:
@@ -81,6 +83,7 @@ class Rows:
             random_rank(data),
             stated,
             scale,
+            None if data.shown is None else data.shown.T,
         )
 
     def subset(self, index: NDArray[np.int64]) -> Rows:
@@ -94,7 +97,13 @@ class Rows:
             self.draw[index],
             self.stated[index],
             self.scale,
+            None if self.shown is None else self.shown[index],
         )
+
+    @cached_property
+    def kept(self) -> NDArray[np.int64] | None:
+        """Numbers of the measured components among all, component by component; None if all were measured."""
+        return None if self.shown is None else np.flatnonzero(self.shown.T)
 
     @cached_property
     def same_visit(self) -> Array:
@@ -147,7 +156,7 @@ class Linearised:
         arm, count, components = bound.arm, len(bound.terms), rows.stated.shape[1]
         motions = [arm.axis_motion(joint) for joint in arm.names]
         moved = [Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in motions]
-        extended = dataclasses.replace(bound, terms=(*bound.terms, *moved))
+        extended = bound.with_terms(moved)
         poses, jacobian = extended.linearise(np.concatenate((theta, np.zeros(len(motions)))), rows=components)
         columns = np.ascontiguousarray(np.moveaxis(jacobian[:, :count], -1, 0))
         joints = np.ascontiguousarray(np.swapaxes(jacobian[:, count:], 0, 1))
@@ -179,7 +188,8 @@ class Linearised:
     @property
     def of_position(self) -> Linearised:
         """Return the same without orientations."""
-        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3])
+        shown = None if self.rows.shown is None else self.rows.shown[:, :3]
+        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3], shown=shown)
         return Linearised(rows, self.y[:, :3], self.columns[:, :3], self.joints[:, :3], self.prior_std)
 
     @cached_property

@@ -93,6 +93,8 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     """
     if not (base or tool):
         return robot
+    if data.fixture is not None:
+        return _with_placed_fixtures(robot, data) if base else robot
     needed = 1 if data.rotation is not None else 3
     if data.n < needed or data.q is None:
         raise InputError(
@@ -131,6 +133,40 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
             turned = nearest_rotation(np.einsum("nji,jk,nkl->il", rotation[0, rows], turn[0], measured[0, rows]))
         placed[name] = _frame(Poses(turned, np.array(frame.xyz) + moved[number]))
     return dataclasses.replace(robot, targets=placed) if robot.targets else dataclasses.replace(robot, tool=placed[""])
+
+
+def _with_placed_fixtures(robot: Robot, data: Measurements) -> Robot:
+    """Return the robot with the place of its base, seen from each socket, plane and anchor, by the nominal arm."""
+    bare = dataclasses.replace(data, kind=None, fixture=None, reference=None)
+    position = predict(dataclasses.replace(robot, base=Frame()), bare).translation
+    assert data.fixture is not None
+    assert data.kind is not None
+    fixtures = dict(robot.fixtures)
+    for name, fixture in fixtures.items():
+        if name and (rows := data.fixture == name).any():
+            base = _base_seen_from(fixture.kind, position[:, rows], data.position[2, rows])
+            fixtures[name] = dataclasses.replace(fixture, base=base)
+    if (rows := data.kind == "position").sum() >= 3:
+        robot = register_frames(robot, bare.subset(rows), base=True, tool=False)
+    return dataclasses.replace(robot, fixtures=fixtures)
+
+
+def _base_seen_from(kind: str, position: Array, value: Array) -> Frame:
+    """Return the base's frame in that of a fixture, from positions ``(3, n)`` in the base and readings ``(n,)``."""
+    centre = position.mean(axis=1)
+    rotation, origin = np.eye(3), centre
+    if kind == "plane":
+        rotation = np.linalg.svd((position - centre[:, None]).T, full_matrices=True)[2]
+        above = rotation[2] @ position
+        up = float(above @ (value - value.mean())) or float(rotation[2, 2])
+        rotation[2] *= np.copysign(1.0, up)
+        rotation[0] = np.cross(rotation[1], rotation[2])
+        origin = centre - rotation[2] * value.mean()
+    elif kind == "distance":
+        # |p|^2 - v^2 = 2 p'a - |a|^2 is linear in the anchor a and |a|^2.
+        matrix = np.column_stack((2.0 * position.T, -np.ones(value.size)))
+        origin = np.linalg.lstsq(matrix, np.sum(np.square(position), axis=0) - np.square(value), rcond=None)[0][:3]
+    return _frame(Poses(rotation, -rotation @ origin))
 
 
 def _frame(pose: Poses) -> Frame:

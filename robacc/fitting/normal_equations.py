@@ -244,6 +244,8 @@ class PoseEquations:
         parts = [data if len(slices) == 1 else data.subset(rows) for rows in slices]
         self._blocks = [(rows, part, model.bind(part)) for rows, part in zip(slices, parts, strict=True)]
         self.terms, self.owners = self._blocks[0][2].terms, self._blocks[0][2].owners
+        self.nominal = self._blocks[0][2].nominal
+        """Scalars of the nominal chain at the poses of the first block."""
         self.columns: NDArray[np.int64] = np.arange(len(self.terms))
         """Numbers of the sought coefficients: all at first, then the identifiable ones."""
         self._latest: tuple[Array, NDArray[np.int64], Array, Array] | None = None

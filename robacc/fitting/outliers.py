@@ -22,8 +22,8 @@ _LEAST_INLIERS = 0.8
 """Least share of inliers: if more rows deviate, the model is wrong."""
 _BISECTIONS = 60
 """Halvings of the interval that holds a misfit: beyond them a float has no digits left."""
-_MEDIAN = {3: 2.3660 / 3, 6: 5.3481 / 6}
-"""Median of a chi-square variable over its degrees of freedom, 3 and 6."""
+_MEDIAN = np.array([np.nan, 0.4549, 1.3863 / 2, 2.3660 / 3, np.nan, np.nan, 5.3481 / 6])
+"""Median of a chi-square variable over its degrees of freedom."""
 
 
 def estimate(
@@ -37,16 +37,19 @@ def estimate(
     rows = slice(None) if data.n > BLOCK and inliers.all() else inliers  # of many rows without a copy
     known = data.position_variance
     variance = 0.0 if known is None else np.broadcast_to(known, (3, data.n))[:, inliers]
-    position = _misfit(residual[:3, rows], variance, used[0])
+    position = _misfit(residual[:3, rows], variance, used[0], data.count(inliers) * 3 // len(residual))
     if residual.shape[0] == 3:
         return position, 0.0
     turned = 0.0 if data.sigma_rotation is None else np.square(data.sigma_rotation[inliers])
-    return position, _misfit(residual[3:, rows], turned, used[1])
+    return position, _misfit(residual[3:, rows], turned, used[1], 3 * int(np.count_nonzero(inliers)))
 
 
-def _misfit(residual: Array, known: Array | float, used: float) -> float:
-    """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all."""
-    dof = max(residual.size - used, _LEAST_DOF * residual.size)
+def _misfit(residual: Array, known: Array | float, used: float, count: int) -> float:
+    """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all.
+
+    ``count`` numbers were measured.
+    """
+    dof = max(count - used, _LEAST_DOF * count)
     if isinstance(known, float):
         return float(np.sqrt(np.vdot(residual, residual) / dof))
     square = np.square(residual)
@@ -80,25 +83,31 @@ def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
 
 
 def inlier_mask(
-    residual: Array, weight: Array, inliers: NDArray[np.bool_], coefficients: int, tolerance: float = 1.0
+    residual: Array,
+    weight: Array,
+    inliers: NDArray[np.bool_],
+    coefficients: int,
+    tolerance: float = 1.0,
+    shown: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.bool_]:
     """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
 
     The limit of the mean whitened square is Wilson and Hilferty's quantile of the chi-square distribution at a tail of
     1e-7 / N, that is some six standard deviations: a structured residual that the model lacks is bounded and stays
-    within it, a beam break does not. ``tolerance`` multiplies the limit of the length.
+    within it, a beam break does not. ``tolerance`` multiplies the limit of the length; ``shown`` ``(3, N)`` are the
+    components that were measured, by default all.
     """
-    rows, n = residual.shape
-    distance = np.square(residual * weight).mean(axis=0)
-    scale = float(np.median(distance)) / _MEDIAN[rows]
+    rows = np.array(len(residual)) if shown is None else shown.sum(axis=0)
+    distance = np.square(residual * weight).sum(axis=0) / rows
+    scale = float(np.median(distance / _MEDIAN[rows]))
     if scale <= 0:
         return inliers
-    tail, cube_root_var = 5.2 + 0.2 * math.log10(max(n, 10)), 2.0 / (9.0 * rows)
-    limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * math.sqrt(cube_root_var)) ** 3
+    tail, cube_root_var = 5.2 + 0.2 * math.log10(max(distance.size, 10)), 2.0 / (9.0 * rows)
+    limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3
     mask: NDArray[np.bool_] = (distance <= limit) | (
         np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= _ROUNDING
     )
-    return mask if mask.sum() >= max(_LEAST_INLIERS * n, coefficients / rows + 1) else inliers
+    return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
 
 
 def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:

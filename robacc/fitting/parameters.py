@@ -185,6 +185,8 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
     known = np.isfinite(np.diag(fit.covariance))
     rates = np.eye(known.size)
     for prefix, frame in frames.items():
+        if f"{prefix}.roll" not in fit.names:
+            continue
         angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
         if _is_at_pole(frame):
             known[angles] = [False, known[angles].all(), False]
@@ -212,7 +214,9 @@ def _frames(fit: Fit) -> dict[str, Frame]:
     if not free & {"base_frame", "tool_frame"}:
         return {}
     robot = apply_fit(fit)
-    frames = {"base_frame": robot.base} if "base_frame" in free else {}
+    frames = {}
+    if "base_frame" in free:
+        frames = {"base_frame": robot.base} | {f"base_frame.{name}": each.base for name, each in robot.fixtures.items()}
     if "tool_frame" in free:
         targets = {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
         frames |= targets or {"tool_frame": robot.tool}

@@ -17,7 +17,7 @@ from robacc.effects.base import Effect, Term
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
-from robacc.fitting.fit_result import Fit, Identifiability, Options, identify_terms
+from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
 from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
@@ -280,8 +280,13 @@ class _Solver:
         _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(np.ones_like(self.inliers)))
         free = [term for term in equations.terms if term.group is None]
         root = normal.subset(np.flatnonzero(is_free[equations.columns])).root()
+        unmeasured = self._unmeasured(free)
+        root[:, list(unmeasured)] = 0.0
         identified = identify_terms(root, free, self.data.n)
-        measured = equations.components * self.data.n
+        partners = {free[i].name: (partner,) for i, partner in unmeasured.items()}
+        dropped = tuple(Dropped(each.name, partners.get(each.name, each.partners)) for each in identified.dropped)
+        identified = dataclasses.replace(identified, dropped=dropped)
+        measured = self.data.count(np.ones_like(self.inliers))
         if identified.columns.size >= measured and equations.terms:
             raise InputError(
                 f"{measured} numbers measured ({self.data.n} pose{'s' * (self.data.n != 1)}), too few for "
@@ -292,6 +297,28 @@ class _Solver:
         if at_nominal and self.inliers.all():
             self.normal = normal.subset(equations.columns)
         return dataclasses.replace(identified, columns=equations.columns)
+
+    def _unmeasured(self, free: Sequence[Term]) -> dict[int, str]:
+        """Return the numbers of terms that rows without positions do not measure, and what cannot be told from them.
+
+        Sockets, planes and anchors are wherever the first joint turns them. If the rows measure no length, an arm that
+        is smaller as a whole reaches the same sockets and planes in the same joints, and one of no size fits them best:
+        the longest link keeps its length. At a nominal model that misses, both would look measured.
+        """
+        if self.data.kind is None or (self.data.kind == "position").any():
+            return {}
+        arm, nominal = self.model.arm, self.equations.nominal
+        motions = {i: term.parts[0].motion for i, term in enumerate(free) if len(term.parts) == 1}
+        first = arm.axis_motion(arm.names[0])
+        found = {i: "a turn of all that was measured" for i, motion in motions.items() if motion == first}
+        lengths = [
+            (float(np.max(np.abs(nominal[motion]))), i)
+            for i, motion in motions.items()
+            if free[i].unit == "m" and arm.chain.motions[motion].owner >= 0
+        ]
+        if lengths and not self.data.has_length:
+            found[max(lengths)[1]] = "the scale of all lengths, none of which was measured,"
+        return found
 
     def _priors(self) -> Priors:
         """Return the priors, broad ones as without constants, those of groups as at the start."""
@@ -311,7 +338,7 @@ class _Solver:
             linear = self._minimise()
             changed = self.priors.follow(self.theta)
             if self.priors.group_stds:
-                components = float(np.count_nonzero(self.inliers) * self.equations.components)
+                components = float(self.data.count(self.inliers))
                 known, settled = self.options.misfit is not None, 10 * self.options.settled
                 changed |= self.priors.update(linear, self.equations.columns, components, known, settled)
             changed |= self._update_misfit(linear)
@@ -393,10 +420,10 @@ class _Solver:
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
         weight, count = self._row_weight(), self.equations.columns.size
-        inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count)
+        inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
         if outliers.outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
-            inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, _GROSS)
+            inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:
@@ -410,7 +437,7 @@ class _Solver:
         equations, columns, count = self.equations, self.equations.columns, len(self.equations.terms)
         inverse, used = self._inverse(linear)
         chi_square = self.whitening(self.inliers).cost(self.residual)
-        dof = float(np.count_nonzero(self.inliers) * equations.components) - used
+        dof = float(self.data.count(self.inliers)) - used
         is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
         if self.options.misfit is None and dof > 0 and not is_known:
             inverse = inverse * (chi_square / dof)  # The observed noise exceeds the stated one.

@@ -121,7 +121,10 @@ def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
     """Return a warning with the probable cause if the residual is too large for an arm; else empty."""
     absent = [name for name in ALIGNABLE if name not in {effect.name for effect in declared.model.free}]
     spread = float(np.sum(np.var(data.position[:, declared.inliers], axis=1)))
-    if rms_length(declared.residual[:3, declared.inliers]) ** 2 <= (_FAR if absent else _GROSS) ** 2 * spread:
+    if (
+        data.kind is not None
+        or rms_length(declared.residual[:3, declared.inliers]) ** 2 <= (_FAR if absent else _GROSS) ** 2 * spread
+    ):
         return ()
     cause = "units, joint signs, exchanged columns or an instrument that was moved"
     if absent:

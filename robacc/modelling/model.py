@@ -7,7 +7,7 @@ predicts and linearises. With all coefficients zero it predicts the nominal chai
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import TOOL, Scalar, Sweep
+from robacc.chain import BASE, TOOL, Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
@@ -24,7 +24,7 @@ from robacc.geometry import Array, Poses, left_jacobian_inverse, log_between
 from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 
 # Deflections of the arm under its loads, and their derivatives by every coefficient.
 #
@@ -234,17 +234,33 @@ class BoundModel:
     terms: tuple[Term, ...]
     owners: tuple[int, ...] = ()
     """Index of each term's effect among the free effects of the model."""
+    kind: NDArray[Any] | None = None
+    """``(N,)`` what each row shows, of :data:`~robacc.measurements.SHOWN`; None for its pose."""
+    earlier: tuple[BoundModel, NDArray[np.bool_]] | None = None
+    """The same model at the poses that distances are measured from, and the rows ``(N,)`` of such; None if none are."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the free coefficients."""
         return tuple(term.name for term in self.terms)
 
+    def with_terms(self, terms: Collection[Term]) -> BoundModel:
+        """Return the model with further free terms."""
+        earlier = None if self.earlier is None else (self.earlier[0].with_terms(terms), self.earlier[1])
+        return dataclasses.replace(self, terms=(*self.terms, *terms), earlier=earlier)
+
     def poses(self, theta: NDArray[Any]) -> Poses:
-        """Predict the poses of the target in the measuring frame."""
+        """Predict the poses of the target in the measuring frame; where a row shows something else, that."""
         coefficients = np.concatenate((self.fixed_values, theta))
         poses, scale = self.arm.chain.poses(self._scalars(coefficients), self.n), self._scale(coefficients)
-        return Poses(poses.rotation, poses.translation * (1.0 + scale)) if np.any(scale) else poses
+        poses = Poses(poses.rotation, poses.translation * (1.0 + scale)) if np.any(scale) else poses
+        if self.kind is None:
+            return poses
+        position = poses.translation
+        if self.earlier is not None:
+            other, rows = self.earlier
+            position = position - rows * other.poses(theta).translation
+        return Poses(poses.rotation, observed(self.kind, position)[0])
 
     def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6) -> tuple[Poses, Array]:
         """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
@@ -275,7 +291,16 @@ class BoundModel:
         for entry in self._scales:
             if entry.number in column:
                 jacobian[:3, column[entry.number]] += sweep.poses.translation * entry.part.factor
-        return poses, jacobian
+        if self.kind is None:
+            return poses, jacobian
+        position, moved = poses.translation, jacobian[:3]
+        if self.earlier is not None:
+            other, between = self.earlier
+            start, start_moved = other.linearise(theta, columns, 3)
+            position, moved = position - between * start.translation, moved - between * start_moved
+        position, gradient = observed(self.kind, position)
+        moved = np.einsum("abn,bpn->apn", gradient, moved)
+        return Poses(poses.rotation, position), np.concatenate((moved, jacobian[3:]))
 
     def _layout(self, columns: NDArray[np.int64]) -> _Layout:
         """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""
@@ -415,12 +440,23 @@ class Model:
         return BoundModel(
             self.arm,
             data.n,
-            tuple(_with_targets(self.arm, self.arm.chain.scalars(q), data)),
+            tuple(_with_fixtures(self.arm, _with_targets(self.arm, self.arm.chain.scalars(q), data), data)),
             tuple(term for term, _ in fixed),
             np.array([value for _, value in fixed]),
             tuple(term for terms in free for term in terms),
             tuple(i for i, terms in enumerate(free) for _ in terms),
+            data.kind,
+            self._at_earlier(data, validity, fades),
         )
+
+    def _at_earlier(
+        self, data: Measurements, validity: Sequence[Validity] | None, fades: bool
+    ) -> tuple[BoundModel, NDArray[np.bool_]] | None:
+        """Return the model at the poses that distances are measured from, and the rows of such; None if none are."""
+        if data.reference is None or data.kind is None or data.fixture is None:
+            return None
+        rows: NDArray[np.bool_] = (data.kind == "distance") & (data.fixture == "")
+        return self.bind(data.reference, validity, fades=fades), rows
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:
@@ -439,15 +475,46 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
         chosen = np.full(data.n, next(iter(targets)))
     else:
         chosen = data.target
+    return _with_frames(arm, scalars, TOOL, targets, chosen)
+
+
+def _with_fixtures(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
+    """Replace the base by where it stands, seen from the socket, plane or anchor of each row."""
+    if data.fixture is None:
+        return scalars
+    frames = {**{name: fixture.base for name, fixture in arm.robot.fixtures.items()}, "": arm.robot.base}
+    return _with_frames(arm, scalars, BASE, frames, data.fixture)
+
+
+def _with_frames(
+    arm: Arm, scalars: list[Scalar], owner: int, frames: Mapping[str, Frame], chosen: NDArray[Any]
+) -> list[Scalar]:
+    """Replace a frame of the chain by the one that is ``chosen`` ``(N,)`` by its name for each row."""
     for coordinate, label in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
-        column = np.zeros(data.n)
-        for name, frame in targets.items():
+        column = np.zeros(chosen.size)
+        for name, frame in frames.items():
             column[chosen == name] = (*frame.xyz, *frame.rpy)[coordinate]
-        scalars[arm.chain.index(TOOL, label)] = column
+        scalars[arm.chain.index(owner, label)] = column
     return scalars
 
 
-# Observation by the instrument: noise, residuals and their exact derivative.
+# Observation: kinds of measurement, noise, residuals and their exact derivative.
+#
+# With p the position of the target in the frame of a socket, a plane or an anchor, a row of kind `point` shows p, which
+# is 0 in the socket; `plane` its z, the height above the plane; `distance` its length |p|, or that of the difference of
+# two positions. Where the fixture stands is unknown: six coordinates of the base for each, of which the poses determine
+# three. What a row does not show is 0, measured and predicted.
+
+
+def observed(kind: NDArray[Any], position: NDArray[Any]) -> tuple[NDArray[Any], Array]:
+    """Return what rows of these kinds ``(N,)`` show of positions ``(3, N)``, and the derivative ``(3, 3, N)``."""
+    value, gradient = position.copy(), np.repeat(np.eye(3)[..., None], kind.size, axis=2)
+    is_length, is_number = kind == "distance", np.isin(kind, ("distance", "plane"))
+    value[:2, is_number], gradient[:2, :, is_number] = 0.0, 0.0
+    value[2, is_length] = np.sqrt(np.sum(np.square(position[:, is_length]), axis=0))
+    gradient[2][:, is_length] = (position[:, is_length] / value[2, is_length]).real
+    return value, gradient
+
 
 NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
 _EQUAL = 0.01

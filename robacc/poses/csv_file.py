@@ -28,6 +28,7 @@ from robacc.poses.columns import (
     TEXTS,
     TIME_KEYS,
 )
+from robacc.poses.kinds import KindTable
 from robacc.poses.layout import Layout, Values, listing, read_layout
 from robacc.poses.motion import check_visits, motion_of, read_times
 from robacc.poses.reading import UNKNOWN_ROBOT, KnownPoses, KnownRobot, reading_of, table_options
@@ -139,6 +140,8 @@ def read_poses(
             # An arm of four joints may count them from 0.
             counts_joints = commands and len(robot.joint_names or ()) == len(QUATERNION)
             table.names = table.names if counts_joints else with_named_quaternion(table)
+        kinds = KindTable.of(table) if attained else None
+        table, attained = (table, attained) if kinds is None else (kinds, False)
         layout = read_layout(table, robot, attained, reading, commands)
         values = _with_named_poses(_read_values(table, layout), targets)
         if len(targets) > 1 and "target" not in layout.columns and layout.has(layout.joints()):
@@ -161,8 +164,9 @@ def read_poses(
         log.raise_if_any()
         data = _measurements(values, ordered, angles)
         data = with_repetitions(data, log) if attained else data
-        copies = duplicate_rows(values)
-        return replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
+        copies = None if kinds is not None else duplicate_rows(values)
+        data = replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
+        return data if kinds is None else kinds.measured(data)
 
 
 def _read_values(table: Table, layout: Layout) -> Values:

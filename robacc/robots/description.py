@@ -152,6 +152,16 @@ class Campaign:
 
 
 @dataclass(frozen=True, slots=True)
+class Fixture:
+    """What poses are measured from: a socket, a plane or an anchor."""
+
+    kind: str
+    """Kind of measurement, of :data:`robacc.measurements.SHOWN`."""
+    base: Frame = Frame()
+    """Where the robot's base stands, seen from it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Robot:
     """Arm as its file describes it."""
 
@@ -167,6 +177,9 @@ class Robot:
     payload_com: Vector | None = None
     """Payload's centre of mass in the last link's frame, m; None: at the tool."""
     targets: Mapping[str, Frame] = field(default_factory=dict)
+    fixtures: Mapping[str, Fixture] = field(default_factory=dict)
+    """Sockets, planes and anchors of the poses by name, and the measuring frame as "" if they have positions; no part
+    of the robot file."""
     effects: tuple[Mapping[str, Any], ...] = ()
     """Entries of the file's ``effects:``, unchanged; :mod:`robacc.effects` reads them."""
     effect_units: tuple[float, float] = (1.0, 1.0)

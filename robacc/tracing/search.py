@@ -25,6 +25,7 @@ from robacc.error_model.covariance import (
     LEAST,
     CovarianceParameters,
     Whitened,
+    by_row,
     estimated,
     gains_at_sizes,
     has_term_that_gains,
@@ -237,6 +238,10 @@ class _Search:
         bound = self.model.bind(self.data)
         theta = np.zeros(len(bound.terms))
         kinds = residuals(self.data, bound.poses(theta)).reshape(-1, 3, self.data.n)
+        # The median of the length of three normal components is 1.54 standard deviations, that of one 0.674.
+        usual, shown = np.full(self.data.n, 1.54), self.data.shown
+        if shown is not None:
+            usual = np.where(shown.all(axis=0), 1.54, 0.674)
         stds = np.sqrt(np.mean(np.square(kinds), axis=(1, 2)))
         noise = CovarianceParameters(np.log(np.maximum(stds, math.exp(LEAST))), np.ones(self.data.n))
         state = State(noise, bound, theta, self._linearised(bound, theta, ()))
@@ -244,8 +249,7 @@ class _Search:
         for _ in range(12):
             state, moved = self._step(state)
             lengths = np.linalg.norm(residuals(self.data, bound.poses(state.theta)).reshape(kinds.shape), axis=1)
-            # The median of the length of three normal components is 1.54 standard deviations.
-            stds = np.maximum(np.median(lengths, axis=1) / 1.54, math.exp(LEAST)) / math.sqrt(1.0 - free)
+            stds = np.maximum(np.median(lengths / usual, axis=1), math.exp(LEAST)) / math.sqrt(1.0 - free)
             noise = CovarianceParameters(np.log(stds), np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0]))))
             state = dataclasses.replace(state, noise=noise)
             if moved < 0.1:
@@ -330,7 +334,7 @@ class _Search:
                     sources[candidate.key, term.name] = term
                     columns.append(((candidate.key, term.name), size))
         count, added = len(state.bound.terms), len(sources)
-        extended = dataclasses.replace(state.bound, terms=(*state.bound.terms, *sources.values()))
+        extended = state.bound.with_terms(sources.values())
         theta = np.concatenate((state.theta, np.zeros(added)))
         components = self.rows.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + added), rows=components)
@@ -600,7 +604,7 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
             multiple = math.sqrt(needed * square / dof / float(values[0]))
             size = multiple * float(candidate.sizes[0]) if multiple <= _LARGEST else None
             if size is not None:
-                moved = (own @ vectors[:, 0]).reshape(weight.shape)[:3] / weight[:3]
+                moved = by_row(own @ vectors[:, 0], found.state.linear.rows, len(weight)).T[:3] / weight[:3]
                 rms = multiple * rms_length(moved)
         result.append(DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms))
     return result

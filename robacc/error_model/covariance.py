@@ -336,7 +336,7 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
     that lower the evidence are not taken.
     """
     noise, shown = estimated(noise, linear), linear.rows.shown
-    lacking = 0 if shown is None else np.count_nonzero(~shown, axis=1)
+    lacking = np.zeros(len(linear.y)) if shown is None else np.count_nonzero(~shown, axis=1)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
         # Along the axes of the scatter over the noise, the components of a row are independent.

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
@@ -87,8 +87,24 @@ def compose(text: str, file: str) -> yaml.Node:
     return node
 
 
+def top_section(text: str, file: str, known: Sequence[str]) -> YamlSection:
+    """Return the whole document, a mapping with the keys ``known``.
+
+    Raises:
+        InputError: The text is no such document.
+    """
+    source = Source(file)
+    top = source.section(compose(text, file), "", known)
+    if top is None:
+        source.finish()
+    return cast(YamlSection, top)
+
+
 class Source(ProblemLog):
     """YAML file and the problems found in it so far."""
+
+    units: Any = None
+    """Units of its numbers, as the reader of the file knows them."""
 
     def report(self, node: yaml.Node | None, path: str, message: str, fix: str | None = None) -> None:
         """Add a problem of a node, or of the file where ``node`` is None."""
@@ -220,8 +236,12 @@ class YamlSection:
         """Return the value's node; report a problem where it is missing."""
         node = self.get(key)
         if node is None:
-            self.source.report(self.values.get(key, self.node), self.at(key), "is missing")
+            self.report(key, "is missing")
         return node
+
+    def report(self, key: str, message: str, fix: str | None = None) -> None:
+        """Add a problem of a key's value, or of the section where it has no such key."""
+        self.source.report(self.values.get(key, self.node), self.at(key), message, fix)
 
     def at(self, key: str) -> str:
         """Return the dotted name of a key."""

@@ -36,7 +36,7 @@ from robacc.modelling.model import Model, predict
 from robacc.plug_ins import plug_in
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import robot_to_urdf
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__

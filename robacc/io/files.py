@@ -97,6 +97,15 @@ def clip(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
+def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """Return a text with ``(start, end, new)`` replaced; the edits do not overlap."""
+    pieces, position = [], 0
+    for start, end, new in sorted(edits, key=lambda edit: edit[:2]):
+        pieces += [text[position:start], new]
+        position = end
+    return "".join((*pieces, text[position:]))
+
+
 TEXT_LIMIT = 64 * 2**20
 """Largest text file that is read, bytes: far above any robot file, far below what would exhaust the memory."""
 

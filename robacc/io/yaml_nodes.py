@@ -13,7 +13,7 @@ from typing import Any, cast
 import yaml
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import ProblemLog, clip
+from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
 MAX_DEPTH = 32
@@ -42,16 +42,12 @@ def _check_events(text: str, loader: Any) -> None:
         if not isinstance(event, yaml.NodeEvent):
             continue
         count += 1
-        problem = None
-        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            problem = "anchors (&) and aliases (*) are not supported"
-        elif (tag := getattr(event, "tag", None)) is not None:
-            problem = f"tags (!) are not supported, found {tag[:40]}"
-        elif depth >= MAX_DEPTH:
-            problem = f"nested deeper than {MAX_DEPTH}"
-        elif count > MAX_NODES:
-            problem = f"more than {MAX_NODES} entries"
-        if problem:
+        tag = getattr(event, "tag", None)
+        is_anchored = isinstance(event, yaml.AliasEvent) or event.anchor is not None
+        if is_anchored or tag is not None or depth >= MAX_DEPTH or count > MAX_NODES:
+            large = f"nested deeper than {MAX_DEPTH}" if depth >= MAX_DEPTH else f"more than {MAX_NODES} entries"
+            problem = large if tag is None else f"tags (!) are not supported, found {tag[:40]}"
+            problem = "anchors (&) and aliases (*) are not supported" if is_anchored else problem
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)  # type: ignore[arg-type]
         depth += isinstance(event, yaml.CollectionStartEvent)
 
@@ -306,7 +302,7 @@ def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Coll
     text = text if text.endswith("\n") else f"{text}\n"
     edits = _Edits(text, rewritten)
     edits.mapping(compose(text, file), document)
-    return edits.applied()
+    return spliced(text, edits.spans)
 
 
 @dataclass
@@ -316,14 +312,6 @@ class _Edits:
     text: str
     rewritten: Collection[str] = ()
     spans: list[tuple[int, int, str]] = field(default_factory=list)
-
-    def applied(self) -> str:
-        """Return the text with all replacements."""
-        pieces, position = [], 0
-        for start, end, new in sorted(self.spans, key=lambda span: span[:2]):
-            pieces += [self.text[position:start], new]
-            position = end
-        return "".join((*pieces, self.text[position:]))
 
     def value(self, node: yaml.Node, value: Any) -> None:
         """Change a value to another."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from robacc.programs.program import (
     by_convention,
     native_of,
     rotation_distance,
-    to_native,
 )
 
 # Numbers written as the program writes them: decimals, column width, sign and leading zero.
@@ -93,10 +92,10 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         targets = [changed[i] for i in rows]
         wanted = np.array([values[i] for i in rows], dtype=float).T
         old = np.array([target.values for target in targets], dtype=float).T
-        native = to_native(convention, wanted, native_of(targets))
         is_moved = np.any(np.abs(wanted - old)[: None if convention is None else 3] > _SAME, axis=0)
-        is_new = np.repeat(is_moved[None], len(native), axis=0)
+        native, is_new = wanted, np.repeat(is_moved[None], len(targets[0].numbers), axis=0)
         if convention is not None:
+            native = np.concatenate((wanted[:3], convention.numbers(wanted[3:], native_of(targets)[3:])))
             unit = wanted[3:] / np.sqrt(np.sum(np.square(wanted[3:]), axis=0))
             # Quaternions of equal rotations agree to rounding, and the angle between them to four times that.
             is_new[3:] = rotation_distance(old[3:], unit) > 4 * _SAME
@@ -117,75 +116,92 @@ _JOINTS = 6
 _UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _NewProgram:
-    """Text of a new program in a dialect."""
+_LAYOUT = {
+    "data": "",
+    "line": "{line}",
+    "number": "{value}",
+    "decimals": 5,
+    "comma": ",",
+    "half": ",",
+    "units": (1e3, 180 / np.pi),
+    "joints": range(1, _JOINTS + 1),
+    "padded": 0,
+    "line_end": "\r\n",
+}
+"""What most dialects share of a new program's layout.
 
-    suffix: str
-    program: str
-    """Whole text, with its ``{name}`` and the lines of ``{data}`` and of ``{moves}``."""
-    data: str = ""
-    """Data of the target number ``k``, with its ``{numbers}`` and its ``{comment}``."""
-    move: str
-    """Lines of the motion to it."""
-    wait: str
-    line: str = "{line}"
-    """A line of the motions and waits, of number ``i``."""
-    number: str = "{value}"
-    """A number of joint ``key``."""
-    decimals: int = 5
-    comma: str = ","
-    half: str = ","
-    """Text between the third number and the fourth."""
-    units: tuple[float, float] = (1e3, 180 / np.pi)
-    """Of a length in m and an angle in rad."""
-    line_end: str = "\r\n"
-
-
-_LAYOUTS: dict[str, _NewProgram] = {
-    Dialect.krl: _NewProgram(
-        suffix=".src",
-        program="&ACCESS RVP\nDEF {name}( )\n"
+``suffix``
+    of the file
+``program``
+    whole text, with its ``{name}`` and the lines of ``{data}`` and of ``{moves}``
+``data``
+    data of the target number ``k``, with its ``{numbers}`` and its ``{comment}``
+``move``, ``wait``
+    lines of the motion to it, and of the stop
+``line``
+    a line of the motions and waits, of number ``i``
+``number``, ``decimals``, ``units``
+    a number of joint ``key``; of a length in m and an angle in rad
+``comma``, ``half``
+    text between numbers, and between the third and the fourth
+``joints``, ``padded``
+    numbers of joints that a target may have, the text that says so (``has``), and the number to which zeros fill it up
+"""
+_LAYOUTS: dict[str, dict[str, Any]] = {
+    Dialect.krl: {
+        **_LAYOUT,
+        "has": f"a krl program's targets have 1 to {_JOINTS}",
+        "suffix": ".src",
+        "program": "&ACCESS RVP\nDEF {name}( )\n"
         "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
         + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_JOINTS))
         + "$VEL.CP=0.100\n{moves}\nEND\n",
-        move="; {comment}\nPTP {{{numbers}}}",
-        wait="WAIT SEC 2",
-        number="A{key} {value}",
-    ),
-    Dialect.rapid: _NewProgram(
-        suffix=".mod",
-        program="MODULE {name}\n  ! written by robacc: check the speed, the tool and every motion before you run it\n"
+        "move": "; {comment}\nPTP {{{numbers}}}",
+        "wait": "WAIT SEC 2",
+        "number": "A{key} {value}",
+    },
+    Dialect.rapid: {
+        **_LAYOUT,
+        "has": f"a rapid program's targets have 1 to {_JOINTS}",
+        "padded": _JOINTS,
+        "suffix": ".mod",
+        "program": "MODULE {name}\n"
+        "  ! written by robacc: check the speed, the tool and every motion before you run it\n"
         "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
-        data=f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
-        move="    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
-        wait="    WaitTime \\InPos,2;",
-    ),
-    Dialect.fanuc: _NewProgram(
-        suffix=".ls",
-        program='/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
+        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
+        "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
+        "wait": "    WaitTime \\InPos,2;",
+    },
+    Dialect.fanuc: {
+        **_LAYOUT,
+        "has": f"a fanuc program's targets have 1 to {_JOINTS}",
+        "suffix": ".ls",
+        "program": '/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
         "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
-        data="P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};",
-        move="J P[{k}] 10% FINE",
-        wait="  WAIT   2.00(sec)",
-        line="{i:4d}:{line} ;",
-        number="J{key}= {value:>9} deg",
-        decimals=_FANUC_DECIMALS,
-        comma=",\t",
-        half=",\n\t",
-    ),
-    Dialect.urscript: _NewProgram(
-        suffix=".script",
-        program="def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
+        "data": "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};",
+        "move": "J P[{k}] 10% FINE",
+        "wait": "  WAIT   2.00(sec)",
+        "line": "{i:4d}:{line} ;",
+        "number": "J{key}= {value:>9} deg",
+        "decimals": _FANUC_DECIMALS,
+        "comma": ",\t",
+        "half": ",\n\t",
+    },
+    Dialect.urscript: {
+        **_LAYOUT,
+        "joints": [_JOINTS],
+        "has": f"a URScript target has {_JOINTS}",
+        "suffix": ".script",
+        "program": "def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
         "{moves}\nend\n",
-        move="  # {comment}\n  movej([{numbers}], a=0.5, v=0.314)",
-        wait="  sleep(2)",
-        decimals=7,
-        units=(1.0, 1.0),
-        line_end="\n",
-    ),
+        "move": "  # {comment}\n  movej([{numbers}], a=0.5, v=0.314)",
+        "wait": "  sleep(2)",
+        "decimals": 7,
+        "units": (1.0, 1.0),
+        "line_end": "\n",
+    },
 }
-SUFFIX = {dialect: layout.suffix for dialect, layout in _LAYOUTS.items()}
+SUFFIX = {dialect: layout["suffix"] for dialect, layout in _LAYOUTS.items()}
 """Suffix of a new program."""
 
 
@@ -215,23 +231,21 @@ def write_program(
     data: list[str] = []
     moves: list[str] = []
     for k, (target, q) in enumerate(targets, start=1):
-        if not 1 <= len(q) <= _JOINTS:
-            raise UsageError(f"target {target} has {len(q)} joints; a {dialect} program's targets have 1 to {_JOINTS}")
-        if dialect == Dialect.urscript and len(q) != _JOINTS:
-            raise UsageError(f"target {target} has {len(q)} joints; a URScript target has {_JOINTS}")
-        values = [value * layout.units[i not in linear] for i, value in enumerate(q)]
-        if dialect == Dialect.rapid:
-            values += [0.0] * (_JOINTS - len(q))
-        entries = []
-        for key, value in enumerate(values, start=1):
-            text = _shortened(f"{value:.{layout.decimals}f}", dialect == Dialect.fanuc)
-            entries.append(layout.number.format(key=key, value=text))
-        numbers = layout.half.join(filter(None, (layout.comma.join(entries[:3]), layout.comma.join(entries[3:]))))
-        words = {"k": k, "numbers": numbers, "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}
-        data.append(layout.data.format(**words))
-        moves += [*layout.move.format(**words).split("\n"), layout.wait]
+        if len(q) not in layout["joints"]:
+            raise UsageError(f"target {target} has {len(q)} joints; {layout['has']}")
+        values = [value * layout["units"][i not in linear] for i, value in enumerate(q)]
+        values += [0.0] * (layout["padded"] - len(q))
+        texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == Dialect.fanuc) for value in values]
+        entries = [layout["number"].format(key=key, value=text) for key, text in enumerate(texts, start=1)]
+        halves = (layout["comma"].join(half) for half in (entries[:3], entries[3:]) if half)
+        comment = re.sub(r"[^\x20-\x7e]", "?", target)[:60]
+        words = {"k": k, "numbers": layout["half"].join(halves), "comment": comment}
+        data.append(layout["data"].format(**words))
+        moves += [*layout["move"].format(**words).split("\n"), layout["wait"]]
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"
     identifier = identifier if identifier[0].isalpha() else f"p{identifier}"
-    lines = "\n".join(layout.line.format(i=i, line=line) for i, line in enumerate(moves, start=1))
-    whole = layout.program.format(name=identifier, NAME=identifier.upper()[:36], data="\n".join(data), moves=lines)
-    return whole.replace("\n", layout.line_end)
+    lines = "\n".join(layout["line"].format(i=i, line=line) for i, line in enumerate(moves, start=1))
+    whole: str = layout["program"].format(
+        name=identifier, NAME=identifier.upper()[:36], data="\n".join(data), moves=lines
+    )
+    return whole.replace("\n", layout["line_end"])

@@ -215,8 +215,9 @@ def read_units(top: YamlSection) -> Units | None:
     """Return the units of the key ``units`` of a file, which they now are of; None where they cannot be read."""
     kinds = {"units": partial(_section, kinds=_UNITS, required=_UNITS)}
     names = read_fields(top, kinds, ["units"]).get("units", {})
-    top.source.units = Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if len(names) == len(_UNITS) else None
-    return top.source.units
+    is_whole = len(names) == len(_UNITS)
+    units = top.source.units = Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if is_whole else None
+    return units
 
 
 # Fields of a robot file.
@@ -408,8 +409,11 @@ def _listed_joints(
         source.report(node, key, f"found {len(items)} joints, expected at most {MAX_JOINTS}")
         return [], False
     sections = [source.section(item, f"{key}[{i}]", keys) for i, item in enumerate(items)]
-    joints = [section and _read_joint(section, i, convention) for i, section in enumerate(sections)]
-    read = [(section, joint) for section, joint in zip(sections, joints, strict=True) if section and joint]
+    read = [
+        (section, joint)
+        for i, section in enumerate(sections)
+        if section and (joint := _read_joint(section, i, convention))
+    ]
     return read, len(read) == len(items)
 
 

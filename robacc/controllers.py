@@ -36,8 +36,8 @@ from robacc.modelling.model import Model, predict
 from robacc.plug_ins import plug_in
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
-from robacc.robots.urdf_writer import robot_to_urdf
-from robacc.robots.yaml_robot import robot_to_yaml
+from robacc.robots.urdf import robot_to_urdf
+from robacc.robots.yaml_robot import read_fields, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__
 
@@ -59,26 +59,15 @@ def joint_frames(robot: Robot) -> list[Poses]:
     if motions:
         names = ", ".join(sorted({robot.joints[motion.owner].name for motion in motions}))
         raise UsageError(f"{names} follows other joints; the format has no joint that does")
-    counts = []
-    for k in chain.joint_axis:
-        count = k + 1
-        # A DH row's d lies on the axis too: the frame behind it is the one that drawings show.
-        while count < len(chain.motions) and chain.motions[count].axis == 2 and chain.motions[count].label == "d":
-            count += 1
-        counts.append(count)
+    # A DH row's d lies on the axis too: the frame behind it is the one that drawings show.
+    counts = [k + 1 + (chain.motions[k + 1].label == "d") for k in chain.joint_axis]
     wanted = sorted({*counts, arm.flange})
     stored = chain.sweep(chain.scalars(np.zeros((chain.n_joints, 1))), 1, (), wanted).frames
-    to_base = robot.base.pose.inverse()
-    at = {
-        count: to_base @ Poses(pose.rotation[..., 0], pose.translation[..., 0])
-        for count, pose in zip(wanted, stored, strict=True)
-    }
+    poses = (Poses(pose.rotation[..., 0], pose.translation[..., 0]) for pose in stored)
+    at = {count: robot.base.pose.inverse() @ pose for count, pose in zip(wanted, poses, strict=True)}
     turned = Poses(exp_so3(np.array([np.pi, 0.0, 0.0])), np.zeros(3))
-    frames = [
-        at[count] @ turned if joint.sign < 0 else at[count]
-        for joint, count in zip(robot.variables, counts, strict=True)
-    ]
-    return [*frames, at[arm.flange]]
+    pairs = zip(robot.variables, counts, strict=True)
+    return [*(at[count] @ turned if joint.sign < 0 else at[count] for joint, count in pairs), at[arm.flange]]
 
 
 def _steps(frames: Sequence[Poses]) -> list[Frame]:
@@ -171,13 +160,11 @@ def modified_rows(table: DhTable) -> tuple[list[DhRow], Poses]:
 
 def _across(vector: Array, axis: Array) -> Array:
     """Return the unit vector across ``axis`` nearest to ``vector``, or nearest to y where ``vector`` lies along it."""
-    for candidate in (vector, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0])):
-        across = candidate - axis * (axis @ candidate)
-        length = float(np.linalg.norm(across))
-        if length > 1e-6:
-            unit: Array = across / length
-            return unit
-    raise AssertionError("one of two axes lies across any third")
+    candidates = (vector, np.array([0.0, 1.0, 0.0]), np.array([1.0, 0.0, 0.0]))
+    across = (candidate - axis * (axis @ candidate) for candidate in candidates)
+    # One of two axes lies across any third.
+    longest: Array = next(part for part in across if float(np.linalg.norm(part)) > 1e-6)
+    return np.asarray(longest / np.linalg.norm(longest))
 
 
 def _is_nearly_parallel(current: Poses, following: Poses) -> bool:
@@ -528,11 +515,10 @@ def _parse_links(text: str, file: str) -> Robot:
     if not nodes:
         fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
         raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
-    origins: dict[str, list[float]] = {}
+    origins: dict[str, dict[str, float]] = {}
     for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
-            items = [(section.require(key), section.at(key)) for key in _KEYS]
-            origins[name] = [source.number(item, path) or 0.0 if item else 0.0 for item, path in items]
+            origins[name] = read_fields(section, dict.fromkeys(_KEYS, Source.number), _KEYS)
     source.finish()
     numbered = [f"joint{i + 1}" for i in range(len(origins))]
     # The joint of each link, in the order of the arm.
@@ -543,7 +529,7 @@ def _parse_links(text: str, file: str) -> Robot:
         message = f"the joints are {', '.join(origins) or 'missing'}"
         raise InputError(Problem(message, file, column="kinematics", fix=fix))
     joints = [
-        _joint_at(_frame({"xyz": origins[link][:3], "rpy": origins[link][3:]}), name) for link, name in names.items()
+        Joint(name, "revolute", {**origins[link], "offset": 0.0}, limits=FULL_TURN) for link, name in names.items()
     ]
     return Robot("Universal Robots arm" if is_ur else f"{len(joints)}-axis arm", "urdf", tuple(joints))
 
@@ -654,29 +640,23 @@ def _parse_deltas(text: str, file: str) -> list[DhRow]:
 def _ur_robot(deltas: Sequence[DhRow], arm: str) -> Robot:
     """Return the calibrated arm, its joint frames on the axes where the nominal arm has them."""
     table = _ur_table(arm)
-    nominal, exact = (
-        _frames(table),
-        _frames([DhRow(*map(operator.add, *rows)) for rows in zip(table, deltas, strict=True)]),
-    )
-    frames = []
-    for frame, near in zip(exact[:-2], nominal[:-2], strict=True):
+    frames = _frames([DhRow(*map(operator.add, *rows)) for rows in zip(table, deltas, strict=True)])
+    for i, near in enumerate(_frames(table)[:-2]):
         # On the same axis, with the origin and the x axis nearest to the nominal ones.
-        z = frame.rotation[:, 2]
+        z = frames[i].rotation[:, 2]
         x = _across(near.rotation[:, 0], z)
-        origin = frame.translation + z * (z @ (near.translation - frame.translation))
-        frames.append(Poses(np.stack((x, np.cross(z, x), z), axis=1), origin))
-    *steps, tool = _steps([*frames, *exact[-2:]])
+        origin = frames[i].translation + z * (z @ (near.translation - frames[i].translation))
+        frames[i] = Poses(np.stack((x, np.cross(z, x), z), axis=1), origin)
+    *steps, tool = _steps(frames)
     joints = tuple(map(_joint_at, steps, UR_JOINTS))
     return Robot(f"Universal Robots {arm.upper()}, calibrated", "urdf", joints, tool=tool)
 
 
 def _frames(rows: Sequence[DhRow]) -> list[Poses]:
     """Return the joint frames of a table, each behind theta and d of its row, and the frame behind the last row."""
-    frames, current = [], Poses.identity()
-    for row in rows:
-        frames.append(current @ DhRow(row.theta, row.d, 0.0, 0.0).pose())
-        current = current @ row.pose()
-    return [*frames, current]
+    *before, last = itertools.accumulate((row.pose() for row in rows), operator.matmul, initial=Poses.identity())
+    pairs = zip(before, rows, strict=True)
+    return [*(pose @ DhRow(row.theta, row.d, 0.0, 0.0).pose() for pose, row in pairs), last]
 
 
 def _ur_arm_of(robot: Robot) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
@@ -147,11 +147,10 @@ def setting_of(
     which the controller works.
 
     Raises:
-        InputError: The two robots have different joints, or their effects cannot be read.
+        InputError: Their effects cannot be read.
     """
     model = absorb_constants(model)
     nominal = dataclasses.replace(nominal, effects=(), effect_units=(1.0, 1.0))
-    check_same_joints(model, nominal)
     if frame == "base":
         com = Arm.of(model).payload_com
         model = dataclasses.replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=com)
@@ -336,78 +335,77 @@ def refusals(
 ) -> list[Refusal | None]:
     """Return the reason of each target that is refused, the first that applies; None for the others."""
     names, n_joints = setting.model.arm.names, solution.q.shape[0]
-    result: list[Refusal | None] = [None] * solution.q.shape[1]
-
-    def refuse(refused: NDArray[np.bool_], cause: Cause, reason: str | Callable[[int], str]) -> None:
-        for i in np.flatnonzero(refused).tolist():
-            result[i] = result[i] or Refusal(cause, reason if isinstance(reason, str) else reason(i))
-
     configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
-    refuse(~wanted.reached, Cause.unreached, f"the nominal robot does not reach the wanted pose{configuration}")
+    unreached = f"the nominal robot does not reach the wanted pose{configuration}"
+    rules: list[tuple[NDArray[np.bool_], Cause, str | Callable[[int], str]]] = [
+        (~wanted.reached, Cause.unreached, unreached)
+    ]
     if not limits.beyond_range:
-        data = setting.at(wanted.q, setting.motion(wanted.q))
-        for known in setting.model.known:
-            reason = f"outside the validity range of {known.effect}"
-            ranges, periods = known.effect.limits(setting.model.arm, known.validity)
-            refuse(is_outside(setting.model.arm, data, ranges, periods), Cause.out_of_range, reason)
-        columns: dict[str, Array | None] = dict(zip(names, wanted.q, strict=True))
-        columns["payload_kg"] = data.payload
-        # A temperature that no effect depends on refuses no target.
-        if any("temperature_c" in known.effect.validity_drivers(setting.model.arm) for known in setting.model.known):
-            columns["temperature_c"] = data.temperature
-        for name, (low, high) in (limits.ranges or {}).items():
-            if (values := columns.get(name)) is not None:
-                margin = _MARGIN * (high - low)
-                outside = (values < low - margin) | (values > high + margin)
-                refuse(outside, Cause.out_of_range, f"{name} is outside the range that the model was fitted on")
+        rules += [(outside, Cause.out_of_range, reason) for outside, reason in _out_of_range(setting, wanted, limits)]
 
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
-    limited = [" and ".join(itertools.compress(names, stopped)) for stopped in at_limit.T]
     failed = ~solution.converged | np.any(at_limit, axis=0)
     if not wanted.oriented or n_joints >= 6:
         failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
     remaining = _amounts(solution.error)
-    refuse(
-        failed & np.any(at_limit, axis=0),
-        Cause.limit,
-        lambda i: f"the correction would take {limited[i]} beyond the joint limit",
-    )
-    refuse(
-        failed & setting.follows_order & solution.converged,
-        Cause.approach,
-        "a joint moves less than its play since the previous target, so its direction of approach is unknown",
-    )
-    converges = "near a singular pose the correction does not converge"
-    refuse(failed, Cause.singular, lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain")
-
     # Near a singular pose joints turn far or change the configuration.
     correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
     move = np.abs(solution.q - wanted.q) / joints.scale[:, None]
     largest, joint = np.max(move, axis=0), np.argmax(move, axis=0)
     amplified = largest / np.maximum(correction[0] / joints.length + correction[1], 1e-9)
 
+    def limited(i: int) -> str:
+        stopped = " and ".join(itertools.compress(names, at_limit[:, i]))
+        return f"the correction would take {stopped} beyond the joint limit"
+
     def moves(i: int) -> str:
         turn = f"{float(largest[i]) * _DEGREES:.2g}°"
         return f"near a singular pose: {names[joint[i]]} would move by {turn} for {_sizes(*correction[:, i])}"
 
-    refuse((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), Cause.singular, moves)
+    approach = "a joint moves less than its play since the previous target, so its direction of approach is unknown"
+    converges = "near a singular pose the correction does not converge"
+    rules += [
+        (failed & np.any(at_limit, axis=0), Cause.limit, limited),
+        (failed & setting.follows_order & solution.converged, Cause.approach, approach),
+        (failed, Cause.singular, lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain"),
+        ((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), Cause.singular, moves),
+    ]
     if wanted.oriented and n_joints == 6:
         before, after = (
             np.linalg.det(np.moveaxis(pose_jacobian(setting.nominal, q)[1], 2, 0)) for q in (wanted.q, solution.q)
         )
         passes = "the correction would pass a singular pose into another configuration"
-        refuse(before * after < 0.0, Cause.configuration, passes)
+        rules.append((before * after < 0.0, Cause.configuration, passes))
     most = (limits.position, limits.orientation if wanted.oriented else None)
     far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
-    allowed = _sizes(limits.position, limits.orientation)
-    refuse(
-        far,
-        Cause.too_large,
-        lambda i: f"the correction of {_sizes(*correction[:, i])} is larger than {allowed}, see `most`",
-    )
+    allowed = f"is larger than {_sizes(limits.position, limits.orientation)}, see `most`"
+    rules.append((far, Cause.too_large, lambda i: f"the correction of {_sizes(*correction[:, i])} {allowed}"))
+    result: list[Refusal | None] = [None] * solution.q.shape[1]
+    for refused, cause, reason in reversed(rules):
+        for i in np.flatnonzero(refused).tolist():
+            result[i] = Refusal(cause, reason if isinstance(reason, str) else reason(i))
     return result
+
+
+def _out_of_range(
+    setting: CorrectionSetting, wanted: WantedPoses, limits: Limits
+) -> Iterator[tuple[NDArray[np.bool_], str]]:
+    """Yield the targets ``(N,)`` outside each range that the model holds in, and the reason."""
+    arm, data = setting.model.arm, setting.at(wanted.q, setting.motion(wanted.q))
+    for known in setting.model.known:
+        outside = is_outside(arm, data, *known.effect.limits(arm, known.validity))
+        yield outside, f"outside the validity range of {known.effect}"
+    columns: dict[str, Array | None] = {**dict(zip(arm.names, wanted.q, strict=True)), "payload_kg": data.payload}
+    # A temperature that no effect depends on refuses no target.
+    if any("temperature_c" in known.effect.validity_drivers(arm) for known in setting.model.known):
+        columns["temperature_c"] = data.temperature
+    for name, (low, high) in (limits.ranges or {}).items():
+        if (values := columns.get(name)) is not None:
+            margin = _MARGIN * (high - low)
+            outside = (values < low - margin) | (values > high + margin)
+            yield outside, f"{name} is outside the range that the model was fitted on"
 
 
 def _amounts(error: Array) -> Array:
@@ -687,17 +685,19 @@ def correction(
         uncertainty = model_uncertainty(model, fit, completed(model, fit, None, corrected, 0), measured=False)
         position, orientation = uncertainty.position, uncertainty.orientation if fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
-    notes = []
-    if wanted.given == "joints":
-        notes.append("a joint target is taken as the pose that the nominal robot has there")
-    if setting.left_out:
-        listed = ", ".join(map(str, setting.left_out))
-        notes.append(f"{listed}: an effect of the measurement, not of the arm, is not corrected")
-    if ordered and columns.direction is None and columns.speed is None:
-        notes.append("assumed: the arm drives to the targets in their order; the approach to the first is unknown")
-    if wanted.oriented and q.shape[0] < 6:
-        notes.append(
+    listed = ", ".join(map(str, setting.left_out))
+    notes = (
+        (wanted.given == "joints", "a joint target is taken as the pose that the nominal robot has there"),
+        (listed, f"{listed}: an effect of the measurement, not of the arm, is not corrected"),
+        (
+            ordered and columns.direction is None and columns.speed is None,
+            "assumed: the arm drives to the targets in their order; the approach to the first is unknown",
+        ),
+        (
+            wanted.oriented and q.shape[0] < 6,
             f"{q.shape[0]} axes do not reach every pose: the correction has the least error, where 1° of "
-            f"orientation counts as {1e3 * limits.weight / _DEGREES:.3g} mm"
-        )
-    return Correction(targets, limits, limits_source, before, after, scale, tuple(notes))
+            f"orientation counts as {1e3 * limits.weight / _DEGREES:.3g} mm",
+        ),
+    )
+    texts = tuple(text for applies, text in notes if applies)
+    return Correction(targets, limits, limits_source, before, after, scale, texts)

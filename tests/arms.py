@@ -13,8 +13,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs" / "robots"
 CONFIGURED = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))

@@ -56,8 +56,8 @@ from robacc.programs.targets import (
     leaves_configuration,
     turned_into,
     values_at,
+    with_targets,
 )
-from robacc.programs.writing import with_targets
 from robacc.quantities import size
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot

@@ -92,7 +92,7 @@ from robacc.prediction.predicting import (
     uncertain_parameters,
     warranty_map,
 )
-from robacc.programs.writing import SUFFIX, write_program
+from robacc.programs.targets import SUFFIX, write_program
 from robacc.quantities import optional_size, size
 from robacc.render.views.expected import plan_comments
 from robacc.robots.arm import build_chain

@@ -332,7 +332,7 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
-    from robacc.robots.urdf_writer import robot_to_urdf
+    from robacc.robots.urdf import robot_to_urdf
 
     if is_json and urdf == "-":
         raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")

@@ -394,17 +394,16 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
         InputError: A file cannot be read, has an unknown key or a value that is not one line of text.
         UsageError: A text has an unknown key.
     """
-    from robacc.io.yaml_nodes import Source, compose, nearest
-    from robacc.robots.yaml_robot import IDENTITY_FIELDS, Units, read_fields
+    from robacc.io.yaml_nodes import nearest, top_section
+    from robacc.robots.yaml_robot import IDENTITY_FIELDS, read_fields
 
     identity: dict[str, str] = {}
     for source in sources:
         key, sign, value = (word.strip() for word in source.partition("="))
         if not sign or os.path.isfile(source):
-            file = Source(source)
-            top = file.section(compose(read_text(source), source), "", tuple(IDENTITY))
-            stated = {} if top is None else read_fields(top, IDENTITY_FIELDS, Units())
-            file.finish()
+            top = top_section(read_text(source), source, tuple(IDENTITY))
+            stated = read_fields(top, IDENTITY_FIELDS)
+            top.source.finish()
             if not stated:
                 fix = f"write at least one of {', '.join(IDENTITY)}"
                 raise InputError(Problem("names nothing of what was tested", source, fix=fix))

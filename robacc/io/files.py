@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +100,15 @@ def clip(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:39] + "…")
 
 
+def spliced(text: str, edits: Iterable[tuple[int, int, str]]) -> str:
+    """Return a text with ``(start, end, new)`` replaced; the edits do not overlap."""
+    pieces, position = [], 0
+    for start, end, new in sorted(edits, key=lambda edit: edit[:2]):
+        pieces += [text[position:start], new]
+        position = end
+    return "".join((*pieces, text[position:]))
+
+
 TEXT_LIMIT = 64 * 2**20
 """Largest text file that is read, bytes: far above any robot file, far below what would exhaust the memory."""
 
@@ -154,24 +166,33 @@ def read_bytes(name: str, limit: int) -> bytes:
     Raises:
         InputError: The file is missing, a folder, unreadable or larger than ``limit`` bytes.
     """
-    path = Path(name)
-    try:
-        if name == STANDARD_STREAM:
-            data = sys.stdin.buffer.read(limit + 1)
-        elif path.is_dir():
-            raise InputError(Problem("is a folder, not a file", name))
-        else:
-            with path.open("rb") as stream:
-                data = stream.read(limit + 1)
-    except FileNotFoundError:
-        raise InputError(Problem("the file does not exist", name)) from None
-    except (OSError, ValueError) as error:  # ValueError: a NUL in the name
-        raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from None
+    with opened(name) as stream:
+        data = stream.read(limit + 1)
     if len(data) > limit:
         label = "<stdin>" if name == STANDARD_STREAM else name
         raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label))
     _READ[name] = hashlib.sha256(data).hexdigest()
     return data
+
+
+@contextmanager
+def opened(name: str) -> Iterator[BinaryIO]:
+    """Open a file, or standard input for ``-``, to read its bytes.
+
+    Raises:
+        InputError: The file is missing, a folder, or cannot be read.
+    """
+    if os.path.isdir(name):
+        raise InputError(Problem("is a folder, not a file", name))
+    try:
+        if "\0" in name:
+            raise OSError(errno.EINVAL, "embedded null byte")
+        with nullcontext(sys.stdin.buffer) if name == STANDARD_STREAM else open(name, "rb") as stream:
+            yield stream
+    except FileNotFoundError:
+        raise InputError(Problem("the file does not exist", name)) from None
+    except OSError as error:
+        raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from error
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:
@@ -184,11 +205,8 @@ def sha256_of(path: str | os.PathLike[str]) -> str:
     """
     if (digest := _READ.pop(os.fspath(path), None)) is not None:
         return digest
-    try:
-        with Path(path).open("rb") as stream:
-            return hashlib.file_digest(stream, "sha256").hexdigest()
-    except OSError as error:
-        raise InputError(Problem(f"cannot be read: {_reason(error)}", os.fspath(path))) from None
+    with opened(os.fspath(path)) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def make_folder(path: str | os.PathLike[str]) -> None:
@@ -276,6 +294,6 @@ def _replace(target: Path, pieces: Iterable[bytes]) -> None:
         raise
 
 
-def _reason(error: Exception) -> str:
-    text = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+def _reason(error: OSError) -> str:
+    text = error.strerror or str(error)
     return text[:1].lower() + text[1:]

@@ -13,13 +13,13 @@ import os
 import re
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from pathlib import PurePath
 from typing import Any, BinaryIO, Protocol
 
 from robacc.errors import InputError, Problem, UsageError
 from robacc.io.dialect import number_of
-from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT
+from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, opened
 from robacc.io.table import Table, TableOptions, TextTable
 
 _PARQUET = b"PAR1"
@@ -87,8 +87,6 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         InputError: The file cannot be opened or read.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
-    is_stream = path == STANDARD_STREAM
-    file = "<stdin>" if is_stream else path
     if options.frame is not None:
         from robacc.io.column_table import ColumnTable, frame_columns
 
@@ -104,13 +102,8 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
             )
         yield table
     else:
-        try:
-            with nullcontext(sys.stdin.buffer) if is_stream else open(path, "rb") as stream:
-                yield _table(stream, file, options)
-        except FileNotFoundError:
-            raise InputError(Problem("the file does not exist", file)) from None
-        except OSError as error:
-            raise InputError(Problem(f"cannot be read: {str(error.strerror).lower()}", file)) from error
+        with opened(path) as stream:
+            yield _table(stream, "<stdin>" if path == STANDARD_STREAM else path, options)
 
 
 def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:

@@ -12,8 +12,6 @@ import csv
 import hashlib
 import itertools
 import math
-import os
-import stat
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -175,11 +173,6 @@ class TextTable(Table):
         """
         self.file, self._stream, self._encoding = file, stream, "UTF-8"
         self._digest, self._ends_with_line = hashlib.sha256(), True
-        self._size = 0
-        """Bytes of the file; 0 where they are not known."""
-        with contextlib.suppress(OSError):  # a stream in memory has no descriptor
-            status = os.fstat(stream.fileno())
-            self._size = status.st_size if stat.S_ISREG(status.st_mode) else 0
         self._not_text: list[tuple[str, int]] = []
         """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
         self._has_grouped = False
@@ -267,9 +260,9 @@ class TextTable(Table):
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
-        table, size, below = np.empty((len(numbers), 0)), 0, ""
-        places, columns = [np.empty(0, np.int64)], [[np.empty(0, str)] for _ in texts]
+        parts: list[TableBody] = []
         last: list[str] = []
+        below = ""
         blocks = itertools.chain([self._pending], self._blocks, [(0, [])])
         for (first, lines), (_, following) in itertools.pairwise(blocks):
             if not following and self._ends_with_line:  # else a row was cut off
@@ -278,21 +271,15 @@ class TextTable(Table):
                     end -= 1
                 footer = (line.strip(" \t,;|") for line in lines[end:])
                 lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
-            part = self._parsed(first, lines, numbers, texts)
-            start, size = size, size + part.lines.size
-            if size > table.shape[1]:
-                # The table grows to the size that the share read suggests. Pages that are never written cost nothing,
-                # while joining parts at the end of the file would touch all of the memory twice.
-                share = self._stream.tell() / self._size if self._size else 0.5
-                larger = np.empty((len(numbers), max(int(size / share * 1.02), size)))
-                larger[:, :start] = table[:, :start]
-                table = larger
-            table[:, start:size] = part.numbers
-            places.append(part.lines)
-            for column, values in zip(columns, part.texts, strict=True):
-                column.append(values)
+            parts.append(self._parsed(first, lines, numbers, texts))
             last = [*last, *lines][-_LAST_ROWS:]
-        self._report_widths(body_rows=size)
+        columns = [np.concatenate(column) for column in zip(*(part.texts for part in parts), strict=True)]
+        body = TableBody(
+            np.concatenate([part.numbers for part in parts], axis=1),
+            columns,
+            np.concatenate([part.lines for part in parts]),
+        )
+        self._report_widths(body_rows=body.lines.size)
         for message, line in self._not_text if self.dialect.is_documented else ():
             self.log.add(message, line, fix="save the file as UTF-8")
         self._warn_of_cut(last)
@@ -303,7 +290,6 @@ class TextTable(Table):
             f"not read below the table: {below}" if below else "",
         ]
         self.sha256 = self.sha256 or self._digest.hexdigest()
-        body = TableBody(table[:, :size], [*map(np.concatenate, columns)], np.concatenate(places))
         return body.without(self.log.gaps)
 
     def _warn_of_cut(self, lines: list[str]) -> None:

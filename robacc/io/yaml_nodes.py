@@ -8,12 +8,12 @@ import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
 from robacc.errors import InputError, Problem
-from robacc.io.files import ProblemLog, clip
+from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
 MAX_DEPTH = 32
@@ -42,16 +42,12 @@ def _check_events(text: str, loader: Any) -> None:
         if not isinstance(event, yaml.NodeEvent):
             continue
         count += 1
-        problem = None
-        if isinstance(event, yaml.AliasEvent) or event.anchor is not None:
-            problem = "anchors (&) and aliases (*) are not supported"
-        elif (tag := getattr(event, "tag", None)) is not None:
-            problem = f"tags (!) are not supported, found {tag[:40]}"
-        elif depth >= MAX_DEPTH:
-            problem = f"nested deeper than {MAX_DEPTH}"
-        elif count > MAX_NODES:
-            problem = f"more than {MAX_NODES} entries"
-        if problem:
+        tag = getattr(event, "tag", None)
+        is_anchored = isinstance(event, yaml.AliasEvent) or event.anchor is not None
+        if is_anchored or tag is not None or depth >= MAX_DEPTH or count > MAX_NODES:
+            large = f"nested deeper than {MAX_DEPTH}" if depth >= MAX_DEPTH else f"more than {MAX_NODES} entries"
+            problem = large if tag is None else f"tags (!) are not supported, found {tag[:40]}"
+            problem = "anchors (&) and aliases (*) are not supported" if is_anchored else problem
             raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)  # type: ignore[arg-type]
         depth += isinstance(event, yaml.CollectionStartEvent)
 
@@ -87,8 +83,24 @@ def compose(text: str, file: str) -> yaml.Node:
     return node
 
 
+def top_section(text: str, file: str, known: Sequence[str]) -> YamlSection:
+    """Return the whole document, a mapping with the keys ``known``.
+
+    Raises:
+        InputError: The text is no such document.
+    """
+    source = Source(file)
+    top = source.section(compose(text, file), "", known)
+    if top is None:
+        source.finish()
+    return cast(YamlSection, top)
+
+
 class Source(ProblemLog):
     """YAML file and the problems found in it so far."""
+
+    units: Any = None
+    """Units of its numbers, as the reader of the file knows them."""
 
     def report(self, node: yaml.Node | None, path: str, message: str, fix: str | None = None) -> None:
         """Add a problem of a node, or of the file where ``node`` is None."""
@@ -220,8 +232,12 @@ class YamlSection:
         """Return the value's node; report a problem where it is missing."""
         node = self.get(key)
         if node is None:
-            self.source.report(self.values.get(key, self.node), self.at(key), "is missing")
+            self.report(key, "is missing")
         return node
+
+    def report(self, key: str, message: str, fix: str | None = None) -> None:
+        """Add a problem of a key's value, or of the section where it has no such key."""
+        self.source.report(self.values.get(key, self.node), self.at(key), message, fix)
 
     def at(self, key: str) -> str:
         """Return the dotted name of a key."""
@@ -286,7 +302,7 @@ def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Coll
     text = text if text.endswith("\n") else f"{text}\n"
     edits = _Edits(text, rewritten)
     edits.mapping(compose(text, file), document)
-    return edits.applied()
+    return spliced(text, edits.spans)
 
 
 @dataclass
@@ -296,14 +312,6 @@ class _Edits:
     text: str
     rewritten: Collection[str] = ()
     spans: list[tuple[int, int, str]] = field(default_factory=list)
-
-    def applied(self) -> str:
-        """Return the text with all replacements."""
-        pieces, position = [], 0
-        for start, end, new in sorted(self.spans, key=lambda span: span[:2]):
-            pieces += [self.text[position:start], new]
-            position = end
-        return "".join((*pieces, self.text[position:]))
 
     def value(self, node: yaml.Node, value: Any) -> None:
         """Change a value to another."""

@@ -22,7 +22,6 @@ from robacc.robots.yaml_robot import (
     parse_robot,
     robot_document,
     robot_to_yaml,
-    rounded_document,
 )
 
 _XML_SUFFIXES = frozenset({".urdf", ".xml"})
@@ -135,7 +134,7 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
         return robot_to_yaml(with_effect_units(robot), comments, rounded=True)
     units = Units(*parse_robot(text, robot.name).effect_units)
     in_units = with_effect_units(robot, units.length, units.angle)
-    document = rounded_document(robot_document(in_units, units))
+    document = robot_document(in_units, units, rounded=True)
     updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))
     if _is_read_as(updated, robot):
         remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()

@@ -6,9 +6,9 @@ for user group Expert (KRL syntax)".
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import NamedTuple
 
@@ -125,32 +125,25 @@ class _KrlValue(NamedTuple):
     written: ProgramTarget | None
 
 
-@dataclass(slots=True)
 class _File:
     """Findings in one file; names are in capitals."""
 
-    source: ProgramSource
-    text: str
-    statements: list[tuple[str, re.Match[str]]] = field(default_factory=list)
-    """Kind and match of each statement, whose match begins with its line."""
-    values: dict[str, list[_KrlValue]] = field(default_factory=dict)
-    changes: dict[str, list[int]] = field(default_factory=dict)
-    """Places of assignments that are no aggregate of numbers, by name."""
-    declared: dict[str, str] = field(default_factory=dict)
+    def __init__(self, source: ProgramSource) -> None:
+        """Find the statements and the variables."""
+        self.source, self.text = source, mask(source.text, _HIDDEN)
+        self.statements: list[tuple[str, re.Match[str]]] = []
+        """Kind and match of each statement, whose match begins and ends with its line."""
+        self.values: dict[str, list[_KrlValue]] = {}
+        self.changes: dict[str, list[int]] = {}
+        """Places of assignments that are no aggregate of numbers, by name."""
+        self.declared: dict[str, str] = {}
+        for line in re.finditer(r"[^\r\n]+", self.text):
+            tried = ((kind, pattern.match(self.text, *line.span())) for kind, pattern in _STATEMENTS.items())
+            self.statements += itertools.islice(((kind, match) for kind, match in tried if match), 1)
+        for kind, match in self.statements:
+            self.read_variable(kind, match)
 
-    @classmethod
-    def of(cls, source: ProgramSource) -> _File:
-        """Return the statements and variables of a file."""
-        file = cls(source, mask(source.text, _HIDDEN))
-        for line in re.finditer(r"[^\r\n]+", file.text):
-            for kind, pattern in _STATEMENTS.items():
-                if (match := pattern.match(file.text, *line.span())) is not None:
-                    file.statements.append((kind, match))
-                    file.read_variable(kind, match, line.end())
-                    break
-        return file
-
-    def read_variable(self, kind: str, match: re.Match[str], end: int) -> None:
+    def read_variable(self, kind: str, match: re.Match[str]) -> None:
         """Take in a statement that declares or changes a variable: its value, or the place where it is computed."""
         word, is_new = match[1].upper(), kind == "declaration"
         if kind == "indexed":
@@ -160,7 +153,7 @@ class _File:
                 self.declared[_key(other).partition("[")[0]] = word
         elif kind == "assignment" or (is_new and word != "FDAT"):
             name, start = (match[2], match.start(4)) if is_new else (match[1], match.end())
-            place = stripped(self.text, (start, end))
+            place = stripped(self.text, (start, match.endpos))
             written = None if not is_new and match[2] else _written(self.text, place)
             if is_new:
                 self.declared[_key(name)] = word
@@ -181,32 +174,44 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no KRL, or is truncated.
     """
-    file = _File.of(source)
+    file = _File(source)
     blocks = [(kind, match) for kind, match in file.statements if kind in ("block", "end")]
     if not file.values and not any(kind == "block" for kind, _ in blocks):
         raise source.error("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")
     if opened := unclosed((match[1], match.start(), kind == "block") for kind, match in blocks):
         fix = "copy it from the controller again"
         raise source.error("is truncated: the routine that begins here has no END", opened[0][1], fix)
-    return _Reader([file, *map(_File.of, others)], Draft(source, Dialect.krl)).program()
+    return _Reader([file, *map(_File, others)], Draft(source, Dialect.krl)).program()
 
 
-@dataclass(slots=True)
 class _Reader:
     """Files of a program, which is the first of them, and the frames that they define."""
 
-    files: Sequence[_File]
-    draft: Draft
-    frames: dict[str, Frame] = field(default_factory=dict)
-    """Frames of variables, such as ``TOOL_DATA[1]``."""
-    data: dict[str, dict[str, str]] = field(default_factory=dict)
-    """Numbers of tool and base of each FDAT."""
-    fixed: set[str] = field(default_factory=set)
-    """FDAT whose tool stands in the cell (IPO_FRAME #TCP)."""
+    def __init__(self, files: Sequence[_File], draft: Draft) -> None:
+        """Take the frames that the files define with numbers."""
+        self.files, self.draft = files, draft
+        self.frames: dict[str, Frame] = {}
+        """Frames of variables, such as ``TOOL_DATA[1]``."""
+        self.data: dict[str, dict[str, str]] = {}
+        """Numbers of tool and base of each FDAT."""
+        self.fixed: set[str] = set()
+        """FDAT whose tool stands in the cell (IPO_FRAME #TCP)."""
+        statements = (match for file in files for kind, match in file.statements if kind == "declaration")
+        for match in statements:
+            numbers_of = dict(re.findall(r"(TOOL|BASE)_NO\s+(\d+)", match[4].upper()))
+            if match[1].upper() == "FDAT" and match[3] and len(numbers_of) == 2:
+                self.data[_key(match[2])] = numbers_of
+                if re.search(r"IPO_FRAME\s+#TCP", match[4], _ANY):
+                    self.fixed.add(_key(match[2]))
+        values = ((name, value, file) for file in files for name, (value, *more) in file.values.items() if not more)
+        for name, value, file in values:
+            if name in file.changes or value.written is None or value.written.convention is None:
+                continue
+            if _TABLE.match(name) or (value.type in ("FRAME", "") and not value.written.configuration):
+                self.frames[name] = value.written.frame
 
     def program(self) -> Program:
         """Return the program."""
-        self.read_frames()
         targets: dict[str, int] = {}
         for name, (value, *_) in self.files[0].values.items():
             if self.type_of(name) in _TYPES and not _TABLE.match(name):
@@ -240,23 +245,6 @@ class _Reader:
         file, position = changes[0] if changes else values[-1]
         line = str(file.source.line(position))
         return line if file is self.files[0] else f"{line} of {PurePath(file.source.file).name}"
-
-    def read_frames(self) -> None:
-        """Take the frames that the files define with numbers."""
-        for file in self.files:
-            for kind, match in file.statements:
-                if kind == "declaration" and match[1].upper() == "FDAT" and match[3]:
-                    numbers_of = dict(re.findall(r"(TOOL|BASE)_NO\s+(\d+)", match[4].upper()))
-                    if len(numbers_of) == 2:
-                        self.data[_key(match[2])] = numbers_of
-                    if re.search(r"IPO_FRAME\s+#TCP", match[4], _ANY):
-                        self.fixed.add(_key(match[2]))
-            for name, (value, *more) in file.values.items():
-                written = value.written
-                if more or name in file.changes or written is None or written.convention is None:
-                    continue
-                if _TABLE.match(name) or (value.type in ("FRAME", "") and not written.configuration):
-                    self.frames[name] = written.frame
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:
         """Return the tool or base of a number."""

@@ -7,7 +7,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from robacc.geometry import (
     rotation_from_rpy,
     rpy_from_rotation,
 )
+from robacc.io.files import spliced
 from robacc.robots.description import Frame
 
 # Text of a program that is written back byte for byte, and masks that hide its comments and strings.
@@ -71,11 +72,7 @@ class ProgramSource:
 
     def replaced(self, edits: Iterable[tuple[int, int, str]]) -> bytes:
         """Return the file's bytes with ``(start, end, text)`` replaced; the edits do not overlap."""
-        pieces, position = [], 0
-        for start, end, text in sorted(edits):
-            pieces += [self.text[position:start], text]
-            position = end
-        return "".join((*pieces, self.text[position:])).encode(self.encoding)
+        return spliced(self.text, edits).encode(self.encoding)
 
     def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
         """Return the error of a program that cannot be read."""
@@ -188,20 +185,6 @@ ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
 """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
 
 
-def to_values(convention: Convention | None, native: Array) -> Array:
-    """Return x, y, z and the unit quaternion ``(7, N)`` of a program's numbers; joint variables as they are."""
-    if convention is None:
-        return native
-    return np.concatenate((native[:3], quaternion_from_rotation(convention.rotation(native[3:]))))
-
-
-def to_native(convention: Convention | None, values: Array, near: Array) -> Array:
-    """Return a program's numbers of ``values`` (as of :func:`to_values`), nearest to the numbers ``near``."""
-    if convention is None:
-        return values
-    return np.concatenate((values[:3], convention.numbers(values[3:], near[3:])))
-
-
 MotionType = Literal["joint", "linear", "circular", "other"]
 
 
@@ -275,8 +258,8 @@ class ProgramTarget:
     @property
     def frame(self) -> Frame:
         """Frame of Cartesian numbers."""
-        values = to_values(self.convention, native_of([self]))[:, 0]
-        return Frame.of(Poses(rotation_from_quaternion(values[3:]), values[:3]))
+        values, turn = native_of([self]), cast(Convention, self.convention).rotation
+        return Frame.of(Poses(turn(values[3:])[..., 0], values[:3, 0]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,7 +361,10 @@ class Draft:
             motion, tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
             targets.append(replace(target, motion=motion, tool=target.tool or tool, base=target.base or base))
         for convention, rows in by_convention(dict(enumerate(targets))):
-            values = to_values(convention, native_of([targets[i] for i in rows]))
+            values = native_of([targets[i] for i in rows])
+            if convention is not None:
+                turns = quaternion_from_rotation(convention.rotation(values[3:]))
+                values = np.concatenate((values[:3], turns))
             for i, column in zip(rows, values.T.tolist(), strict=True):
                 targets[i] = replace(targets[i], values=tuple(column))
         notes = tuple(sorted(self.notes, key=lambda note: note.line))

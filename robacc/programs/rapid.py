@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 from robacc.programs.grammar import (
     AXIS_UNITS,
@@ -55,50 +54,39 @@ _NOT_UNIT = 0.02
 """Difference of a quaternion's squared length from 1 above which its numbers are no orientation."""
 
 
-@dataclass(slots=True)
 class _Module:
     """Masked text of a file, its routines and what it assigns."""
 
-    source: ProgramSource
-    text: str
-    starts: list[int] = field(default_factory=list)
-    """Places where routines begin and end."""
-    changes: dict[tuple[int, str], int] = field(default_factory=dict)
-    """First assignment outside of declarations, by routine and name in small letters."""
-
-    @classmethod
-    def of(cls, source: ProgramSource) -> _Module:
-        """Return a module with its routines.
+    def __init__(self, source: ProgramSource) -> None:
+        """Find the routines and the assignments.
 
         Raises:
             InputError: The module or a routine lacks its end.
         """
-        module = cls(source, mask(source.text, _HIDDEN))
-        text, copy = module.text, "copy it from the controller again"
-        opened: list[tuple[str, int]] = []
-        blocks = list(_BLOCK.finditer(text))
-        for match in blocks:
-            word = match[1].upper()
+        self.source, self.text = source, mask(source.text, _HIDDEN)
+        copy, opened = "copy it from the controller again", [("", 0)]
+        blocks = [(match[1].upper(), match.start(), match.start(1)) for match in _BLOCK.finditer(self.text)]
+        for word, _, place in blocks:
             if not word.startswith("END"):
-                opened.append((word, match.start(1)))
-            elif opened and opened[-1][0] == word[3:]:
-                opened.pop()
-            else:
-                raise source.error(f"{word} ends no {word[3:]}", match.start(1), copy)
-            if not word.endswith("MODULE"):
-                module.starts.append(match.start())
+                opened.append((word, place))
+            elif opened.pop()[0] != word[3:]:
+                raise source.error(f"{word} ends no {word[3:]}", place, copy)
         if not blocks:
             raise source.error("has no MODULE and no PROC, so it is not a RAPID module")
-        if opened:
-            word, position = opened[-1]
-            raise source.error(f"is truncated: this {word} has no END{word}", position, copy)
-        for match in _ASSIGNMENT.finditer(mask(text, _DECLARATION)):
-            module.changes.setdefault((module.routine(match.start()), match[1].lower()), match.start())
-        for match in _INSTRUCTION.finditer(text):
+        word, place = opened[-1]
+        if word:
+            raise source.error(f"is truncated: this {word} has no END{word}", place, copy)
+        self.starts = [start for word, start, _ in blocks if not word.endswith("MODULE")]
+        """Places where routines begin and end."""
+        changed = [(match.start(), match[1]) for match in _ASSIGNMENT.finditer(mask(self.text, _DECLARATION))]
+        for match in _INSTRUCTION.finditer(self.text):
             if match[1].lower().startswith("search"):  # it stores a point in its second argument
-                point = text[slice(*[*_arguments(text, match), (0, 0), (0, 0)][1])]
-                module.changes.setdefault((module.routine(match.start()), point.lower()), match.start())
-        return module
+                point = [*_arguments(self.text, match), (0, 0), (0, 0)][1]
+                changed.append((match.start(), self.text[slice(*point)]))
+        self.changes: dict[tuple[int, str], int] = {}
+        """First assignment outside of declarations, by routine and name in small letters."""
+        for start, name in changed:
+            self.changes.setdefault((self.routine(start), name.lower()), start)
 
     def routine(self, position: int) -> int:
         """Return the number of the routine around a place, or :data:`_GLOBAL` for the module's own data."""
@@ -121,12 +109,12 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no RAPID module, or is truncated.
     """
-    module, draft = _Module.of(source), Draft(source, Dialect.rapid)
+    module, draft = _Module(source), Draft(source, Dialect.rapid)
     text = module.text
     frames = {name: ProgramFrame(name, Frame()) for name in ("tool0", "wobj0")}
     targets: dict[tuple[int, str], list[int | None]] = {}
     # An array has an index for each element; it is None for an element that is no target.
-    for other in (*map(_Module.of, others), module):
+    for other in (*map(_Module, others), module):
         changed = {name for _, name in other.changes}
         for match in (match for match in _DECLARATION.finditer(other.text) if match[5] is not None):
             kind, name = match[2].lower(), match[3]

@@ -15,11 +15,11 @@ from typing import Any
 
 from robacc.errors import InputError, Problem
 from robacc.io.files import read_bytes, read_text
-from robacc.io.yaml_nodes import Source, compose
+from robacc.io.yaml_nodes import top_section
 from robacc.plug_ins import plug_in, plug_in_names
 from robacc.programs.program import PROGRAM_LIMIT, Dialect, Program, ProgramFrame, ProgramSource
 from robacc.robots.description import Frame
-from robacc.robots.yaml_robot import named_frames, read_fields, read_units
+from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
 PLUG_INS = "robacc.programs"
 """Group of entry points that add dialects.
@@ -154,15 +154,9 @@ def parse_frames(text: str, file: str) -> dict[str, Mapping[str, Frame]]:
     Raises:
         InputError: The file has problems; the error carries all of them, with line and key.
     """
-    source = Source(file)
-    top = source.section(compose(text, file), "", ("units", "tools", "bases"))
-    units = None if top is None else read_units(top)
-    if top is None or units is None:
-        source.finish()
-        raise AssertionError("finish() raises where a section is missing")
-    frames = named_frames("expected frames by name, each with xyz and rpy, found {found}")
-    table = read_fields(top, {"tools": frames, "bases": frames}, units)
-    source.finish()
+    top = top_section(text, file, ("units", "tools", "bases"))
+    table = read_fields(top, {"tools": FRAMES, "bases": FRAMES}) if read_units(top) else {}
+    top.source.finish()
     return table
 
 

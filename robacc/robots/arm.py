@@ -35,7 +35,6 @@ _AXIS_OF = {
     "turn_y": 1,
     "turn_z": 2,
 }
-_LENGTHS = frozenset({"x", "y", "z", "d", "a"})
 
 TURNS = ("turn_x", "turn_y", "turn_z")
 """Zero-valued rotations after those of the base, of the tool and of a URDF's origins: corrections about the frame's own
@@ -98,7 +97,7 @@ def _motions(labels: Iterable[str], values: Mapping[str, float], owner: int) -> 
     """Return the motions of some labels, zero without a value."""
     return [
         Motion(
-            "translation" if label in _LENGTHS else "rotation",
+            "translation" if label in LENGTH_PARAMETERS else "rotation",
             _AXIS_OF[label],
             float(values.get(label, 0.0)),
             owner,

@@ -1,26 +1,27 @@
-"""Read a URDF into a robot: one serial chain of its links, mimic joints, and the masses of links outside it."""
+"""URDF: read into a robot, one serial chain of its links with the masses of links outside it, and written."""
 
 from __future__ import annotations
 
 import difflib
 import math
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple, cast
-from xml.etree.ElementTree import Element, TreeBuilder
+from xml.etree.ElementTree import Element, SubElement, TreeBuilder, indent, tostring
 from xml.parsers import expat
 
 import numpy as np
 
 from robacc.errors import InputError, Problem, UsageError
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, Poses, exp_so3, rotate, rpy_from_rotation
+from robacc.io.files import ProblemLog
 from robacc.robots.description import (
     LENGTH_PARAMETERS,
     MAX_JOINTS,
     MAX_LENGTH,
     ORIGIN_PARAMETERS,
+    STANDARD_GRAVITY,
     TRAVEL_IN_MM,
     TURN,
     ZERO,
@@ -98,127 +99,90 @@ class UrdfJoint(NamedTuple):
         return cls(element, str(element.get("name")), kind, parent, child, mimic)
 
 
-@dataclass(frozen=True)
 class UrdfTree:
-    """Tree of links and joints, and the problems found in it so far."""
+    """Tree of links and joints, with every name and number checked."""
 
-    file: str
-    root: Element
-    lines: Mapping[Element, int]
-    """1-based line of each element's opening tag."""
-    problems: list[Problem] = field(default_factory=list)
+    def __init__(self, text: str, file: str) -> None:
+        """Read a URDF.
 
-    @cached_property
-    def links(self) -> Mapping[str, Element]:
-        """Element of each link, by name."""
-        return {element.get("name", ""): element for element in self.root.iter("link")}
-
-    @cached_property
-    def joints(self) -> tuple[UrdfJoint, ...]:
-        """Joints of elements that were checked."""
-        return tuple(map(UrdfJoint.of, self.root.iter("joint")))
+        Raises:
+            InputError: The text is not well-formed XML, is not a URDF, is xacro, has wrong names or numbers, or two
+                joints move one link.
+        """
+        self.log, (self.root, self.lines) = ProblemLog(file), _parsed(text, file)
+        _check(self)
+        self.log.raise_if_any()
+        self.links = {element.get("name", ""): element for element in self.root.iter("link")}
+        self.joints = tuple(map(UrdfJoint.of, self.root.iter("joint")))
+        self.below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
+        """Joints on each link, by its name."""
+        movers: dict[str, str] = {}
+        for joint in self.joints:
+            self.below.setdefault(joint.parent, []).append(joint)
+            for role, link in (("parent", joint.parent), ("child", joint.child)):
+                if link not in self.links:
+                    self.report(joint.element, joint.name, f"its {role} link {link!r} does not exist")
+            if movers.setdefault(joint.child, joint.name) != joint.name:
+                message = f"moves the link {joint.child!r}, as {movers[joint.child]!r} does: not a serial chain"
+                self.report(joint.element, joint.name, message)
+        self.log.raise_if_any()
 
     def report(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
         """Add a problem of the joint or link ``name``."""
-        line = None if element is None else self.lines[element]
-        self.problems.append(Problem(message, self.file, line, name or None, fix))
-
-    def finish(self) -> None:
-        """Raise an error where there is a problem.
-
-        Raises:
-            InputError: Every problem, in the order of the file.
-        """
-        if self.problems:
-            raise InputError(sorted(self.problems, key=lambda problem: problem.line or 0))
-
-    @cached_property
-    def below(self) -> Mapping[str, list[UrdfJoint]]:
-        """Joints on each link, by its name."""
-        below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
-        for joint in self.joints:
-            below[joint.parent].append(joint)
-        return below
+        self.log.add(message, None if element is None else self.lines[element], name or None, fix)
 
     def paths(self, base: str) -> dict[str, list[UrdfJoint]]:
         """Return the joints from ``base`` to each link behind it, by the link's name."""
         paths: dict[str, list[UrdfJoint]] = {base: []}
         open_ = [base]
         for link in open_:
-            for joint in self.below[link]:
-                if joint.child not in paths:  # a circle of joints comes back to the base
-                    paths[joint.child] = [*paths[link], joint]
-                    open_.append(joint.child)
+            # A circle of joints comes back to the base.
+            new = {joint.child: [*paths[link], joint] for joint in self.below[link] if joint.child not in paths}
+            paths |= new
+            open_ += new
         return paths
 
 
-def read_tree(text: str, file: str) -> UrdfTree:
-    """Return the links and joints of a URDF, with every name and number checked.
+def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
+    """Return the root of the elements that are read, and the 1-based line of each one's opening tag.
 
     A document type is an error before anything is expanded: a URDF has none, and entities can exhaust the memory or
     read other files.
-
-    Raises:
-        InputError: The text is not well-formed XML, is not a URDF, is xacro, has wrong names or numbers, or two joints
-            move one link.
     """
-    reader = _XmlReader(file)
+    parser, builder = expat.ParserCreate(), TreeBuilder()
+    lines: dict[Element, int] = {}
+    selected: list[tuple[str, ...] | None] = [_ELEMENTS[""]]
+    # Elements read below each open element; None below one that is not read itself.
+
+    def refuse(message: str, fix: str | None = None) -> None:
+        raise InputError(Problem(message, file, parser.CurrentLineNumber, fix=fix))
+
+    def doctype(name: str, *_: object) -> None:
+        refuse(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        is_read = tag in (selected[-1] or ())
+        has_formula = is_read and any("${" in value or "$(" in value for value in attributes.values())
+        if tag.startswith("xacro:") or has_formula:
+            refuse("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
+        if len(selected) == 1 and not is_read:
+            model = _OTHER_MODELS.get(tag, "not a URDF")
+            refuse(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
+        selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
+        if is_read:
+            lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
+
+    def end(tag: str) -> None:
+        if selected.pop() is not None:
+            builder.end(tag)
+
+    parser.StartDoctypeDeclHandler, parser.StartElementHandler, parser.EndElementHandler = doctype, start, end
     try:
-        reader.parser.Parse(text, True)
+        parser.Parse(text, True)
     except expat.ExpatError as error:
         reason = expat.ErrorString(error.code)
         raise InputError(Problem(f"not well-formed XML: {reason}", file, error.lineno)) from None
-    tree = UrdfTree(file, reader.builder.close(), reader.lines)
-    _check(tree)
-    tree.finish()
-    movers: dict[str, str] = {}
-    for joint in tree.joints:
-        for role, link in (("parent", joint.parent), ("child", joint.child)):
-            if link not in tree.links:
-                tree.report(joint.element, joint.name, f"its {role} link {link!r} does not exist")
-        if movers.setdefault(joint.child, joint.name) != joint.name:
-            message = f"moves the link {joint.child!r}, as {movers[joint.child]!r} does: not a serial chain"
-            tree.report(joint.element, joint.name, message)
-    tree.finish()
-    return tree
-
-
-class _XmlReader:
-    """Expat's handlers: selected elements go to a tree, with their lines."""
-
-    def __init__(self, file: str) -> None:
-        self.file = file
-        self.lines: dict[Element, int] = {}
-        self.builder = TreeBuilder()
-        self.selected: list[tuple[str, ...] | None] = [_ELEMENTS[""]]
-        """Elements read below each open element; None below one that is not read itself."""
-        self.parser = expat.ParserCreate()
-        self.parser.StartDoctypeDeclHandler = self._doctype
-        self.parser.StartElementHandler = self._start
-        self.parser.EndElementHandler = self._end
-
-    def _refuse(self, message: str, fix: str | None = None) -> None:
-        raise InputError(Problem(message, self.file, self.parser.CurrentLineNumber, fix=fix))
-
-    def _doctype(self, name: str, *_: object) -> None:
-        self._refuse(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        is_root, is_read = len(self.selected) == 1, tag in (self.selected[-1] or ())
-        if tag.startswith("xacro:") or (
-            is_read and any("${" in value or "$(" in value for value in attributes.values())
-        ):
-            self._refuse("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
-        if is_root and not is_read:
-            model = _OTHER_MODELS.get(tag, "not a URDF")
-            self._refuse(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
-        self.selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
-        if is_read:
-            self.lines[self.builder.start(tag, attributes)] = self.parser.CurrentLineNumber
-
-    def _end(self, tag: str) -> None:
-        if self.selected.pop() is not None:
-            self.builder.end(tag)
+    return builder.close(), lines
 
 
 def _check(tree: UrdfTree) -> None:
@@ -328,28 +292,28 @@ def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
     message = "the joints form a loop: there is no link to start from" if moved else "the file has no links"
     if roots:
         message = f"{len(roots)} links could be the base: {_listing(roots)}"
-    raise InputError(Problem(message, tree.file, fix="choose one with `base_link`" if roots else None))
+    raise InputError(Problem(message, tree.log.file, fix="choose one with `base_link`" if roots else None))
 
 
 def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None, leaves: Mapping[str, Sequence[UrdfJoint]]) -> str:
     if tip_link is not None:
         return _known_link(tree, tip_link, "`tip_link`")
     if not leaves:
-        raise InputError(Problem(f"no joint follows the link {base!r}", tree.file))
+        raise InputError(Problem(f"no joint follows the link {base!r}", tree.log.file))
     ranks = {leaf: (sum(joint.moves for joint in path), len(path)) for leaf, path in leaves.items()}
     names = sorted(ranks, key=ranks.__getitem__, reverse=True)
     n_best = sum(rank == ranks[names[0]] for rank in ranks.values())
     if n_best == 1:
         return names[0]
     message = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
-    raise InputError(Problem(message, tree.file, fix="choose one with `tip_link`"))
+    raise InputError(Problem(message, tree.log.file, fix="choose one with `tip_link`"))
 
 
 def _known_link(tree: UrdfTree, name: str, parameter: str) -> str:
     if name in tree.links:
         return name
     names = difflib.get_close_matches(name, tree.links, 3, 0.5) or list(tree.links)
-    raise UsageError(f"{parameter}: {tree.file} has no link {name!r}; it has {_listing(names)}")
+    raise UsageError(f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}")
 
 
 def _listing(names: Sequence[str]) -> str:
@@ -398,19 +362,23 @@ def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
 
 def _read_limits(tree: UrdfTree, joint: UrdfJoint) -> tuple[float, float] | None:
     limit = joint.element.find("limit")
-    if limit is None or limit.attrib.keys().isdisjoint(("lower", "upper")):
-        return None
     # Where one limit is missing, the format's default for it is zero.
     lower, upper = numbers(limit, "lower", "0") + numbers(limit, "upper", "0")
-    if math.isinf(lower) and math.isinf(upper):
+    is_unlimited = math.isinf(lower) and math.isinf(upper)
+    if limit is None or limit.attrib.keys().isdisjoint(("lower", "upper")) or is_unlimited:
         return None
-    limits, problem = finite_limits(joint.type, (lower, upper))
-    if math.isinf(lower) or math.isinf(upper):
-        tree.report(joint.element, joint.name, f"one limit is infinite, the other is not ({lower:g}, {upper:g})")
-    elif lower > upper:
-        tree.report(joint.element, joint.name, f"the lower limit {lower:g} is above the upper limit {upper:g}")
-    elif problem is not None:
-        tree.report(joint.element, joint.name, problem, "make them infinite for a joint without limits")
+    limits, too_large = finite_limits(joint.type, (lower, upper))
+    checks = (
+        (
+            math.isinf(lower) or math.isinf(upper),
+            f"one limit is infinite, the other is not ({lower:g}, {upper:g})",
+            None,
+        ),
+        (lower > upper, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),
+        (too_large is not None, str(too_large), "make them infinite for a joint without limits"),
+    )
+    for _, message, fix in [check for check in checks if check[0]][:1]:
+        tree.report(joint.element, joint.name, message, fix)
     return limits
 
 
@@ -454,15 +422,12 @@ by 5 um at 1 m to it."""
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
-class _Carried(NamedTuple):
-    """Link that another carries rigidly, or the joint of a link that moves against it."""
+_AT_LINK = Poses.identity()
+_Carried = tuple[Poses, UrdfJoint, bool]
+"""Frame of a link in that of the link which carries it; its joint; and whether the joint moves it.
 
-    frame: Poses
-    """Frame of the link, or of the joint at zero, in the frame of the carrier."""
-    mass: float
-    com: Vector
-    joint: UrdfJoint | None
-    """Joint that moves the link; None for a link that is carried rigidly."""
+A joint that does not move its link counts as fixed, at zero.
+"""
 
 
 def _with_branches(tree: UrdfTree, path: Sequence[UrdfJoint]) -> tuple[list[Joint], list[BranchJoint]]:
@@ -478,7 +443,7 @@ def _with_branches(tree: UrdfTree, path: Sequence[UrdfJoint]) -> tuple[list[Join
     branches = list(_branches(tree, list(_carried(tree, path[0].parent, on_chain)), None))
     for i, joint in enumerate(joints):
         carried = list(_carried(tree, path[i].child, on_chain))
-        joints[i] = _loaded(joint, carried)
+        joints[i] = _loaded(tree, joint, carried)
         branches += _branches(tree, carried, joint.name)
     return joints, branches
 
@@ -488,18 +453,15 @@ def _origin(joint: UrdfJoint) -> Poses:
     return Poses.from_xyz_rpy(*(np.array(numbers(origin, key)) for key in ("xyz", "rpy")))
 
 
-def _carried(tree: UrdfTree, link: str, on_chain: Iterable[str] = (), frame: Poses | None = None) -> Iterator[_Carried]:
+def _carried(tree: UrdfTree, link: str, on_chain: Collection[str] = (), frame: Poses = _AT_LINK) -> Iterator[_Carried]:
     """Yield the links that ``link`` carries rigidly, and those that a joint moves against it."""
     for joint in tree.below[link]:
-        if joint.child in on_chain:
-            continue
-        child = _origin(joint) if frame is None else frame @ _origin(joint)
-        if joint.type in _MOVING and _movable_moment(tree, joint) > _LEAST_MOMENT:
-            yield _Carried(child, 0.0, ZERO, joint)
-        else:
-            mass, com = _inertial(tree, joint.child)
-            yield _Carried(child, mass or 0.0, com, None)
-            yield from _carried(tree, joint.child, (), child)
+        if joint.child not in on_chain:
+            child = frame @ _origin(joint)
+            moves = joint.type in _MOVING and _movable_moment(tree, joint) > _LEAST_MOMENT
+            yield child, joint, moves
+            if not moves:
+                yield from _carried(tree, joint.child, (), child)
 
 
 def _movable_moment(tree: UrdfTree, joint: UrdfJoint) -> float:
@@ -520,30 +482,28 @@ def _behind(tree: UrdfTree, link: str, distance: float) -> Iterator[tuple[float,
         yield from _behind(tree, joint.child, distance + math.hypot(*numbers(joint.element.find("origin"), "xyz")))
 
 
-def _loaded(joint: Joint, carried: Sequence[_Carried]) -> Joint:
+def _loaded(tree: UrdfTree, joint: Joint, carried: Sequence[_Carried]) -> Joint:
     """Return the joint with the masses of its link and of the links on it as a single mass."""
-    rigid = [link for link in carried if link.joint is None and link.mass > 0]
-    if not rigid:
+    rigid = [(frame, *_inertial(tree, link.child)) for frame, link, moves in carried if not moves]
+    masses = [(mass, frame.rotation @ com + frame.translation) for frame, mass, com in rigid if mass and mass > 0]
+    if not masses:
         return joint
-    mass = joint.mass or 0.0
-    total = mass + sum(link.mass for link in rigid)
-    moments = (link.mass * (link.frame.rotation @ link.com + link.frame.translation) for link in rigid)
-    moment: Array = sum(moments, mass * np.array(joint.com or ZERO))
+    own = joint.mass or 0.0
+    total = own + sum(mass for mass, _ in masses)
+    moment: Array = sum((mass * place for mass, place in masses), own * np.array(joint.com or ZERO))
     return replace(joint, mass=total, com=cast(Vector, tuple((moment / total).tolist())))
 
 
 def _branches(tree: UrdfTree, carried: Sequence[_Carried], parent: str | None) -> Iterator[BranchJoint]:
     """Yield the moving joints among links that ``parent`` carries, and those behind them."""
-    for link in carried:
-        if link.joint is None:
-            continue
-        joint = replace(_read_joint(tree, link.joint), limits=None)
-        own = _origin(link.joint)
-        if not (link.frame.rotation == own.rotation).all() or not (link.frame.translation == own.translation).all():
-            frame = Frame.of(link.frame)
-            joint = replace(joint, parameters=dict(zip(ORIGIN_PARAMETERS, (*frame.xyz, *frame.rpy, 0.0), strict=True)))
-        behind = list(_carried(tree, link.joint.child))
-        yield BranchJoint(_loaded(joint, behind), parent)
+    for frame, moving in ((frame, joint) for frame, joint, moves in carried if moves):
+        joint = replace(_read_joint(tree, moving), limits=None)
+        if (frame.matrices() != _origin(moving).matrices()).any():
+            origin = Frame.of(frame)
+            values = (*origin.xyz, *origin.rpy, 0.0)
+            joint = replace(joint, parameters=dict(zip(ORIGIN_PARAMETERS, values, strict=True)))
+        behind = list(_carried(tree, moving.child))
+        yield BranchJoint(_loaded(tree, joint, behind), parent)
         yield from _branches(tree, behind, joint.name)
 
 
@@ -591,9 +551,13 @@ def _direct_mimic(tree: UrdfTree, by_name: Mapping[str, UrdfJoint], joint: Joint
     while mimic is not None:
         master = by_name.get(mimic.master)
         if master is None or master.type == "fixed" or master.name in visited:
-            problem = "which follows it in turn: none of these joints moves by itself"
-            if master is None or master.type == "fixed":
-                problem = "which is not a joint of this file" if master is None else "which is fixed"
+            problem = "which is not a joint of this file"
+            if master is not None:
+                is_fixed, circle = (
+                    master.type == "fixed",
+                    "which follows it in turn: none of these joints moves by itself",
+                )
+                problem = "which is fixed" if is_fixed else circle
             tree.report(by_name[joint.name].element, joint.name, f"follows {mimic.master!r}, {problem}")
             break
         if master.mimic is None:
@@ -630,7 +594,7 @@ def parse_urdf(
         InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
         UsageError: ``base_link`` or ``tip_link`` is not a link of the URDF, or the tip is not behind the base.
     """
-    tree = read_tree(text, file)
+    tree = UrdfTree(text, file)
     base, tip = _choose_chain(tree, base_link, tip_link, joint_columns)
     path = tree.paths(base).get(tip)
     if not path:
@@ -640,11 +604,177 @@ def parse_urdf(
         raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
     joints, branches = _with_branches(tree, path)
     _check_sizes(tree, [*joints, *(branch.joint for branch in branches)])
-    tree.finish()
+    tree.log.raise_if_any()
     joints, branches = _resolve_mimics(tree, joints, branches)
     if not any(joint.is_variable for joint in joints):
         tree.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
-    tree.finish()
+    tree.log.raise_if_any()
     return Robot(
         tree.root.get("name", "robot"), "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches)
     )
+
+
+# Robots written as URDF, with a list of the information that a URDF cannot carry.
+
+MEASURING_FRAME = "measuring_frame"
+TOOL_LINK = "tool0"
+TURN_LIMITS = (-2 * math.pi, 2 * math.pi)
+"""Limits of a revolute joint whose file has none: the range that most arms without stated limits have.
+
+A URDF's revolute joint needs limits. ``continuous`` would need none, but it says that the joint turns without end, and
+some readers then represent its angle by cosine and sine: the configuration gets two numbers for the joint.
+"""
+
+
+def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
+    """Return the robot as URDF, and a line for each piece of information that a URDF cannot carry.
+
+    A base frame other than zero becomes a fixed joint from a link :data:`MEASURING_FRAME`, a tool frame one to a link
+    :data:`TOOL_LINK`, each target one to a link of its name. The fixed part of a DH row behind its
+    variable goes into the next joint's origin, and the link's centre of mass with it. A joint with sign -1 has its axis
+    reversed. Each term of a coupling becomes a mimic joint about the same axis, in front of the joint.
+    """
+    writer = _Writer(robot)
+    for joint in robot.joints:
+        writer.place_joint(joint, robot.convention)
+    flange, tail = writer.link, writer.tail
+    for branch in robot.branches:
+        writer.link, writer.tail = writer.carriers[branch.parent]
+        writer.place_joint(branch.joint, "urdf")
+    is_flange = np.array_equal(tail.matrices(), np.eye(4))
+    frames = {} if robot.tool == Frame() and is_flange else {TOOL_LINK: robot.tool}
+    for name, frame in (robot.targets or frames).items():
+        writer.link = flange
+        writer.connect(writer.unused_name(f"to_{name}"), "fixed", tail @ frame.pose, writer.unused_name(name))
+    indent(writer.root)
+    text = tostring(writer.root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n', _losses(robot)
+
+
+class _Writer:
+    """URDF written so far."""
+
+    def __init__(self, robot: Robot) -> None:
+        """Write the root link, and the base where it is not at the root."""
+        joints = [*robot.joints, *(branch.joint for branch in robot.branches)]
+        self.root = Element("robot", name=robot.name)
+        self.used_names = {robot.base_link, *(joint.name for joint in joints), *(joint.link for joint in joints)}
+        """Names of the robot and of the URDF so far, which new names must not repeat."""
+        name = robot.base_link or self.unused_name("base_link")
+        self.link, self.tail = name, Poses.identity()
+        """Name of the last link, and the transform from its frame to the description's frame of the same link."""
+        self.carriers: dict[str | None, tuple[str, Poses]] = {None: (self.link, self.tail)}
+        """Link and transform of each joint of the description, and of the base."""
+        if robot.base != Frame():
+            self.link = self.unused_name(MEASURING_FRAME)
+        SubElement(self.root, "link", name=self.link)
+        if robot.base != Frame():
+            self.connect(self.unused_name(f"{MEASURING_FRAME}_to_base"), "fixed", robot.base.pose, name)
+
+    def unused_name(self, name: str) -> str:
+        """Return the name, with a number behind it where the name is in use."""
+        unique, number = name, 2
+        while unique in self.used_names:
+            unique, number = f"{name}_{number}", number + 1
+        self.used_names.add(unique)
+        return unique
+
+    def connect(self, name: str, kind: str, origin: Poses, child: str) -> tuple[Element, Element]:
+        """Add a joint and the link it moves, which becomes the last link."""
+        link = SubElement(self.root, "link", name=child)
+        joint = SubElement(self.root, "joint", name=name, type=kind)
+        SubElement(joint, "origin", xyz=_texts(origin.translation), rpy=_texts(rpy_from_rotation(origin.rotation)))
+        SubElement(joint, "parent", link=self.link)
+        SubElement(joint, "child", link=child)
+        self.link = child
+        return joint, link
+
+    def place_joint(self, joint: Joint, convention: str) -> None:
+        """Add a joint of the robot, and its link with its mass."""
+        origin, tail = _parts(joint, convention)
+        origin = self.tail @ origin
+        *first, last = self.uncoupled(joint)
+        for piece in first:
+            self.place_axis(piece, origin, Poses.identity())
+            origin = Poses.identity()
+        self.place_axis(last, origin, tail)
+        self.tail = tail
+        self.carriers[joint.name] = (self.link, tail)
+
+    def uncoupled(self, joint: Joint) -> list[Joint]:
+        """Return joints about one axis that together move as a coupled joint does; the last has its name and link."""
+        if not joint.coupling:
+            return [joint]
+        plain = replace(joint, coupling={}, is_passive=False)
+        bare = replace(plain, limits=None, mass=None, com=None, link=None)
+        pieces = [
+            replace(bare, name=self.unused_name(f"{joint.name}_by_{master}"), mimic=Mimic(master, ratio))
+            for master, ratio in joint.coupling.items()
+        ]
+        return [*pieces[:-1], replace(plain, mimic=pieces[-1].mimic)] if joint.is_passive else [*pieces, plain]
+
+    def place_axis(self, joint: Joint, origin: Poses, tail: Poses) -> None:
+        """Add one joint of the URDF, and its link with its mass."""
+        kind = "continuous" if joint.is_continuous else joint.type
+        limits = TURN_LIMITS if kind == "revolute" and joint.limits is None else joint.limits
+        element, link = self.connect(joint.name, kind, origin, joint.link or self.unused_name(f"{joint.name}_link"))
+        if joint.type != "fixed":
+            SubElement(element, "axis", xyz=_texts(np.multiply(joint.axis, joint.sign)))
+        if limits is not None:
+            lower, upper = (repr(float(limit)) for limit in limits)
+            # The format requires effort and velocity; simulators read zero as unknown.
+            SubElement(element, "limit", lower=lower, upper=upper, effort="0", velocity="0")
+        if joint.mimic is not None:
+            multiplier, offset = repr(float(joint.mimic.multiplier)), repr(float(joint.mimic.offset))
+            SubElement(element, "mimic", joint=joint.mimic.master, multiplier=multiplier, offset=offset)
+        if joint.mass is not None:
+            com = rotate(tail.rotation, np.array(joint.com or ZERO)) + tail.translation
+            inertial = SubElement(link, "inertial")
+            SubElement(inertial, "origin", xyz=_texts(com), rpy="0.0 0.0 0.0")
+            SubElement(inertial, "mass", value=repr(float(joint.mass)))
+            # The format requires moments of inertia; a robot file has none.
+            SubElement(inertial, "inertia", dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz"), "0.0"))
+
+
+def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
+    """Return the transforms before the joint's variable, including its zero, and after it."""
+    values = joint.parameters
+    if convention == "urdf":
+        coordinates = np.array([values[label] for label in ("x", "y", "z", "roll", "pitch", "yaw")])
+        origin = Poses.from_xyz_rpy(coordinates[:3], coordinates[3:])
+        offset = np.multiply(joint.axis, values.get("offset", 0.0))
+        zero = {"revolute": Poses(exp_so3(offset), np.zeros(3)), "prismatic": Poses(np.eye(3), offset)}.get(joint.type)
+        return origin if zero is None else origin @ zero, Poses.identity()
+    variable = Poses.from_xyz_rpy(np.array([0.0, 0.0, values["d"]]), np.array([0.0, 0.0, values["theta"]]))
+    twist = Poses.from_xyz_rpy(np.array([values["a"], 0.0, 0.0]), np.array([values["alpha"], 0.0, 0.0]))
+    fixed = twist @ Poses.from_xyz_rpy(np.zeros(3), np.array([0.0, values.get("beta", 0.0), 0.0]))
+    return (variable, fixed) if convention == "standard" else (fixed @ variable, Poses.identity())
+
+
+def _texts(values: Array) -> str:
+    # Adding zero turns -0.0 into 0.0.
+    return " ".join(repr(float(value) + 0.0) for value in values)
+
+
+def _losses(robot: Robot) -> tuple[str, ...]:
+    """Return a line for each piece of information that a URDF cannot carry, with the joints that have it."""
+    joints = robot.joints
+    losses: list[tuple[str, bool | list[str]]] = [
+        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
+        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
+        ("tolerances of the base", bool(robot.base_tolerance)),
+        ("tolerances of the tool", bool(robot.tool_tolerance)),
+        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
+        ("targets: each becomes a link", bool(robot.targets)),
+        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
+        ("the payload's centre of mass", robot.payload_com is not None),
+        (
+            "missing limits (one turn either way is written)",
+            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
+        ),
+        (
+            "an unlimited range (a URDF requires limits)",
+            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
+        ),
+    ]
+    return tuple(f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)

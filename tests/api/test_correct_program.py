@@ -16,8 +16,14 @@ from robacc.geometry import Poses
 from robacc.measurements import Measurements
 from robacc.programs.program import Dialect
 from robacc.programs.reading import read_program
-from robacc.programs.targets import allowed_by_window, flange_targets, joint_window, leaves_configuration, turned_into
-from robacc.programs.writing import write_program
+from robacc.programs.targets import (
+    allowed_by_window,
+    flange_targets,
+    joint_window,
+    leaves_configuration,
+    turned_into,
+    write_program,
+)
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics

@@ -13,8 +13,7 @@ from robacc.gravity import weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 GRAVITY = 9.81

@@ -19,8 +19,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
 

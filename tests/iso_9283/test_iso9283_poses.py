@@ -17,8 +17,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 WITH_EDGE = {"scara": 0.15}
 """The stroke of the SCARA's slide is 195 mm: no preferred cube fits."""

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from robacc.errors import InputError, UsageError
 from robacc.programs.program import Program, ProgramTarget
 from robacc.programs.reading import read_program
-from robacc.programs.targets import flange_targets
-from robacc.programs.writing import with_targets, write_program
+from robacc.programs.targets import flange_targets, with_targets, write_program
 
 SAMPLES = Path(__file__).parents[1] / "programs" / "samples" / "val3"
 

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from robacc.programs.reading import read_program
-from robacc.programs.writing import with_targets
+from robacc.programs.targets import with_targets
 
 SAMPLES = Path(__file__).parent / "samples"
 

@@ -9,7 +9,7 @@ import pytest
 
 from robacc.errors import InputError
 from robacc.programs.reading import read_program
-from robacc.programs.writing import with_targets
+from robacc.programs.targets import with_targets
 
 FOLDER = Path(__file__).parent / "samples"
 SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())

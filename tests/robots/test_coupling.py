@@ -14,8 +14,7 @@ from robacc.errors import InputError
 from robacc.robots.arm import Arm, build_chain
 from robacc.robots.inverse_kinematics import inverse_kinematics, pose_jacobian
 from robacc.robots.library import find_reach
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 # A palletiser: the controller counts j3 from the horizontal, and rods keep the wrist level.

@@ -21,8 +21,7 @@ from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
 from robacc.robots.library import find_arm, library, similar_arms
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 KEYS = [arm.key for arm in library()]
 

@@ -12,8 +12,7 @@ from robacc.geometry import Array
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import build_chain
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
-from robacc.robots.urdf import parse_urdf
-from robacc.robots.urdf_writer import robot_to_urdf
+from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 PROJECT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -110,13 +110,11 @@ _ERRORS = {
                     {
                         f"rms_{unit}": Key(
                             PERCENTILES,
-                            source=lambda it: {f"p{percent}": rms for percent, (rms, _) in it.percentiles().items()},
+                            source=lambda errors: errors.percentiles(errors.pose_rms),
                         ),
                         f"radius95_{unit}": Key(
                             PERCENTILES,
-                            source=lambda it: {
-                                f"p{percent}": radius for percent, (_, radius) in it.percentiles().items()
-                            },
+                            source=lambda errors: errors.percentiles(errors.pose_radius95),
                         ),
                     }
                 ),
@@ -126,7 +124,7 @@ _ERRORS = {
             "worst": Key(
                 part(
                     {
-                        "pose": Key(count, "Number of the pose, from 0.", "index"),
+                        "pose": Key(count, "Number of the pose, from 0."),
                         "label": Key(text, "Label of the pose."),
                         "q": Key(array(number), "Joint variables, rad or m."),
                         f"rms_{unit}": Key(size, f"Rms {name} error, {unit}."),
@@ -149,15 +147,6 @@ _ERRORS = {
     for unit, name in QUANTITIES
 }
 """Predicted errors by unit."""
-
-
-def _covered(result: Any) -> Document | None:
-    """Return the measured poses within their bounds, of each quantity; None without any."""
-    if not result.coverage:
-        return None
-    first = result.coverage[0]
-    document: Document = {"probability": first.probability, "registered": first.registered, "orientation": None}
-    return document | {item.quantity: item for item in result.coverage}
 
 
 PREDICT = part(
@@ -433,7 +422,6 @@ PREDICT = part(
             )
             | None,
             "Measured poses within the bound of their error; null without them, and for tolerances.",
-            _covered,
         ),
         **NOTES,
         "warranty_map": Key(

@@ -18,9 +18,9 @@ import dataclasses
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -129,9 +129,12 @@ def error_columns(
     return (coefficients, scatter, unexplained, beyond_columns(model, data, sample)), poses.rotation
 
 
-def _root(covariance: Array) -> Array:
-    """Return ``L`` with ``L L^T`` the covariance, whose units may differ from row to row."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+def _root(covariance: Array, scale: Array | None = None) -> Array:
+    """Return ``L`` with ``L L^T`` the covariance, or the nearest positive semidefinite matrix.
+
+    The rows, whose units may differ, are in units of ``scale``, else of their standard deviations.
+    """
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)) if scale is None else scale
     over = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / over[:, None] / over)
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
@@ -217,10 +220,9 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
             places.append(np.stack((image, np.clip(image, low, high))) / length)
     # The standard deviation over the size of the effect.
     growth = np.maximum(np.minimum(growth / _SHARE, 1.0), 0.0 if known.effect.traits.is_bounded else growth)
-    result = [np.zeros((6, 0, data.n))]
     # With ``sample``, poses are a block of many, which all have the columns of every held effect.
     if not limits or not (places if sample is not None else growth.any()):
-        return result[0]
+        return np.zeros((6, 0, data.n))
     waves = np.ones((1, data.n)) if sample is None else _difference_waves(np.array(places))
     inside = _within(model, data if sample is None else sample, limits)
     scalars: dict[int, Array] = {}
@@ -229,11 +231,10 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
             if part.loads is None and part.motion != SCALE_OF_INSTRUMENT:
                 added = known.values.get(term.name, 0.0) * part.factor
                 scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
-    jacobian = _motion_columns(model, data, tuple(scalars))
-    for i, scalar in enumerate(scalars.values()):
-        std = math.sqrt(2.0 * float(np.mean(np.square(scalar)))) * growth
-        result.append(jacobian[:, i, None] * (std * waves))
-    return np.concatenate(result, axis=1)
+    squares = np.square([*scalars.values()]).reshape(len(scalars), inside.n)
+    stds = np.sqrt(2.0 * np.mean(squares, axis=1))[:, None, None] * growth
+    columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (stds * waves)
+    return np.asarray(columns.reshape(6, -1, data.n))
 
 
 def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
@@ -387,7 +388,10 @@ def calibrated_accuracy(
         scale: Scale of the grade.
         seed: Seed of the directions.
     """
-    data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
+    if poses is None:
+        names = np.repeat([*robot.targets][:1], configurations.n) if robot.targets else None
+        poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
+    data = completed(fit, poses, seed)
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
     totals = np.sum(uncertainty.shares, axis=0)
     shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
@@ -418,13 +422,8 @@ def calibrated_accuracy(
     )
 
 
-def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements | None, seed: int) -> Measurements:
+def completed(fit: ModelFit, poses: Measurements, seed: int) -> Measurements:
     """Return poses with every circumstance that an effect may depend on."""
-    if poses is None:
-        assert q is not None
-        targets = list(robot.targets)
-        names = np.repeat(targets[:1], q.shape[1]) if targets else None
-        poses = Measurements(position=np.zeros((3, q.shape[1])), q=q, target=names)
     assert poses.q is not None
 
     def middle(column: Array | None, name: str) -> Array | None:
@@ -447,26 +446,6 @@ def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
 
 
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """Measured poses within the bounds of a model's error."""
-
-    quantity: Literal["position", "orientation"]
-    probability: float
-    """Probability of the bound."""
-    n_poses: int
-    n_inside: int
-    registered: tuple[str, ...]
-    """Frames that were fitted to the other half of the poses."""
-    noise_source: Literal["given", "file", "fit"]
-    """Source of the measurement noise in the bounds: given, columns of the poses, or the fit of the model."""
-
-    @property
-    def share(self) -> float:
-        """Share of the poses within their bounds."""
-        return self.n_inside / self.n_poses
-
-
 def coverage(
     robot: Robot,
     fit: ModelFit,
@@ -474,8 +453,10 @@ def coverage(
     seed: int,
     aligned: Sequence[str] = (),
     noise: tuple[float | None, float | None] = (None, None),
-) -> tuple[Coverage, ...]:
-    """Return the coverage of position, and of orientation where poses and fit have it.
+) -> Mapping[str, Any]:
+    """Return the coverage of position, and of orientation where poses and fit have it, with the keys of the result.
+
+    The source of the measurement noise in the bounds is given, columns of the poses, or the fit of the model.
 
     Frames in ``aligned`` are facts of one campaign. They are fitted to every second measured pose for the errors of the
     others, and the other way round, so that no error is one of the fit. The bounds contain the measurement noise:
@@ -487,7 +468,7 @@ def coverage(
     """
     # Circumstances drawn in place of missing ones would be held against the measurements.
     Model.of(absorb_constants(robot)).bind(measured)
-    data, stated = completed(robot, fit, None, measured, seed), (measured.sigma_position, measured.sigma_rotation)
+    data, stated = completed(fit, measured, seed), (measured.sigma_position, measured.sigma_rotation)
     position, angle = (
         of_fit if given is None and column is None else given
         for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
@@ -516,16 +497,16 @@ def coverage(
             variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
             covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
         error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
-    results = []
-    quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
+    result: dict[str, Any] = {"probability": RADIUS_PROBABILITY, "registered": aligned, "orientation": None}
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
-        source: Literal["given", "file", "fit"] = "fit"
+        source = "fit"
         if fit.noise_is_separate and (noise[i] is not None or stated[i] is not None):
             source = "file" if noise[i] is None else "given"
         bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariances[i]))
         inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
-        results.append(Coverage(quantities[i], RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), source))
-    return tuple(results)
+        counts = {"n_poses": measured.n, "n_inside": inside, "share": inside / measured.n, "noise_source": source}
+        result[("position", "orientation")[i]] = counts
+    return result
 
 
 # Record of a fit for its model file, from the fit and its held-out residuals.
@@ -713,7 +694,8 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
         chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
         if float(np.trace(remaining[block, block])) <= chance:
             remaining[block, :] = remaining[:, block] = 0.0
-    return _positive(remaining)
+    root = _root(remaining, np.repeat(np.sqrt(np.maximum(np.diag(remaining).reshape(-1, 3).sum(axis=1), 0.0)), 3))
+    return np.asarray(root @ root.T)
 
 
 def _scatter(residual: Array) -> Array:
@@ -734,14 +716,6 @@ def _scatter(residual: Array) -> Array:
                 square = np.maximum(square, np.einsum("in,in->n", part, np.linalg.solve(spread, part)))
         weight = np.minimum(1.0, _GROSS / np.maximum(square, _GROSS))
     return np.asarray((residual * weight) @ residual.T / n)
-
-
-def _positive(matrix: Array) -> Array:
-    """Return the nearest positive semidefinite matrix, each block of three scaled to its own size first."""
-    scale = np.repeat([math.sqrt(max(float(np.trace(matrix[i : i + 3, i : i + 3])), 0.0)) or 1.0
-                       for i in range(0, matrix.shape[0], 3)], 3)  # fmt: skip
-    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale)
 
 
 def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:

@@ -363,10 +363,10 @@ class Planned(CsvResult, CampaignPlan):
         groups = {os.fspath(path): targets}
         if self.payload_kg is not None and len(self.payload_blocks) > 1:
             groups = {
-                str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): [
-                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == block.payload
+                str(file.with_name(f"{file.stem}_{payload:g}kg{file.suffix}")): [
+                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == payload
                 ]
-                for block in self.payload_blocks
+                for payload in (block["payload_kg"] for block in self.payload_blocks)
             }
         return {
             name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +32,11 @@ from robacc.planning.candidates import (
 from robacc.planning.design import (
     Criterion,
     DesignProblem,
-    ExpectedPower,
     FitCriterion,
     Route,
     choose,
     exchanged,
+    expected_power,
     greedy,
     information_of,
     route,
@@ -48,8 +50,6 @@ from robacc.planning.expected import (
     ExpectedCoefficient,
     ExpectedNoise,
     PlannedCoefficients,
-    Sufficiency,
-    Worth,
     candidate_rows,
     choose_for_power,
     coefficients,
@@ -59,7 +59,6 @@ from robacc.planning.expected import (
     free_effects,
     joint_repeatability,
     power_problem,
-    random_power,
     region_rows,
     repeatability_at_target,
     sufficiency_of,
@@ -130,24 +129,17 @@ class Demand:
     """Share of all poses that must lie within the limit of a largest error."""
 
 
-@dataclass(frozen=True, slots=True)
-class NeededPoses:
-    """Numbers of poses that decide one demand."""
+def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
+    """Return the number of poses that decides ``demand``, with the keys of the result.
 
-    demand: Demand
-    ratio: float
-    """True value over the limit that the number is for."""
-    poses: int | None
-    """None where more than :data:`MOST_POSES` are needed."""
-    by_ratio: tuple[tuple[float, int | None], ...]
-
-
-def needed(demand: Demand, expected: float | None) -> NeededPoses:
-    """Return the number of poses that decides ``demand`` with probability 0.9 if the true value is ``expected``."""
+    It decides with probability 0.9 if the true value is ``expected``, and so do the numbers for other true values; None
+    where more than :data:`MOST_POSES` are needed.
+    """
     ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
-    return NeededPoses(
-        demand, ratio, poses_for(demand, ratio), tuple((each, poses_for(demand, each)) for each in RATIOS)
-    )
+    by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
+    limit = {"limit_m": demand.limit, "confidence": demand.confidence, "true_over_limit": ratio}
+    name = {"name": demand.label, "statistic": demand.statistic}
+    return {**name, **limit, "n_poses": poses_for(demand, ratio), "by_ratio": by_ratio}
 
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
@@ -250,19 +242,6 @@ class CampaignSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class PayloadBlock:
-    """Visits in a row with the same payload."""
-
-    payload: float
-    """kg"""
-    first: int
-    """Number of the first visit, from 1."""
-    n_visits: int
-    n_poses: int
-    """Number of different poses."""
-
-
-@dataclass(frozen=True, slots=True)
 class CampaignPlan:
     """Planned poses in their order, and the expected result."""
 
@@ -282,14 +261,13 @@ class CampaignPlan:
     coefficients: tuple[ExpectedCoefficient, ...] = ()
     correlations: tuple[Correlation, ...] = ()
     accuracy: ExpectedAccuracy | None = None
-    worth: Worth | None = None
+    worth: Mapping[str, Any] | None = None
     detectability: Detectability | None = None
-    needed: tuple[NeededPoses, ...] = ()
-    sufficiency: Sufficiency | None = None
-    power: ExpectedPower | None = None
-    """Mean over the catalogue at the usual sizes, before repeats and checks; None unless the purpose is a trace."""
-    random_power: ExpectedPower | None = None
-    """The same of random candidates in the same number."""
+    needed: Sequence[Mapping[str, Any]] = ()
+    sufficiency: Mapping[str, Any] | None = None
+    power: Mapping[str, float] | None = None
+    """Mean over the catalogue at the usual sizes, before repeats and checks, of the chosen and of as many random
+    candidates; None unless the purpose is a trace."""
     warnings: tuple[str, ...] = ()
 
     @property
@@ -304,21 +282,20 @@ class CampaignPlan:
         return None if payload is None else payload[self.chosen[self.route.visits]]
 
     @property
-    def payload_blocks(self) -> tuple[PayloadBlock, ...]:
-        """Visits in a row with one payload, in order; empty where no payload was given."""
+    def payload_blocks(self) -> Sequence[Mapping[str, Any]]:
+        """Visits in a row with one payload, in order, with the keys of the result; empty where no payload was given."""
         if self.payload_kg is None:
             return ()
         starts = np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0)
-        ends = [*starts[1:], self.payload_kg.size]
-        return tuple(
-            PayloadBlock(
-                float(self.payload_kg[start]),
-                int(start) + 1,
-                int(end - start),
-                np.unique(self.route.visits[start:end]).size,
-            )
-            for start, end in zip(starts, ends, strict=True)
-        )
+        return [
+            {
+                "payload_kg": float(self.payload_kg[start]),
+                "first_visit": int(start) + 1,
+                "n_visits": int(end - start),
+                "n_poses": np.unique(self.route.visits[start:end]).size,
+            }
+            for start, end in itertools.pairwise([*starts, self.payload_kg.size])
+        ]
 
     def visits(self) -> Measurements:
         """Return the visits as poses to measure, with direction and speed of approach."""
@@ -508,7 +485,7 @@ def plan_campaign(
     # Poses measured already, or else those of the model's fit.
     of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
     n_known = of_model if measured is None else measured.n
-    demands = tuple(needed(demand, settings.expected) for demand in settings.demands)
+    demands = [needed(demand, settings.expected) for demand in settings.demands]
     count = _count(settings, demands, n_known, pool)
 
     rows = candidate_rows(model, poses, noise)
@@ -521,14 +498,13 @@ def plan_campaign(
         known_information(model, planned, noise, measured, record),
         float(np.sqrt(3.0) * np.hypot(repeatability, noise.unexplained)),
     )
-    accuracy = worth = power = power_of_random = None
+    accuracy = worth = power = None
     if purpose == "acceptance":
         chosen = _spread(settings, pool, count)
     elif purpose == "trace":
         problem, power_criterion = power_problem(model, poses, noise, measured)
         chosen = choose_for_power(problem, count, seed)
-        power = power_criterion.power(problem.information_with(chosen))
-        power_of_random = random_power(problem, power_criterion, count, seed)
+        power = expected_power(problem, power_criterion, chosen, seed)
     else:
         criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
         if purpose == "health":
@@ -577,7 +553,6 @@ def plan_campaign(
         worth=worth,
         needed=demands,
         power=power,
-        random_power=power_of_random,
     )
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
@@ -605,23 +580,22 @@ def _task(
 
 
 def _count(
-    settings: CampaignSettings, demands: tuple[NeededPoses, ...], n_known: int, candidates: CandidatePoses
+    settings: CampaignSettings, demands: Sequence[Mapping[str, Any]], n_known: int, candidates: CandidatePoses
 ) -> int:
     """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
     count = settings.poses or (BATCH if n_known else None)
-    undecided = next((entry for entry in demands if entry.poses is None), None)
+    undecided = next((entry for entry in demands if entry["n_poses"] is None), None)
     if count is None and undecided is not None:
         raise UsageError(
-            f"no number of poses up to {MOST_POSES} decides {undecided.demand.label} if the true value is "
-            f"{undecided.ratio:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+            f"no number of poses up to {MOST_POSES} decides {undecided['name']} if the true value is "
+            f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
         )
-    count = count or max((entry.poses or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
+    count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
     if count > candidates.n:
-        reasons = candidates.excluded
-        most = f"; most of the others are excluded by: {reasons[0].reason}" if reasons else ""
+        most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
         number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
         raise UsageError(f"{count} poses are planned, but {number}{most}")
-    return count
+    return int(count)
 
 
 def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) -> NDArray[np.int64]:

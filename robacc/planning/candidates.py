@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,17 +202,6 @@ _MOVES = 1e-6
 """m; a corner of the arm that moves less stands still and is part of the pedestal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exclusion:
-    """Candidates that one reason excludes."""
-
-    reason: str
-    count: int
-    """Candidates that it excludes, whether another reason does or not."""
-    alone: int
-    """Candidates that only this reason excludes."""
-
-
 Excluded = dict[str, NDArray[np.bool_]]
 """``(N,)`` excluded poses, by reason."""
 
@@ -324,7 +313,9 @@ class CandidatePoses:
     """``(N,)`` names of given candidates; None for sampled ones."""
     n_drawn: int
     """Number of candidates before the filters."""
-    excluded: tuple[Exclusion, ...]
+    excluded: Sequence[Mapping[str, Any]]
+    """Reasons, the largest first, with the keys of the result: the number of candidates that a reason excludes, whether
+    another does or not, and that it alone excludes."""
     source: str
     payload: Array | None = None
     """``(N,)`` kg; None where no payload was given."""
@@ -355,34 +346,30 @@ def _feasible(
     Raises:
         UsageError: No pose is feasible; the message begins with ``none`` and names the reason that excludes most.
     """
-    blocks, positions, masks = [], [], []
-    n_feasible = 0
+    parts, n_feasible = [], 0
     for block in draws:
         position, excluded = filtered(model, block, constraints)
-        blocks.append(block)
-        positions.append(position)
-        masks.append(np.array([*excluded.values()]))
-        n_feasible += int(np.count_nonzero(~np.any(masks[-1], axis=0)))
+        parts.append((block, position, np.array([*excluded.values()])))
+        n_feasible += int(np.count_nonzero(~np.any(parts[-1][2], axis=0)))
         if n_feasible >= count:
             break
-    q, position, mask = (np.concatenate(parts, axis=1) for parts in (blocks, positions, masks))
-    number = np.sum(mask, axis=0)
-    counts = [
-        Exclusion(reason, int(np.count_nonzero(own)), int(np.count_nonzero(own & (number == 1))))
+    q, position, mask = (np.concatenate(blocks, axis=1) for blocks in zip(*parts, strict=True))
+    number, n_drawn = np.sum(mask, axis=0), q.shape[1]
+    counts: list[dict[str, Any]] = [
+        {"reason": reason, "count": int(np.count_nonzero(own)), "alone": int(np.count_nonzero(own & (number == 1)))}
         for reason, own in zip(excluded, mask, strict=True)
         if own.any()
     ]
-    exclusions = tuple(sorted(counts, key=lambda entry: -entry.count))
-    n_drawn = q.shape[1]
+    exclusions = sorted(counts, key=lambda entry: -entry["count"])
     if not n_feasible:
-        largest, *others = exclusions
-        text = f"{none}: of {n_drawn} poses, {largest.count} are excluded by: {largest.reason}"
-        text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
-        raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
+        others = "".join(f"; {entry['count']} by: {entry['reason']}" for entry in exclusions[1:])
+        raise UsageError(
+            f"{none}: of {n_drawn} poses, {exclusions[0]['count']} are excluded by: {exclusions[0]['reason']}{others}. "
+            f"Relax {'the first of these' if others else 'this demand'}"
+        )
     at = np.flatnonzero(number == 0)[:count]
-    named = None if ids is None else ids[at]
     source = f"{n_drawn} samples within the joint limits"
-    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source)
+    return CandidatePoses(q[:, at], position[:, at], None if ids is None else ids[at], n_drawn, exclusions, source)
 
 
 def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times: int) -> Iterator[Array]:
@@ -540,21 +527,20 @@ _EQUAL = 1e-4
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
     """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
-    branches = robot.branch_variables if _loading(robot) else ()
-    positions = np.array([[branch.position] * n for branch in branches]) if branches else None
-    return positions, tuple(branch.joint.name for branch in branches)
+    if not _loading(robot):
+        return None, ()
+    positions = np.array([[branch.position] * n for branch in robot.branch_variables])
+    return positions, tuple(branch.joint.name for branch in robot.branch_variables)
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:
     """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
-    loading = _loading(robot)
-    if not loading:
-        return ()
-    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in loading)
-    return (
+    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in _loading(robot))
+    text = (
         f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
-        "the planned rows state; to change them, set position in the robot file",
+        "the planned rows state; to change them, set position in the robot file"
     )
+    return (text,) if listed else ()
 
 
 def check_at_rest(robot: Robot, poses: Measurements) -> None:
@@ -568,19 +554,18 @@ def check_at_rest(robot: Robot, poses: Measurements) -> None:
     for branch, values in zip(robot.branch_variables, poses.branches, strict=True):
         off = np.flatnonzero(np.abs(values - branch.position) > _EQUAL)
         if off.size:
-            row = int(off[0])
-            found = _with_unit(branch, float(values[row]))
+            found, line = (
+                _with_unit(branch, float(values[off[0]])),
+                None if poses.rows is None else int(poses.rows[off[0]]),
+            )
             message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
             fix = "set the position of this joint in the robot file to where it stands, or remove the column"
-            line = None if poses.rows is None else int(poses.rows[row])
             raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
 
 
 def _loading(robot: Robot) -> list[BranchJoint]:
     """Return the moving joints outside the chain whose weight a joint of the chain carries."""
-    if not robot.has_masses:
-        return []
-    return [branch for branch in robot.branch_variables if robot.carrier(branch) is not None]
+    return [branch for branch in robot.branch_variables if robot.has_masses and robot.carrier(branch) is not None]
 
 
 def _with_unit(branch: BranchJoint, value: float | None = None) -> str:

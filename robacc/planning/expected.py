@@ -8,8 +8,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.design import (
     DesignProblem,
-    ExpectedPower,
     PowerCriterion,
     choose,
     exchanged,
@@ -38,7 +38,6 @@ from robacc.planning.design import (
 )
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
-from robacc.tracing.search import DetectionLimit
 
 _FRAME_PRIOR = 1.0
 """m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
@@ -228,34 +227,6 @@ class ExpectedAccuracy:
     """The planned poses; None if they do not identify the model."""
 
 
-@dataclass(frozen=True, slots=True)
-class Worth:
-    """Predicted RMS error over the region for equal effort spent in different ways, m."""
-
-    new_poses: float | None
-    repeated_poses: float | None
-    """Half as many poses, each visited twice."""
-    readings: float | None
-    """The same poses, each read twice at one visit: less instrument noise, the same repeatability."""
-    verdict: str
-
-
-@dataclass(frozen=True, slots=True)
-class Sufficiency:
-    """Answer to whether the poses measured so far are enough."""
-
-    n: int
-    """Poses measured already, or those of the model's fit."""
-    enough: bool
-    why: str
-    now: float | None
-    """Predicted error now, m rms; None where the poses do not identify the model."""
-    later: float | None
-    """Predicted error with the next poses."""
-    of_model: bool = False
-    """The poses are those that the model was fitted to."""
-
-
 def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
     """Return the predicted standard error of every coefficient, in the order of the effects."""
     why = {entry.name: entry.why for entry in planned.dropped}
@@ -346,20 +317,24 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
     return int(enough[0]) if enough.size else None
 
 
-def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:
-    """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, and its verdict in words."""
+def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Mapping[str, Any]:
+    """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, with the keys of the result.
+
+    They are predicted RMS errors over the region for equal effort, m, and the verdict in words.
+    """
     points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
     names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
     known = [(point.total, name) for name, point in zip(names, points, strict=True) if point is not None]
     verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
-    new, repeated, readings = (None if point is None else point.rms for point in points)
-    return Worth(new, repeated, readings, verdict)
+    keys = ("new_poses_rms_m", "repeated_poses_rms_m", "readings_rms_m")
+    rms = {key: None if point is None else point.rms for key, point in zip(keys, points, strict=True)}
+    return {**rms, "verdict": verdict}
 
 
 def sufficiency_of(
     expectation: Expectation, chosen: NDArray[np.int64], n: int, target: float | None, of_model: bool
-) -> Sufficiency:
-    """Return whether ``n`` known poses are enough, with the next poses ``chosen``.
+) -> Mapping[str, Any]:
+    """Return whether ``n`` known poses are enough, with the next poses ``chosen``, with the keys of the result.
 
     Args:
         expectation: Predicted errors, with the information of the known poses.
@@ -378,8 +353,8 @@ def sufficiency_of(
     else:
         gain = 1.0 - later.total / now.total
         enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-    totals = [None if point is None else point.total for point in (now, later)]
-    return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
+    totals = {key: None if point is None else point.total for key, point in (("now_m", now), ("later_m", later))}
+    return {"n_already": n, "enough": enough, "why": why, **totals, "of_model": of_model}
 
 
 # Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
@@ -395,35 +370,16 @@ _DETECTABLE = 0.5
 """Power from which an effect counts as detectable at its usual size."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExpectedLimit(DetectionLimit):
-    """Detection limit of one form of an effect, and the power at its usual size."""
-
-    usual: float
-    """Usual size: geometric mean of the catalogue's range."""
-    power: float
-    """Probability that an effect of the usual size is found."""
-
-
-@dataclass(frozen=True, slots=True)
-class InseparablePair:
-    """Two effects of which the second explains the first, at its usual size, within the noise."""
-
-    first: str
-    second: str
-    similarity: float
-    """Largest cosine between the new parts of their columns."""
-    evidence: float
-    """Expected difference in evidence (log Bayes factor) if the first is the truth, at its usual size."""
-
-
 @dataclass(frozen=True, slots=True)
 class Detectability:
-    """What a trace of the planned poses can find."""
+    """What a trace of the planned poses can find, with the keys of the result."""
 
-    limits: tuple[ExpectedLimit, ...]
-    pairs: tuple[InseparablePair, ...]
-    missing: dict[str, str]
+    limits: Sequence[Mapping[str, Any]]
+    """Detection limit of every form of an effect, and the power at its usual size."""
+    pairs: Sequence[Mapping[str, Any]]
+    """Pairs of effects of which the second explains the first, at its usual size, within the noise: the largest cosine
+    between the new parts of their columns, and the expected difference in evidence if the first is the truth."""
+    missing: Mapping[str, str]
     """Reason why an effect cannot be tested, by effect."""
 
 
@@ -461,9 +417,10 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
             if limit <= _LARGEST * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)
-        form = (effect.name, effect.joints, effect.settings(), size, first.unit, rms)
-        tested.append((place, ExpectedLimit(*form, usual=usual, power=power)))
-    return Detectability(tuple(limit for _, limit in tested), _pairs(tested, gram), missing)
+        form = {"effect": effect.name, "joints": effect.joints, "settings": effect.settings()}
+        sizes = {"limit": size, "unit": first.unit, "usual_size": usual, "power": power, "rms_m": rms}
+        tested.append((place, {**form, **sizes}))
+    return Detectability([limit for _, limit in tested], _pairs(tested, gram), missing)
 
 
 def usual_size(effect: str) -> float:
@@ -472,11 +429,11 @@ def usual_size(effect: str) -> float:
     return math.sqrt(low * high)
 
 
-def _label(limit: ExpectedLimit) -> str:
+def _label(limit: Mapping[str, Any]) -> str:
     """Return ``backlash[j2]``, with settings."""
-    settings = ", ".join(f"{key} {_text(value)}" for key, value in limit.settings.items())
-    joints = f"[{','.join(limit.joints)}]" if limit.joints else ""
-    return f"{limit.effect}{joints}{f' ({settings})' if settings else ''}"
+    settings = ", ".join(f"{key} {_text(value)}" for key, value in limit["settings"].items())
+    joints = f"[{','.join(limit['joints'])}]" if limit["joints"] else ""
+    return f"{limit['effect']}{joints}{f' ({settings})' if settings else ''}"
 
 
 def _text(value: object) -> str:
@@ -505,26 +462,26 @@ def _without(base: Array, columns: Array) -> Array:
     return columns
 
 
-def _pairs(tested: Sequence[tuple[NDArray[np.int64], ExpectedLimit]], gram: Array) -> tuple[InseparablePair, ...]:
+def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: Array) -> list[dict[str, Any]]:
     """Return the pairs of detectable effects, one form for each effect and joint, that are not distinguishable.
 
     ``tested`` has the columns of each form in the products ``gram`` of new parts, and its limit.
     """
-    first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], ExpectedLimit]] = {}
+    first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], Mapping[str, Any]]] = {}
     for place, limit in tested:
-        if limit.power >= _DETECTABLE:
-            first_forms.setdefault((limit.effect, limit.joints), (place, limit))
+        if limit["power"] >= _DETECTABLE:
+            first_forms.setdefault((limit["effect"], limit["joints"]), (place, limit))
     pairs = []
     for (place, limit), (other, rival) in itertools.permutations(first_forms.values(), 2):
         block, cross = gram[np.ix_(place, place)], gram[np.ix_(place, other)]
         explained = cross @ np.linalg.pinv(gram[np.ix_(other, other)], rcond=1e-9) @ cross.T
-        remaining = max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
-        evidence = 0.5 * limit.usual**2 * remaining
+        evidence = 0.5 * limit["usual_size"] ** 2 * max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
         if evidence < ACCEPTED:
             whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
             similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
-            pairs.append(InseparablePair(_label(limit), _label(rival), similarity, evidence))
-    return tuple(sorted(pairs, key=lambda pair: (-round(pair.similarity, 9), pair.evidence)))
+            names = {"first": _label(limit), "second": _label(rival)}
+            pairs.append({**names, "similarity": similarity, "evidence": evidence})
+    return sorted(pairs, key=lambda pair: (-round(pair["similarity"], 9), pair["evidence"]))
 
 
 # Choice of poses for a trace.
@@ -534,13 +491,6 @@ _CANDIDATES = 800
 _EXCHANGED = 100
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
-
-
-def random_power(problem: DesignProblem, criterion: PowerCriterion, count: int, seed: int) -> ExpectedPower:
-    """Return the mean power over random sets of ``count`` candidates."""
-    draws = random_designs(problem.rows.shape[0], count, count, seed)
-    powers = [dataclasses.astuple(criterion.power(problem.information_with(draw))) for draw in draws]
-    return ExpectedPower(*np.mean(powers, axis=0).tolist())
 
 
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:

@@ -80,7 +80,7 @@ def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
     plan = robacc.plan(robot, model=model, candidates=150, poses=3, repeats=0, check_every=0)
     assert "noise of the model's fit" in plan.noise.source
     assert plan.noise.position == pytest.approx(fitted.fit.noise.position, rel=1e-6)
-    assert plan.sufficiency.of_model
+    assert plan.sufficiency["of_model"]
     before = {entry.name: entry.std for entry in fitted.parameters if entry.std is not None}
     after = {entry.name: entry.std for entry in plan.coefficients if entry.std is not None}
     common = sorted(set(before) & set(after))

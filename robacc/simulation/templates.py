@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from robacc.errors import RobaccError, UsageError
-from robacc.geometry import Array
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -134,8 +133,7 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
     The rows are simulated, so that every command runs at once; there are none where a prismatic joint has no limits.
     """
     names = [f"q{i + 1}_{'deg' if joint.type == 'revolute' else 'mm'}" for i, joint in enumerate(robot.variables)]
-    header = ["pose", *names, "x_mm", "y_mm", "z_mm"]
-    rows = _example_rows(robot)
+    header, rows = ["pose", *names, "x_mm", "y_mm", "z_mm"], _example_rows(robot)
     legend = "; ".join(f"q{i + 1} is {joint.name}" for i, joint in enumerate(robot.variables))
     lines = [
         f"# Measured poses of the arm in {file}: one row for each pose. Lines that begin with # are comments.",
@@ -148,10 +146,10 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
         "#   cycle, target, time_s, temperature_c, payload_kg; dir_q1 … (-1, 0, 1: direction of approach), speed_q1 …",
     ]
     if rows:
-        lines.append(
-            f"# The {len(rows)} rows below are simulated, so that commands run at once: replace them with yours."
-        )
-        lines.append(f"# Then: robacc estimate {name} --robot {file} --align base_frame,tool_frame")
+        lines += [
+            f"# The {len(rows)} rows below are simulated, so that commands run at once: replace them with yours.",
+            f"# Then: robacc estimate {name} --robot {file} --align base_frame,tool_frame",
+        ]
     return "\n".join([*lines, ",".join(header), *rows]) + "\n", len(rows)
 
 
@@ -163,6 +161,5 @@ def _example_rows(robot: Robot) -> list[str]:
     if data.q is None or data.target is not None:
         return []
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    joints: Array = data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None]
-    columns = np.vstack((joints, data.position * 1e3)).T
+    columns = np.vstack((data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None], data.position * 1e3)).T
     return [",".join([f"P{i + 1}", *(f"{value:.4f}" for value in row)]) for i, row in enumerate(columns)]

@@ -42,9 +42,8 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
     fitted = fit(model.with_free(cls.default(model.arm, data)), data)
     number = fitted.names.index(READ_BACK)
     share, std = float(fitted.theta[number]), float(np.sqrt(fitted.covariance[number, number]))
-    start = (
-        f"the joints read back differ from the commanded joints by {1e3 * rms_length(shift):.3g} mm rms at the target"
-    )
+    moved = f"{1e3 * rms_length(shift):.3g} mm rms at the target"
+    start = f"the joints read back differ from the commanded joints by {moved}"
     if not np.isfinite(std) or std > _UNDECIDED:
         return (f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used",)
     follow = f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference"
@@ -217,20 +216,18 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     result = {}
     for joint in joints:
         number = fit.model.arm.number(joint)
-        column = columns[:, number]
-        error = np.einsum("mn,mn->n", column, fit.residual[:3, present])
-        error = error / np.maximum(np.linalg.norm(column, axis=0), 1e-12)
+        unit = columns[:, number] / np.maximum(np.linalg.norm(columns[:, number], axis=0), 1e-12)
+        error = np.einsum("mn,mn->n", unit, fit.residual[:3, present])
         # An accident of the instrument counts as seven times the median.
         limit = 7.0 * float(np.median(np.abs(error)))
         change = np.sign(torque[number, present] - torque[number, previous])
-        regressors = [_polynomials(torque[number, present]), _polynomials(data.q[number, present])]
+        matrix = np.concatenate((_polynomials(torque[number, present]), _polynomials(data.q[number, present])), axis=1)
         if data.direction is not None:
-            regressors.append(data.direction[number, present, None])
-        matrix = np.concatenate(regressors, axis=1)
+            matrix = np.concatenate((matrix, data.direction[number, present, None]), axis=1)
         change -= matrix @ np.linalg.lstsq(matrix, change, rcond=None)[0]
         products = change * np.clip(error, -limit, limit)
-        size = float(np.linalg.norm(products))
-        result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size) if size > 0.0 else 1.0
+        size = max(float(np.linalg.norm(products)), 1e-300)
+        result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size)
     return result
 
 

@@ -427,8 +427,8 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     if scale == 0.0:
         return 0.0, 0.0
     # Rounding may carry a perfect correlation past one.
-    correlation = min(1.0, max(-1.0, cross / scale))
-    plus, minus = 0.5 * (1.0 + correlation), 0.5 * (1.0 - correlation)
+    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / scale))
+    minus = 1.0 - plus
     low, high = (dof / chi2_quantile(1.0 - p, dof) for p in tails(confidence)[:2])
     limits = difference_limits(plus, (plus * low, plus * high), minus, (minus * low, minus * high))
     return scale * limits[0], scale * limits[1]

@@ -50,8 +50,7 @@ def principal_variances(covariance: Array) -> Array:
     values = mean + 2.0 * size * np.cos(angles)
     nearly_equal = np.abs(cosine) > 1.0 - _NEARLY_EQUAL
     values[:, nearly_equal] = np.linalg.eigvalsh(np.moveaxis(covariance[..., nearly_equal], -1, 0)).T
-    result: Array = np.maximum(values, 0.0)
-    return result
+    return np.asarray(np.maximum(values, 0.0))
 
 
 def _solved(
@@ -133,8 +132,7 @@ def length_quantiles(probability: float, variances: Array) -> Array:
         power = block.sum(axis=0)
         scatter = power > 0.0
         shares = block[:, scatter] / power[scatter]
-        distribution = partial(_cdf_and_density, variances=shares)
-        shape = 0.5 / np.sum(np.square(shares), axis=0)
+        distribution, shape = partial(_cdf_and_density, variances=shares), 0.5 / np.sum(np.square(shares), axis=0)
         square = _solved(probability, distribution, _initial_square(probability, shares), 1e-5, shape)
         result[start : start + BLOCK][scatter] = np.sqrt(square * power[scatter])
     return result
@@ -205,8 +203,7 @@ def _complete_integral(x: Array, z: Array, y: Array) -> Array:
         + 3.0 * e5 / 26.0
     )
     second = 3.0 * total + weight * series / (mean * np.sqrt(mean))
-    result: Array = 0.5 * (middle * first + product * second + square_root)
-    return result
+    return np.asarray(0.5 * (middle * first + product * second + square_root))
 
 
 # One vector, to full precision.

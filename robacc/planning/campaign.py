@@ -388,11 +388,10 @@ def known_information(
     """
     if already is not None:
         return information_of(whitened_rows(model, already, noise)[:, :, planned.columns])
-    result = np.zeros((planned.columns.size,) * 2)
-    names = () if record is None else record.coefficients
-    ours = [i for i, name in enumerate(planned.names) if name in names]
+    result, known = np.zeros((planned.columns.size,) * 2), () if record is None else record.coefficients
+    ours = [i for i, name in enumerate(planned.names) if name in known]
     if record is not None and ours:
-        theirs = [names.index(planned.names[i]) for i in ours]
+        theirs = [known.index(planned.names[i]) for i in ours]
         # The part of a covariance is that of its coefficients, the others unknown.
         result[np.ix_(ours, ours)] = scaled_inverse(record.covariance[np.ix_(theirs, theirs)])
     return result

@@ -217,16 +217,15 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
     keep = constraints.margin * (high - low) - 1e-6
     excluded = {"joint limits with margin": np.any((q < low + keep) | (q > high - keep), axis=0)}
     targets = _targets(arm, q)
+    positions = np.stack([target.translation for target in targets], axis=1)
     if constraints.inside is not None:
-        inside = [constraints.inside.contains(target.translation) for target in targets]
-        excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
+        outside = ~np.all(constraints.inside.contains(positions), axis=0)
+        excluded[f"target outside the box {constraints.inside.text}"] = outside
     sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
         floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
         sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
-    points = np.zeros((3, 0, q.shape[1]))
-    if constraints.outside or sides:
-        points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
+    points = np.concatenate((moving_points(arm, q), positions), axis=1) if constraints.outside or sides else positions
     for box in constraints.outside:
         reached = np.any(box.contains(points), axis=0)
         excluded[f"a point of the arm inside the box {box.text}"] = (
@@ -242,18 +241,18 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
         excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
     if (sight := constraints.sight) is not None:
         nearest, farthest = sight.distance
-        ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
-        distance = np.linalg.norm(ray, axis=1)
+        ray = np.array(sight.position)[:, None, None] - positions
+        distance = np.linalg.norm(ray, axis=0)
         if nearest > 0:
             excluded[f"nearer to the instrument than {nearest:g} m"] = np.any(distance < nearest, axis=0)
         if np.isfinite(farthest):
             excluded[f"farther from the instrument than {farthest:g} m"] = np.any(distance > farthest, axis=0)
         if sight.axis is not None:
-            facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets])
-            cosine = np.sum(facing * ray, axis=1) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
+            facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets], axis=1)
+            cosine = np.sum(facing * ray, axis=0) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
             turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
             excluded[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
-    return np.mean([target.translation for target in targets], axis=0), excluded
+    return np.mean(positions, axis=1), excluded
 
 
 def _targets(arm: Arm, q: Array) -> list[Poses]:

@@ -134,14 +134,13 @@ def whitened_rows(model: Model, data: Measurements, noise: ExpectedNoise, more: 
 
 def candidate_rows(model: Model, poses: Measurements, noise: ExpectedNoise, more: Iterable[Term] = ()) -> Array:
     """Return ``(N, M, P)`` the same of N unmeasured poses; M counts the components of all targets."""
-    rows = whitened_rows(model, with_targets(model.arm.robot, poses), noise, more)
-    return np.ascontiguousarray(rows).reshape(poses.n, -1, rows.shape[2])
+    rows = np.ascontiguousarray(whitened_rows(model, with_targets(model.arm.robot, poses), noise, more))
+    return rows.reshape(poses.n, -1, rows.shape[2])
 
 
 def region_rows(model: Model, task: Measurements) -> Array:
     """Return ``(3, T, P)`` displacement of each target by each coefficient at the task's poses, m."""
-    jacobian = _jacobian(model, with_targets(model.arm.robot, task))
-    return np.ascontiguousarray(np.moveaxis(jacobian[:3], 1, 2))
+    return np.ascontiguousarray(np.moveaxis(_jacobian(model, with_targets(model.arm.robot, task))[:3], 1, 2))
 
 
 def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
@@ -394,12 +393,10 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     rows = whitened_rows(model, data, noise, (term for term, _ in catalogue.values()))
     count = rows.shape[2] - len(catalogue)
     flat = rows.reshape(-1, rows.shape[2])
-    identified = identify_terms(np.asarray(np.linalg.qr(flat[:, :count], mode="r")), model.bind(data).terms, data.n)
-    columns = flat[:, count:]
-    new = _without(flat[:, identified.columns], columns)
-    gram = new.T @ new
-    lengths = np.sum(np.square(columns), axis=0)
-    dof = float(columns.shape[0] - identified.columns.size)
+    identified, columns = coefficients(model, rows[:, :, :count]).columns, flat[:, count:]
+    new = _without(flat[:, identified], columns)
+    gram, lengths = new.T @ new, np.sum(np.square(columns), axis=0)
+    dof = float(columns.shape[0] - identified.size)
     if dof <= 0:
         return Detectability((), (), missing)
     tested = []

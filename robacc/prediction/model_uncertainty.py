@@ -119,13 +119,10 @@ def error_columns(
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
     coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
-    scatter = np.zeros((6, 0, data.n))
-    if stds.any():
-        scatter = joint_columns(model, data) * stds[:, None]
-    root = _root(fit.unexplained)
-    unexplained = np.zeros((6, len(root), data.n))
-    for i in range(0, len(root), 3):
-        unexplained[i : i + 3] = np.einsum("ian,ak->ikn", poses.rotation, root[i : i + 3])
+    scatter = joint_columns(model, data) * stds[:, None] if stds.any() else np.zeros((6, 0, data.n))
+    root = np.zeros((6, len(fit.unexplained)))
+    root[: len(fit.unexplained)] = _root(fit.unexplained)
+    unexplained = np.einsum("ian,bak->bikn", poses.rotation, root.reshape(2, 3, -1)).reshape(6, -1, data.n)
     return (coefficients, scatter, unexplained, beyond_columns(model, data, sample)), poses.rotation
 
 
@@ -153,9 +150,8 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Po
     ranges = {known.effect.key(): known.validity for known in model.known}
     bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free], fades=False)
     numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
-    coefficients_of_fit = _occurrences(fit.coefficients)
-    known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
-    columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
+    pairs = [(i, numbers[entry]) for i, entry in enumerate(_occurrences(fit.coefficients)) if entry in numbers]
+    known, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
     return poses, jacobian, fit.covariance[np.ix_(known, known)]
 
@@ -202,8 +198,7 @@ def beyond_columns(model: Model, data: Measurements, sample: Measurements | None
     """
     columns = [np.zeros((6, 0, data.n))]
     for known in model.known:
-        columns.append(_held_columns(known, model, data, sample))
-        columns.append(_faded_column(known, model, data, sample or data))
+        columns += _held_columns(known, model, data, sample), _faded_column(known, model, data, sample or data)
     return np.concatenate(columns, axis=1)
 
 
@@ -227,10 +222,9 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
     inside = _within(model, data if sample is None else sample, limits)
     scalars: dict[int, Array] = {}
     for term in known.effect.terms(arm, inside):
-        for part in term.parts:
-            if part.loads is None and part.motion != SCALE_OF_INSTRUMENT:
-                added = known.values.get(term.name, 0.0) * part.factor
-                scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
+        for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
+            added = known.values.get(term.name, 0.0) * part.factor
+            scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
     squares = np.square([*scalars.values()]).reshape(len(scalars), inside.n)
     stds = np.sqrt(2.0 * np.mean(squares, axis=1))[:, None, None] * growth
     columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (stds * waves)
@@ -263,15 +257,13 @@ def _difference_waves(places: Array) -> Array:
 
 def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
     """Return poses whose drivers are spread evenly over their ranges; all else is as in ``data``."""
-    sample = data.subset(np.arange(_SAMPLES) % data.n)
+    sample, rng = data.subset(np.arange(_SAMPLES) % data.n), np.random.default_rng(0)
     assert sample.q is not None
-    changes: dict[str, Any] = {}
-    rng = np.random.default_rng(0)
+    changes: dict[str, Any] = {"q": sample.q.copy()}
     for name, (low, high) in limits.items():
         values = rng.permutation(np.linspace(low, high, _SAMPLES))
         if name in model.arm.names:
-            q = changes.setdefault("q", sample.q.copy())
-            q[model.arm.number(name)] = values
+            changes["q"][model.arm.number(name)] = values
         elif name in _COLUMNS:
             changes[_COLUMNS[name]] = values
     return dataclasses.replace(sample, **changes)
@@ -282,14 +274,14 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     limits, periods = known.effect.limits(model.arm, known.validity, fading=True)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return np.zeros((6, 0, data.n))
-    complete = known.effect.terms(model.arm, data)
-    left = faded(known.effect, model.arm, data, known.validity)
-    motions = tuple(dict.fromkeys(term.parts[0].motion for term in complete))
-    lost = np.zeros((len(motions), data.n))
-    for whole, rest in zip(complete, left, strict=True):
+    terms = known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity)
+    lost: dict[int, Array] = {}
+    for whole, rest in zip(*terms, strict=True):
         before, after = whole.parts[0], rest.parts[0]
-        lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
-    return np.asarray(np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost))[:, None]
+        own = known.values.get(whole.name, 0.0) * (before.factor - after.factor)
+        lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + own
+    columns = _motion_columns(model, data, tuple(lost))
+    return np.asarray(np.einsum("imn,mn->in", columns, np.array([*lost.values()])))[:, None]
 
 
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
@@ -321,10 +313,9 @@ def registered_uncertainty(
     """
     frames = Model.of(absorb_constants(apply_fit(registration)), registration.model.free)
     robot = absorb_constants(robot)
-    size = len(registration.names)
-    normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
     weight = np.where(registration.inliers, registration.weight, 0.0)
-    rows = weight.shape[0]
+    size, rows = len(registration.names), weight.shape[0]
+    normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, used, data, frames):
         weighed = np.square(weight[:, block])[:, None] * columns[:rows]
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
@@ -394,8 +385,8 @@ def calibrated_accuracy(
     data = completed(fit, poses, seed)
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
     totals = np.sum(uncertainty.shares, axis=0)
-    shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
-    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares.tolist(), strict=True)]
+    shares = (uncertainty.shares / np.where(totals > 0.0, totals, 1.0)).tolist()
+    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     outside = np.zeros(data.n, dtype=bool)
     for name, row in zip(robot.variable_names, configurations.q, strict=True):
@@ -604,15 +595,13 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     """
     if n_folds < 2:
         return 1.0
-    share = 1.0 - 1.0 / n_folds
-    rows = fit.residual.shape[0]
-    coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
-    visited = data.groups()[fit.inliers]
+    rows, visited = fit.residual.shape[0], data.groups()[fit.inliers]
+    coefficients = visited.size * rows - fit.degrees_of_freedom
     if data.target is not None:
         targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
         visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
     effective = float(coefficients) / (different(visited) * rows)
-    return float(1.0 / max(share - effective, _LEAST_SURPLUS))
+    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, _LEAST_SURPLUS))
 
 
 def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
@@ -648,9 +637,8 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     rigid = dataclasses.replace(
         nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
     )
-    full = Model.of(robot)
+    full, largest = Model.of(robot), np.zeros(2)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    largest = np.zeros(2)
     for block in full.arm.chain.blocks(data.n):
         part = data.subset(block)
         real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
@@ -678,11 +666,8 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    rows, n = residual.shape
-    remaining = _scatter(
-        np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
-    )
-    local = uncertainty.in_target_frame()
+    (rows, n), local = residual.shape, uncertainty.in_target_frame()
+    remaining = _scatter(np.concatenate([rotate_back(local.rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
     parts = (local.position, local.orientation)[: rows // 3]
     for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
         block = slice(3 * i, 3 * i + 3)
@@ -707,8 +692,7 @@ def _scatter(residual: Array) -> Array:
     rows, n = residual.shape
     weight = np.ones(n)
     for _ in range(20):
-        total = (residual * weight) @ residual.T / n
-        square = np.zeros(n)
+        total, square = (residual * weight) @ residual.T / n, np.zeros(n)
         for i in range(0, rows, 3):
             part = residual[i : i + 3]
             spread = total[i : i + 3, i : i + 3] + 1e-12 * np.trace(total[i : i + 3, i : i + 3]) * np.eye(3) / 3.0

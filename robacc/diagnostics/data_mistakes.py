@@ -386,12 +386,10 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     found = find_row_mistake(robot, data, poses.translation)
     if _is_gross(data, poses) and not (found and found.refused):
         found = find_mistake(robot, data) or find_part_mistake(robot, data, find_mistake) or found
-    if found is None:
-        return other_arm(robot, data, poses.translation)
-    text = f"{data.source}: {found.text}" if data.source else found.text
-    if found.refused:
-        raise InputError(text)
-    return (*other_arm(robot, data, poses.translation), text)
+    texts = [f"{data.source}: {found.text}" if data.source else found.text] if found else []
+    if found and found.refused:
+        raise InputError(texts[0])
+    return (*other_arm(robot, data, poses.translation), *texts)
 
 
 def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, ...]:
@@ -434,9 +432,8 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    error = _median_error(data, poses.translation)
-    if data.rotation is None or error > GROSS * spread(data.position):
-        return error > GROSS * spread(data.position)
+    if data.rotation is None or _median_error(data, poses.translation) > GROSS * spread(data.position):
+        return _median_error(data, poses.translation) > GROSS * spread(data.position)
     return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
 
 
@@ -596,8 +593,7 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
     least = min(item.total for item in pool)
     if least * CLEAR >= null.total:
         return None
-    limit = min(_SAME * least, null.total / CLEAR)
-    equal = (item for item in pool if item.total <= limit and item.changes)
+    equal = (item for item in pool if item.total <= min(_SAME * least, null.total / CLEAR) and item.changes)
     best, *others = sorted(equal, key=lambda item: (item.complexity, item.total))
     alternatives, unseen = [], set[str]()
     for item in others:

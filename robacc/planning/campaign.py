@@ -84,15 +84,13 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
         components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
         n_coefficients: Coefficients that the feasible poses identify.
     """
-    n = n_poses + n_known
-    if components * n >= n_coefficients:
-        return ()
-    enough = math.ceil(n_coefficients / components) - n_known
-    return (
+    n, enough = n_poses + n_known, math.ceil(n_coefficients / components) - n_known
+    text = (
         f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the "
         f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
-        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses",
+        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses"
     )
+    return (text,) if n_poses < enough else ()
 
 
 # Number of poses that decides a limit, and poses spread over the task's region.
@@ -147,7 +145,7 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
     is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
         fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
-    if demand.statistic == "max":
+    elif demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
 
     def decides(n: int) -> bool:
@@ -352,12 +350,11 @@ def expected_noise(
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    position, sources = settings.noise, ["given noise"]
-    if position is None:
-        has_noise = record is not None and record.noise[0] > 0.0
-        position = record.noise[0] if record is not None and has_noise else TYPICAL_NOISE
-        sources = ["noise of the model's fit" if has_noise else "typical laser tracker"]
-    size = settings.repeatability
+    position, sources, size = settings.noise, ["given noise"], settings.repeatability
+    if position is None and record is not None and record.noise[0] > 0.0:
+        position, sources = record.noise[0], ["noise of the model's fit"]
+    elif position is None:
+        position, sources = TYPICAL_NOISE, ["typical laser tracker"]
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
         joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
@@ -405,10 +402,11 @@ def planned_visits(
     ``already`` has the commanded part alone.
     """
     visits = plan.visits()
-    start: Array = _TIME_STEP * np.arange(visits.n, dtype=np.float64)
-    temperature = conditions.constant_temperature(visits.n)
-    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start, temperature=temperature)
-    data = with_targets(plan.robot, timed)
+    now: dict[str, Any] = {
+        "time": _TIME_STEP * np.arange(visits.n),
+        "temperature": conditions.constant_temperature(visits.n),
+    }
+    data = with_targets(plan.robot, dataclasses.replace(visits, pose=None, cycle=None, **now))
     if already is None:
         return data, data
     before = dataclasses.replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
@@ -599,11 +597,9 @@ def _count(
 
 def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) -> NDArray[np.int64]:
     """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
-    n = candidates.n_poses
+    n, region = candidates.n_poses, settings.region
     position, q = candidates.position[:, :n], candidates.q[:, :n]
-    allowed = np.arange(n)
-    if settings.region is not None:
-        allowed = np.flatnonzero(settings.region.contains(position))
+    allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
     if allowed.size < count:
         raise UsageError(
             f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "

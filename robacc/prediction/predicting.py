@@ -291,35 +291,20 @@ def pose_covariances(
     They are the covariances ``(3, 3, N)`` V_d (m²) and V_δ (rad²) in the tool's frame, and the contribution ``(2, P)``
     of each parameter to the sum of all their traces.
     """
-    # Rotations first: only they have an angular part, which is then a single slice.
-    is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
-    order = np.argsort(is_length, kind="stable")
-    n_rotations = is_length.count(False)
-    motions = [parameters[i].motion for i in order]
-    sd = np.array([parameters[i].sd for i in order])[:, None]
-    position, orientation = np.empty((3, 3, n)), np.empty((3, 3, n))
-    power = np.zeros((2, len(order)))
+    sd = np.array([parameter.sd for parameter in parameters])[:, None]
+    covariances, power = np.empty((2, 3, 3, n)), np.zeros((2, len(parameters)))
     for block in chain.blocks(n):
         local = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        sweep = chain.sweep(local, block.stop - block.start, motions)
-        scaled = sweep.jacobian
-        scaled *= sd
-        parts = (scaled[:3], scaled[3:, :n_rotations])
-        for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
-            covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
-            power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
-    return position, orientation, power
+        sweep = chain.sweep(local, block.stop - block.start, [parameter.motion for parameter in parameters])
+        for part, columns in enumerate(np.split(sweep.jacobian * sd, 2)):
+            covariances[part, :, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
+            power[part] += np.einsum("ipn,ipn->p", columns, columns)
+    return covariances[0], covariances[1], power
 
 
 def outer_sums(columns: Array) -> Array:
     """Return Σ_k c_k c_kᵀ ``(R, R, n)`` of columns ``(R, K, n)``."""
-    size = columns.shape[0]
-    result = np.empty((size, size, columns.shape[2]))
-    for i in range(size):
-        for j in range(i, size):
-            np.einsum("kn,kn->n", columns[i], columns[j], out=result[i, j])
-            result[j, i] = result[i, j]
-    return result
+    return np.asarray(np.einsum("ikn,jkn->ijn", columns, columns))
 
 
 def in_tool_frame(covariance: Array, rotation: Array) -> Array:

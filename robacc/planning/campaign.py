@@ -22,7 +22,7 @@ from robacc.planning.candidates import (
     CandidatePoses,
     Conditions,
     Constraints,
-    SafetyBox,
+    Zone,
     branches_at_rest,
     conditions_of,
     given_candidates,
@@ -214,7 +214,7 @@ class CampaignSettings:
     fit: str = ""
     """Effects that are free in the fit; empty for the default of the purpose."""
     constraints: Constraints = field(default_factory=Constraints)
-    region: SafetyBox | None = None
+    region: Zone | None = None
     """Box in the base frame where the accuracy matters; None: everywhere the robot may be."""
     noise: float | None = None
     noise_orientation: float | None = None

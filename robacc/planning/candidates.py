@@ -32,31 +32,20 @@ _INEQUALITY = re.compile(r"(.+?)(<=|>=)(.+)")
 _PRODUCT = re.compile(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])")
 
 
-@dataclass(frozen=True, slots=True)
-class SafetyBox:
-    """Axis-parallel box, m; a side may be infinite."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Zone:
+    """Half-space, or axis-parallel box: the points p with normals . p <= offsets, m."""
 
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
+    normals: Array
+    """``(K, 3)``; of a box, those of the high ends, then those of the low ends."""
+    offsets: Array
+    """``(K,)``; infinite where a box has no end."""
     text: str
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which points ``(3, ...)`` lie inside."""
-        sides = zip(points, self.low, self.high, strict=True)
-        return np.asarray(np.all([(row >= low) & (row <= high) for row, low, high in sides], axis=0))
-
-
-@dataclass(frozen=True, slots=True)
-class HalfSpace:
-    """Half-space to stay in: normal . p <= offset, m."""
-
-    normal: tuple[float, float, float]
-    offset: float
-    text: str
-
-    def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points ``(3, ...)`` lie inside."""
-        return np.asarray(np.einsum("i,i...->...", np.array(self.normal), points) <= self.offset)
+        heights = np.moveaxis(np.tensordot(self.normals, points, axes=1), 0, -1)
+        return np.asarray(np.all(heights <= self.offsets, axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +89,9 @@ class Constraints:
 
     margin: float = 0.02
     """Share of a joint's range to keep from each limit."""
-    inside: SafetyBox | None = None
-    outside: tuple[SafetyBox, ...] = ()
-    half_spaces: tuple[HalfSpace, ...] = ()
+    inside: Zone | None = None
+    outside: tuple[Zone, ...] = ()
+    half_spaces: tuple[Zone, ...] = ()
     min_height: float | None = None
     """m above the base's origin, along z."""
     sight: Sight | None = None
@@ -112,7 +101,7 @@ class Constraints:
     """Test of the links' shapes; None: links have no thickness."""
 
 
-def parse_box(text: str, name: str) -> SafetyBox:
+def parse_box(text: str, name: str) -> Zone:
     """Parse ``x=0.2:0.9,y=-500mm:500mm,z=0.1:``; a missing side or axis has no limit.
 
     Raises:
@@ -128,11 +117,11 @@ def parse_box(text: str, name: str) -> SafetyBox:
         if low >= high:
             raise UsageError(f"`{name}`: {axis} ends before it begins in {text!r}")
         ends[axis] = low, high
-    (x, u), (y, v), (z, w) = ends.values()
-    return SafetyBox((x, y, z), (u, v, w), text)
+    lows, highs = np.array([*ends.values()]).T
+    return Zone(np.concatenate((np.eye(3), -np.eye(3))), np.concatenate((highs, -lows)), text)
 
 
-def parse_half_space(text: str, name: str) -> HalfSpace:
+def parse_half_space(text: str, name: str) -> Zone:
     """Parse ``z>=0.1``, ``x<=800mm`` or ``0.7x+0.7y<=1.2``: the side to stay on.
 
     Raises:
@@ -143,15 +132,13 @@ def parse_half_space(text: str, name: str) -> HalfSpace:
     if match is None or not products or "".join(product[0] for product in products) != match[1]:
         raise UsageError(f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}")
     side = 1.0 if match[2] == "<=" else -1.0
-    normal = [0.0, 0.0, 0.0]
+    normal = np.zeros(3)
     for product in products:
-        factor = float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
-        normal[_AXES.index(product[3])] += side * factor
+        normal[_AXES.index(product[3])] += side * float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
     size = float(np.linalg.norm(normal))
     if size == 0.0:
         raise UsageError(f"`{name}`: {text!r} names no direction")
-    offset = side * length(match[3], name) / size
-    return HalfSpace((normal[0] / size, normal[1] / size, normal[2] / size), offset, text)
+    return Zone(normal[None] / size, np.array([side * length(match[3], name) / size]), text)
 
 
 def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, float]:
@@ -223,17 +210,19 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
         excluded[f"target outside the box {constraints.inside.text}"] = outside
     sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
-        floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
+        floor = Zone(np.array([[0.0, 0.0, -1.0]]), np.array([-constraints.min_height]), "")
         sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
     points = np.concatenate((moving_points(arm, q), positions), axis=1) if constraints.outside or sides else positions
     for box in constraints.outside:
         reached = np.any(box.contains(points), axis=0)
         excluded[f"a point of the arm inside the box {box.text}"] = (
-            reached if links is None else reached | links.in_box(q, box.low, box.high)
+            reached if links is None else reached | links.in_box(q, [*-box.offsets[3:]], [*box.offsets[:3]])
         )
-    for half_space, reason in sides:
-        beyond = ~np.all(half_space.contains(points), axis=0)
-        excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
+    for side, reason in sides:
+        beyond = ~np.all(side.contains(points), axis=0)
+        excluded[reason] = (
+            beyond if links is None else beyond | links.beyond(q, [*side.normals[0]], float(side.offsets[0]))
+        )
     if links is not None:
         excluded["self-collision"] = links.self_collision(q)
     if constraints.max_condition is not None:
@@ -412,7 +401,7 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
     return dataclasses.replace(candidates, source=f"{first.size} given poses")
 
 
-def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None, seed: int) -> Array:
+def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:
     """Return joint variables ``(J, T)`` of the task: poses that the robot may take, with the target in ``region``.
 
     The instrument need not see them.

@@ -156,8 +156,8 @@ def mixture_quantile(probability: float, variances: Array) -> float:
 # "Numerical computation of real or complex elliptic integrals", Numerical Algorithms 10 (1995) 13-26.
 
 _DUPLICATIONS = 13
-"""Steps of Carlson's integrals. Each quarters the differences of the numbers, whose mean then stands for them: its error
-is of second order, below rounding."""
+"""Steps of Carlson's integrals. Each quarters the differences of the numbers, whose mean then stands for them: its
+error is of second order, below rounding."""
 
 
 def mean_lengths(variances: Array) -> Array:

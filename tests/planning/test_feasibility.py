@@ -162,6 +162,6 @@ def test_texts_that_mean_nothing_are_refused(call: object, text: str) -> None:
 
 def test_texts_of_places() -> None:
     side = parse_half_space("3x - 4y <= 500mm", "half_space")
-    assert (side.normal, side.offset) == (pytest.approx((0.6, -0.8, 0.0)), pytest.approx(0.1))
+    assert (side.normals, side.offsets) == (pytest.approx(np.array([[0.6, -0.8, 0.0]])), pytest.approx([0.1]))
     box = parse_box("x=-100mm:0.2,z=0.1:", "inside")
-    assert (box.low, box.high) == ((-0.1, -np.inf, 0.1), (0.2, np.inf, np.inf))
+    assert box.offsets.tolist() == [0.2, np.inf, np.inf, 0.1, np.inf, -0.1]

@@ -388,9 +388,8 @@ def _in_passes(scaled: Array, nodes: NDArray[np.int64], repeated: NDArray[np.int
     pieces: list[NDArray[np.int64]] = []
     for number in range(passes):
         again = np.array([node for node in repeated.tolist() if place[node] == number], dtype=np.int64)
-        parts = [np.concatenate((tour[number::passes], again))]
         # With one pass, the second visits come after all first ones.
-        parts = [tour, np.sort(again)] if passes == 1 else parts
+        parts = [tour, np.sort(again)] if passes == 1 else [np.concatenate((tour[number::passes], again))]
         piece = np.concatenate([_tour(scaled, part) for part in parts])
         if pieces:
             start, end, last = (scaled[:, node] for node in (piece[0], piece[-1], pieces[-1][-1]))
@@ -427,10 +426,7 @@ def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDA
     """Return the visits with the check pose at the start, after every ``every`` visits, and at the end."""
     if check is None:
         return order
-    visits: list[int] = []
-    for start in range(0, order.size, every):
-        visits += [check, *order[start : start + every].tolist()]
-    return np.array([*visits, check], dtype=np.int64)
+    return np.append(np.insert(order, np.arange(0, order.size, every), check), check)
 
 
 def _drift_share(scaled: Array) -> float:
@@ -438,8 +434,7 @@ def _drift_share(scaled: Array) -> float:
     joints, n = scaled.shape
     if n < joints + 3:
         return 0.0
-    time = np.arange(n) - (n - 1) / 2
-    design = np.vstack((np.ones(n), scaled)).T
+    time, design = np.arange(n) - (n - 1) / 2, np.vstack((np.ones(n), scaled)).T
     residual = time - design @ np.linalg.lstsq(design, time, rcond=None)[0]
     share = float(residual @ residual / (time @ time))
     return float(max(1.0 - share * (n - 1) / (n - 1 - joints), 0.0))

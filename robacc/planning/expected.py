@@ -308,8 +308,7 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
     """Return the smallest number from which ten more poses gain little; between the points, log error over log n."""
     if len(points) < 2:
         return None
-    log_n = np.log([point.n for point in points])
-    log_total = np.log([point.total for point in points])
+    log_n, log_total = np.log([(point.n, point.total) for point in points]).T
     n = np.arange(points[0].n, points[-1].n - BATCH + 1)
     now, later = (np.interp(np.log(count), log_n, log_total) for count in (n, n + BATCH))
     enough = n[later - now > np.log(1.0 - ENOUGH_GAIN)]
@@ -451,8 +450,6 @@ def _catalogue(pool: Sequence[Candidate]) -> dict[str, tuple[Term, Candidate]]:
 
 def _without(base: Array, columns: Array) -> Array:
     """Return the part of ``columns`` that is orthogonal to ``base``, taken out twice for the sake of rounding."""
-    if base.shape[1] == 0:
-        return columns
     basis = np.linalg.qr(base / np.linalg.norm(base, axis=0))[0]
     for _ in range(2):
         columns = columns - basis @ (basis.T @ columns)
@@ -515,14 +512,12 @@ def power_problem(
     scale = np.append(planned.prior_std, [usual_size(candidate.effect.name) for _, candidate in catalogue.values()])
     rows = rows[:, :, used] * scale
     information = np.diag(np.repeat([1.0, 0.0], [n_free, n_effects]))
-    n_already = 0
     if already is not None:
-        n_already = already.n
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
         terms = [available.get(key, (dataclasses.replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
-    dof = float(rows.shape[1] * max(n_already + 30, 60) - n_free)
+    dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]
     chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
     flat = rows.reshape(-1, scale.size)
@@ -540,5 +535,4 @@ def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
     new = new / np.where(is_new, size, np.inf)
     similarity = np.square(new.T @ new)
     similarity[similarity > 1.0 - _EXACT] = 0.0
-    rival = np.argmax(similarity, axis=1)
-    return np.asarray(np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size)))
+    return np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size))

@@ -494,9 +494,13 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
     of_arm = spread(arm_poses(robot, data, data.q[None])[1][0].T)
     variants = [*measured_changes(data, max(of_arm, 1e-12)), *convention_changes(robot)]
     signs, names = sign_sets(robot), robot.variable_names
-    pairs = itertools.permutations(range(len(names)), 2)
-    single = signs[: len(names)]
-    elementary = [*single, *units(robot), *_orders(names), *interactions(robot, pairs), *zeros(robot, robot.variables)]
+    elementary = [
+        *signs[: len(names)],
+        *units(robot),
+        *_orders(names),
+        *interactions(robot, itertools.permutations(range(len(names)), 2)),
+        *zeros(robot, robot.variables),
+    ]
     yield [*([variant] for variant in variants), [(change,) for change in elementary], [(change,) for change in signs]]
     neighbours = [(i + 1, i) for i in range(len(names) - 1)]
     common = [*interactions(robot, neighbours), *itertools.islice(units(robot), len(_ANGLES))]
@@ -578,9 +582,8 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
     by_positions = share + other < common / size + turned
     median = np.where(by_positions, free.median, common)
     orientation = np.where(by_positions, other, turned)
-    mirrored = np.diag([-1.0, 1.0, 1.0])
     axes = [
-        axis_change(base @ mirrored if MIRRORED in changes else base, true)
+        axis_change(base @ np.diag([-1.0, 1.0, 1.0]) if MIRRORED in changes else base, true)
         for changes, base, true in zip(sets, free.rotation, turn, strict=True)
     ]
     rank = share + np.minimum(orientation, PLAUSIBLE)

@@ -238,8 +238,7 @@ def previous_visit(q: Array) -> NDArray[np.int64]:
     """
     changed = np.zeros(q.shape[1], dtype=bool)
     changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
-    start = np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0))
-    return np.asarray(start - 1, dtype=np.int64)
+    return np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
 
 
 def _polynomials(values: Array) -> Array:

@@ -135,9 +135,15 @@ def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
     """
     ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
     by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
-    limit = {"limit_m": demand.limit, "confidence": demand.confidence, "true_over_limit": ratio}
-    name = {"name": demand.label, "statistic": demand.statistic}
-    return {**name, **limit, "n_poses": poses_for(demand, ratio), "by_ratio": by_ratio}
+    return {
+        "name": demand.label,
+        "statistic": demand.statistic,
+        "limit_m": demand.limit,
+        "confidence": demand.confidence,
+        "true_over_limit": ratio,
+        "n_poses": poses_for(demand, ratio),
+        "by_ratio": by_ratio,
+    }
 
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
@@ -505,8 +511,7 @@ def plan_campaign(
     else:
         criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
         if purpose == "health":
-            is_offset = np.array([name.startswith("joint_offset") for name in planned.names], dtype=np.float64)
-            criterion, region = "A", np.diag(is_offset)[None]
+            criterion, region = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
         elif criterion == "A":
             region = np.diag(1.0 / scale)[None]
         # Each coefficient is in units of its prior's standard deviation.

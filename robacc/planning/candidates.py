@@ -226,8 +226,8 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
     if links is not None:
         excluded["self-collision"] = links.self_collision(q)
     if constraints.max_condition is not None:
-        near = joint_condition(arm, q) > constraints.max_condition
-        excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
+        reason = f"near a singularity (condition above {constraints.max_condition:g})"
+        excluded[reason] = joint_condition(arm, q) > constraints.max_condition
     if (sight := constraints.sight) is not None:
         nearest, farthest = sight.distance
         ray = np.array(sight.position)[:, None, None] - positions
@@ -383,8 +383,9 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     Raises:
         UsageError: No sample is feasible; the message names the reason that excludes most.
     """
-    draws = _drawn(model.arm.robot, constraints.margin, count, 0, seed, _MOST_DRAWS)
-    return _feasible(model, constraints, draws, count)
+    return _feasible(
+        model, constraints, _drawn(model.arm.robot, constraints.margin, count, 0, seed, _MOST_DRAWS), count
+    )
 
 
 def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:

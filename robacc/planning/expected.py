@@ -163,9 +163,8 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
 
 def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> float:
     """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over the task."""
-    columns = joint_columns(model, with_targets(model.arm.robot, task))[:3]
-    variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
-    return float(np.sqrt(np.mean(variance) / 3.0))
+    moved = joint_columns(model, with_targets(model.arm.robot, task))[:3] * joints[:, None]
+    return float(np.sqrt(np.mean(np.sum(np.square(moved), axis=(0, 1))) / 3.0))
 
 
 def joint_repeatability(model: Model, task: Measurements, size: float) -> Array:
@@ -413,9 +412,17 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
             if limit <= _LARGEST * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)
-        form = {"effect": effect.name, "joints": effect.joints, "settings": effect.settings()}
-        sizes = {"limit": size, "unit": first.unit, "usual_size": usual, "power": power, "rms_m": rms}
-        tested.append((place, {**form, **sizes}))
+        entry = {
+            "effect": effect.name,
+            "joints": effect.joints,
+            "settings": effect.settings(),
+            "limit": size,
+            "unit": first.unit,
+            "usual_size": usual,
+            "power": power,
+            "rms_m": rms,
+        }
+        tested.append((place, entry))
     return Detectability([limit for _, limit in tested], _pairs(tested, gram), missing)
 
 
@@ -473,8 +480,9 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
         if evidence < ACCEPTED:
             whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
             similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
-            names = {"first": _label(limit), "second": _label(rival)}
-            pairs.append({**names, "similarity": similarity, "evidence": evidence})
+            pairs.append(
+                {"first": _label(limit), "second": _label(rival), "similarity": similarity, "evidence": evidence}
+            )
     return sorted(pairs, key=lambda pair: (-round(pair["similarity"], 9), pair["evidence"]))
 
 

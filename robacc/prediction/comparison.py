@@ -245,8 +245,14 @@ def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
         return None
     lower, upper = (chi2_quantile(tail, dof) for tail in (0.5 * SIGNIFICANT, 1.0 - 0.5 * SIGNIFICANT))
     p_value = min(2.0 * min(chi2_cdf(statistic, dof), chi2_sf(statistic, dof)), 1.0)
-    test = {"statistic": statistic, "dof": dof, "lower": lower, "upper": upper, "p_value": p_value}
-    return {**test, "ratio": statistic / dof}
+    return {
+        "statistic": statistic,
+        "dof": dof,
+        "lower": lower,
+        "upper": upper,
+        "p_value": p_value,
+        "ratio": statistic / dof,
+    }
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,10 +314,14 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> Mapping[str, float]
         the p-value from a chi-square distribution for comparison.
     """
     squared_factor, ratio = (float(value[0]) for value in _likelihood_ratios(y[None], variances))
-    null_statistics = _null_distribution(variances.tobytes(), seed)
-    n_exceeding = DRAWS - int(np.searchsorted(null_statistics, ratio - 1e-9, side="left"))
-    p_values = {"p_value": (1.0 + n_exceeding) / (1.0 + DRAWS), "p_value_asymptotic": chi2_sf(ratio, 1.0)}
-    return {"factor": math.sqrt(squared_factor), "statistic": ratio, **p_values, "draws": DRAWS}
+    n_below = int(np.searchsorted(_null_distribution(variances.tobytes(), seed), ratio - 1e-9, side="left"))
+    return {
+        "factor": math.sqrt(squared_factor),
+        "statistic": ratio,
+        "p_value": (1.0 + DRAWS - n_below) / (1.0 + DRAWS),
+        "p_value_asymptotic": chi2_sf(ratio, 1.0),
+        "draws": DRAWS,
+    }
 
 
 @lru_cache(maxsize=16)
@@ -405,10 +415,22 @@ def variance_components(
         factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
         threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
         lower, upper = _profile_interval(likelihood, index, log_factors, maximum, threshold)
-        component = {"name": name, "n_parameters": len(members), "unit": members[0].unit, "predicted": predicted}
-        component |= {"factor": factor, "estimate": factor * predicted, "lower": lower, "upper": upper, "dof": dof}
-        component["likelihood_ratio"] = max(0.0, 2.0 * (maximum - _maximised(likelihood, log_factors, (index, 0.0))[1]))
-        components.append({**component, "why": _unidentified_reason(names, information, index, dof)})
+        at_prediction = _maximised(likelihood, log_factors, (index, 0.0))[1]
+        components.append(
+            {
+                "name": name,
+                "n_parameters": len(members),
+                "unit": members[0].unit,
+                "predicted": predicted,
+                "factor": factor,
+                "estimate": factor * predicted,
+                "lower": lower,
+                "upper": upper,
+                "dof": dof,
+                "likelihood_ratio": max(0.0, 2.0 * (maximum - at_prediction)),
+                "why": _unidentified_reason(names, information, index, dof),
+            }
+        )
     notes = [component["why"] for component in components if component["why"] is not None]
     if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
         notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")

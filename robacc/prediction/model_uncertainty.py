@@ -225,9 +225,8 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
         for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
             added = known.values.get(term.name, 0.0) * part.factor
             scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
-    squares = np.square([*scalars.values()]).reshape(len(scalars), inside.n)
-    stds = np.sqrt(2.0 * np.mean(squares, axis=1))[:, None, None] * growth
-    columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (stds * waves)
+    sizes = np.sqrt(2.0 * np.mean(np.square([*scalars.values()]).reshape(len(scalars), inside.n), axis=1))
+    columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (sizes[:, None, None] * growth * waves)
     return np.asarray(columns.reshape(6, -1, data.n))
 
 

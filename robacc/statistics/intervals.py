@@ -519,8 +519,14 @@ class PoseSampling:
             mean = math.sqrt(mean)
             error *= 0.5 / mean
         low, high, top = (max(mean - x * error, 0.0) ** 2 if positive else mean - x * error for x in t)
-        curve = StudentCurve(mean, error, self.n_independent, resampled, positive)
-        return Interval(low, high, top, confidence, method, curve=curve)
+        return Interval(
+            low,
+            high,
+            top,
+            confidence,
+            method,
+            curve=StudentCurve(mean, error, self.n_independent, resampled, positive),
+        )
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""

@@ -432,8 +432,8 @@ class ScaledPercentileCurve:
 
         def suffices(poses: int) -> bool:
             # The bound is the sample's percentile over this ratio, so the percentile must be below limit times it.
-            reach = limit / self.value * self._ratio(1.0 - confidence, poses)
-            return self._share_below(self.true * reach, poses) >= ASSURANCE
+            length = self.true * limit / self.value * self._ratio(1.0 - confidence, poses)
+            return self._share_below(length, poses) >= ASSURANCE
 
         return smallest_sufficient(suffices, 2.0 * n) if limit > self.value else None
 

@@ -502,12 +502,9 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
         *zeros(robot, robot.variables),
     ]
     yield [*([variant] for variant in variants), [(change,) for change in elementary], [(change,) for change in signs]]
-    neighbours = [(i + 1, i) for i in range(len(names) - 1)]
+    neighbours = ((i + 1, i) for i in range(len(names) - 1))
     common = [*interactions(robot, neighbours), *itertools.islice(units(robot), len(_ANGLES))]
-    yield [
-        *([(*variant, some) for some in signs] for variant in variants),
-        list(itertools.product(signs, common)),
-    ]
+    yield [*([(*variant, some) for some in signs] for variant in variants), list(itertools.product(signs, common))]
     # Base and target take up the zeros of the first and the last joint.
     inner = zeros(robot, robot.variables[1:-1])
     yield [

@@ -328,6 +328,7 @@ def _feasible(
     count: int,
     none: str = "no pose is feasible",
     ids: NDArray[np.str_] | None = None,
+    source: str = "{} samples within the joint limits",
 ) -> CandidatePoses:
     """Return the first ``count`` feasible poses of ``draws``, blocks ``(J, n)``, or as many as there are.
 
@@ -356,8 +357,8 @@ def _feasible(
             f"Relax {'the first of these' if others else 'this demand'}"
         )
     at = np.flatnonzero(number == 0)[:count]
-    source = f"{n_drawn} samples within the joint limits"
-    return CandidatePoses(q[:, at], position[:, at], None if ids is None else ids[at], n_drawn, exclusions, source)
+    named = None if ids is None else ids[at]
+    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source.format(n_drawn))
 
 
 def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times: int) -> Iterator[Array]:
@@ -398,8 +399,7 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
         raise UsageError("the candidates have no joint columns")
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
     ids = None if data.pose is None else data.pose[first].astype(str)
-    candidates = _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids)
-    return dataclasses.replace(candidates, source=f"{first.size} given poses")
+    return _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids, source="{} given poses")
 
 
 def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:

@@ -189,49 +189,46 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
 def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Measurements:
     """Return all columns but the measured pose: poses in order, cycle after cycle, with every target at each visit."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
-    cycle_length = plan.poses if planned is None else planned.n
-    visits = cycle_length * plan.cycles
+    visits = (plan.poses if planned is None else planned.n) * plan.cycles
     if visits * len(targets) > _MAX_ROWS:
         raise UsageError(f"{visits * len(targets)} rows are more than the limit of {_MAX_ROWS}")
-    pose_of_visit = np.tile(np.arange(cycle_length), plan.cycles)
-    visit = np.arange(visits).repeat(len(targets))
     if planned is None:
-        q, ids = joint_samples(robot, plan), _pose_ids(np.arange(plan.poses))
-    elif planned.q is None:
+        ids, n = _pose_ids(np.arange(plan.poses)), plan.poses
+        planned = Measurements(position=np.zeros((3, n)), q=joint_samples(robot, plan), pose=ids)
+    if planned.q is None:
         raise UsageError("the poses to visit have no joint columns")
-    else:
-        q, ids = planned.q, _pose_ids(planned.groups()) if planned.pose is None else planned.pose
-    direction, speed = motion_between_rows(q[:, pose_of_visit])
-    cycle = None if planned is None else planned.cycle
+    pose_of_visit, visit = np.tile(np.arange(planned.n), plan.cycles), np.arange(visits).repeat(len(targets))
+    ids = _pose_ids(planned.groups()) if planned.pose is None else planned.pose
+    direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
+    cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
         if cycle is not None:
             raise UsageError("the poses to visit have cycles already: leave out `cycles`, or their column cycle")
-        cycle = np.repeat(np.arange(1, plan.cycles + 1), cycle_length).astype(str)
-    pose = pose_of_visit[visit]
-    payload, temperature = None if planned is None else planned.payload, None
+        cycle = np.repeat(np.arange(1, plan.cycles + 1), planned.n).astype(str)
     if plan.payloads:
-        groups = np.arange(cycle_length) if planned is None else planned.groups()
+        groups = planned.groups()
         payload = _stream(plan, "payload").choice(np.array(plan.payloads), size=int(groups.max()) + 1)[groups]
     if plan.temperature is not None:
         # A first-order rise, evenly spaced in time.
         start, end = plan.temperature
         temperature = end + (start - end) * np.exp(-_WARM_UP * visit / max(visits - 1, 1))
+    pose = pose_of_visit[visit]
     return Measurements(
         position=np.zeros((3, visit.size)),
-        q=q[:, pose],
+        q=planned.q[:, pose],
         pose=ids[pose],
         cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),
         time=None if plan.time_step is None else plan.time_step * visit.astype(float),
         temperature=temperature,
         payload=None if payload is None else payload[pose],
-        payload_group=None if planned is None or planned.payload_group is None else planned.payload_group[pose],
+        payload_group=None if planned.payload_group is None else planned.payload_group[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
-        branches=None if planned is None or planned.branches is None else planned.branches[:, pose],
-        branch_names=() if planned is None else planned.branch_names,
+        branches=None if planned.branches is None else planned.branches[:, pose],
+        branch_names=planned.branch_names,
         rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
-        warnings=() if planned is None else planned.warnings,
+        warnings=planned.warnings,
     )
 
 

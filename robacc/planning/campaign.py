@@ -47,7 +47,6 @@ from robacc.planning.expected import (
     Detectability,
     Expectation,
     ExpectedAccuracy,
-    ExpectedCoefficient,
     ExpectedNoise,
     PlannedCoefficients,
     candidate_rows,
@@ -262,7 +261,7 @@ class CampaignPlan:
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
-    coefficients: tuple[ExpectedCoefficient, ...] = ()
+    coefficients: Sequence[Mapping[str, Any]] = ()
     correlations: tuple[Correlation, ...] = ()
     accuracy: ExpectedAccuracy | None = None
     worth: Mapping[str, Any] | None = None

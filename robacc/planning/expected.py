@@ -188,18 +188,6 @@ _SINGULAR = 1e14
 
 
 @dataclass(frozen=True, slots=True)
-class ExpectedCoefficient:
-    """Predicted standard error of one coefficient."""
-
-    name: str
-    unit: str
-    std: float | None
-    """Standard error after the fit; None if it is not identifiable."""
-    prior_std: float | None
-    why: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class AccuracyPoint:
     """Predicted error over the task's region after a fit to ``n`` poses, m."""
 
@@ -225,18 +213,21 @@ class ExpectedAccuracy:
     """The planned poses; None if they do not identify the model."""
 
 
-def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
-    """Return the predicted standard error of every coefficient, in the order of the effects."""
+def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> Sequence[Mapping[str, Any]]:
+    """Return the predicted standard error of every coefficient, in the order of the effects, with the result's keys.
+
+    It is None for a coefficient that is not identifiable, for the reason ``why``.
+    """
+    unknown = {"std": None, "prior_std": None}
     why = {entry.name: entry.why for entry in planned.dropped}
-    result = [ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)) for term in planned.terms]
+    result = [{"name": term.name, "unit": term.unit, **unknown, "why": why.get(term.name)} for term in planned.terms]
     for i, column in enumerate(planned.columns.tolist()):
-        result[column] = dataclasses.replace(
-            result[column],
-            std=None if covariance is None else float(np.sqrt(covariance[i, i])),
-            prior_std=float(planned.prior_std[i]),
-            why="the planned poses are too few for this model" if covariance is None else None,
-        )
-    return tuple(result)
+        result[column] |= {
+            "std": None if covariance is None else float(np.sqrt(covariance[i, i])),
+            "prior_std": float(planned.prior_std[i]),
+            "why": "the planned poses are too few for this model" if covariance is None else None,
+        }
+    return result
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ def plan() -> CampaignPlan:
 def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) -> float:
     """Share of campaigns in which an F test at ``level`` finds an effect with columns (3, N) of that size."""
     robot, q = plan.robot, plan.q
-    names = [entry.name for entry in plan.coefficients if entry.std is not None]
+    names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     factors = whitener(robot, q, plan.noise.joints)
     base = np.einsum("nij,jpn->inp", factors, jacobian(robot, q, names)).reshape(-1, len(names))
     effect = np.einsum("nij,jn->in", factors, columns).ravel()

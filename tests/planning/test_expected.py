@@ -71,7 +71,7 @@ def planned(name: str, sight: Sight | None = None, min_height: float | None = No
 def test_predicted_standard_errors_are_realised(name: str) -> None:
     plan = planned(name)
     robot = arm(name).robot
-    predicted = {entry.name: entry.std for entry in plan.coefficients if entry.std is not None}
+    predicted = {entry["name"]: entry["std"] for entry in plan.coefficients if entry["std"] is not None}
     names = list(predicted)
     q, joints = plan.q, plan.noise.joints
     design = jacobian(robot, q, names)
@@ -107,7 +107,7 @@ def held_out(plan: CampaignPlan, q: np.ndarray, names: list[str], test: np.ndarr
 @pytest.mark.parametrize("name", ["irb1600", "puma560"])
 def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     plan = planned(name)
-    names = [entry.name for entry in plan.coefficients if entry.std is not None]
+    names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     rng = np.random.default_rng(2)
     low, high = np.array([joint.limits for joint in plan.robot.variables]).T[..., None]
     test = rng.uniform(low, high, (len(low), 200))

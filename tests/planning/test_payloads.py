@@ -80,7 +80,7 @@ def test_standard_errors_are_those_of_the_simulated_poses(plan: Planned, tmp_pat
                 columns.append((positions(**{frame: placed}) - nominal) / step)
     design = np.array(columns).T
     std = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    expected = {entry.name: entry.std for entry in plan.coefficients}
+    expected = {entry["name"]: entry["std"] for entry in plan.coefficients}
     for i, joint in enumerate(joints_with_load):
         # Differences of the file's mm and degrees leave some curvature, and the other constants have weak priors: 1 %.
         assert expected[f"payload_compliance.{joint}"] == pytest.approx(std[i], rel=0.01)

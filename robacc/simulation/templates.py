@@ -77,35 +77,31 @@ def robot_template(count: int, robot: str, poses: str) -> str:
     return _HEAD.format(count=f"{count} joint{'s' * (count > 1)}", robot=robot, poses=poses) + joints + _TAIL
 
 
-_COMMENTS = {
-    "name": "any name; columns of poses may have it",
-    "type": "or prismatic",
-    "theta": "rotation about z; plus the variable of a revolute joint",
-    "d": "shift along z; plus the variable of a prismatic joint",
-    "a": "shift along x",
-    "alpha": "rotation about x",
-    "limits": "optional; poses outside are errors",
-}
-_COLUMN = 38
-"""Column of the comments."""
+_JOINT = """\
+  - name: j{}
+    type: revolute
+    theta: {}
+    d: {}
+    a: {}
+    alpha: {}
+    limits: [-{limit}, {limit}]
+"""
+_COMMENTS = (
+    "any name; columns of poses may have it",
+    "or prismatic",
+    "rotation about z; plus the variable of a revolute joint",
+    "shift along z; plus the variable of a prismatic joint",
+    "shift along x",
+    "rotation about x",
+    "optional; poses outside are errors",
+)
 
 
 def _joint(i: int, row: tuple[float, ...]) -> str:
     """Return the lines of a joint; the first joint has a comment at every field."""
-    theta, d, a, alpha, limit = row
-    fields = {
-        "name": f"j{i + 1}",
-        "type": "revolute",
-        "theta": theta,
-        "d": d,
-        "a": a,
-        "alpha": alpha,
-        "limits": [-limit, limit],
-    }
-    lines = [f"  {'-' if key == 'name' else ' '} {key}: {value}" for key, value in fields.items()]
-    if i == 0:
-        lines = [f"{line:<{_COLUMN}}# {_COMMENTS[key]}" for key, line in zip(fields, lines, strict=True)]
-    return "".join(f"{line}\n" for line in lines)
+    text = _JOINT.format(i + 1, *row[:4], limit=row[4])
+    lines = zip(text.splitlines(), _COMMENTS, strict=True)
+    return text if i else "".join(f"{line:<38}# {comment}\n" for line, comment in lines)
 
 
 def urdf_template(robot: Robot, urdf: str, file: str, poses: str) -> str:

@@ -76,11 +76,8 @@ def _log_gamma_weight(a: float, x: float) -> float:
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
     excess = (x - a) / a
-    if x < 1e-3 * a:  # x / a - 1 would lose the digits of x
-        fall = math.log(x / a) - excess
-    elif abs(excess) > 0.1:
-        fall = math.log1p(excess) - excess
-    else:  # log(1 + x) - x without cancellation near zero
+    fall = math.log(x / a) - excess
+    if abs(excess) <= 0.1:  # log(1 + x) - x without cancellation near zero
         fall = math.fsum(-((-excess) ** k) / k for k in range(2, 18))
     return a * fall + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
 

@@ -387,10 +387,8 @@ def calibrated_accuracy(
     shares = (uncertainty.shares / np.where(totals > 0.0, totals, 1.0)).tolist()
     budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
-    outside = np.zeros(data.n, dtype=bool)
-    for name, row in zip(robot.variable_names, configurations.q, strict=True):
-        low, high = fit.ranges.get(name, (-np.inf, np.inf))
-        outside |= (row < low) | (row > high)
+    low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
+    outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
     if outside.any():
         notes.append(
             f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
@@ -415,22 +413,15 @@ def calibrated_accuracy(
 def completed(fit: ModelFit, poses: Measurements, seed: int) -> Measurements:
     """Return poses with every circumstance that an effect may depend on."""
     assert poses.q is not None
-
-    def middle(column: Array | None, name: str) -> Array | None:
-        if column is not None or name not in fit.ranges:
-            return column
-        return np.full(poses.n, 0.5 * sum(fit.ranges[name]))
-
     drawn = np.random.default_rng([seed, poses.n]).choice(np.array([-1.0, 1.0]), poses.q.shape)
     direction = drawn if poses.direction is None else poses.direction
-    return dataclasses.replace(
-        poses,
-        direction=direction,
-        speed=direction if poses.speed is None else poses.speed,
-        payload=middle(poses.payload, "payload_kg"),
-        temperature=middle(poses.temperature, "temperature_c"),
-        time=middle(poses.time, "time_s"),
-    )
+    middle: dict[str, Any] = {
+        column: np.full(poses.n, 0.5 * sum(fit.ranges[name]))
+        for name, column in _COLUMNS.items()
+        if name in fit.ranges and getattr(poses, column) is None
+    }
+    speed = direction if poses.speed is None else poses.speed
+    return dataclasses.replace(poses, direction=direction, speed=speed, **middle)
 
 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.

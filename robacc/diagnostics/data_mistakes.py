@@ -238,8 +238,11 @@ def _of_orientations(text: str, fix: str, read: Callable[[Array], Array]) -> Cha
 
 def _inverse(recorded: Recorded) -> Recorded:
     assert recorded.rotation is not None
-    position = -rotate_back(recorded.rotation, recorded.position)
-    return dataclasses.replace(recorded, position=position, rotation=transpose(recorded.rotation))
+    return dataclasses.replace(
+        recorded,
+        position=-rotate_back(recorded.rotation, recorded.position),
+        rotation=transpose(recorded.rotation),
+    )
 
 
 MIRRORED = _of_positions(

@@ -637,10 +637,10 @@ class WarrantyMap:
     """``(3, V)`` centres of the voxels, measuring frame, m."""
     count: NDArray[np.int64]
     """``(V,)`` configurations in each voxel."""
-    rms: tuple[Array, Array]
-    """``(V,)`` RMS of position (m) and of orientation (rad)."""
-    bound: tuple[Array, Array]
-    """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
+    rms: Array
+    """``(2, V)`` RMS of position (m) and of orientation (rad)."""
+    bound: Array
+    """``(2, V)`` largest 95 % bound of position (m) and of orientation (rad)."""
     grades: tuple[str, ...]
     """``(V,)`` grade that every configuration of the voxel meets."""
 
@@ -658,15 +658,14 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
         wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
         power = 10.0 ** math.floor(math.log10(wanted))
         edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
-    index = np.floor(position / edge).astype(np.int64)
-    voxels, number = np.unique(index, axis=1, return_inverse=True)
+    voxels, number = np.unique(np.floor(position / edge).astype(np.int64), axis=1, return_inverse=True)
     number = number.ravel()
     count, parts = np.bincount(number), (prediction.position, prediction.orientation)
-    rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
-    bound = [np.zeros(count.size), np.zeros(count.size)]
+    rms = np.sqrt([np.bincount(number, np.square(errors.pose_rms)) / count for errors in parts])
+    bound = np.zeros(rms.shape)
     for largest, errors in zip(bound, parts, strict=True):
         np.maximum.at(largest, number, errors.pose_radius95)
     scale = prediction.grade.scale
     ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
     grades = tuple(map(scale.name_of, ranks.tolist()))
-    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)
+    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, rms, bound, grades)

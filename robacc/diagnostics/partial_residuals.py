@@ -81,8 +81,7 @@ def partial_residuals(effect: Effect, fit: Fit, data: Measurements) -> tuple[Par
 
     Empty if the arm has no equilibrium without the effect.
     """
-    number = fit.model.free.index(effect)
-    indices = [i for i, owner in enumerate(fit.owners) if owner == number]
+    indices = [i for i, owner in enumerate(fit.owners) if fit.model.free[owner] == effect]
     by_joint: list[tuple[str | None, list[int]]] = []
     for joint in effect.joints:
         motion = fit.model.arm.axis_motion(joint)

@@ -63,13 +63,12 @@ class Mistake:
         """Return the message."""
         text = self.name
         if self.before is not None and self.after is not None:
-            kind, unit, before, after = "error", "mm", f"{1e3 * self.before:.3g}", f"{1e3 * self.after:.3g}"
-            whose = "their" if self.of_rows else "the"
+            errors = f"error is {1e3 * self.before:.3g} mm, and {1e3 * self.after:.3g} mm"
             if self.turned_before is not None and self.turned_after is not None and self.after > self.before / 2:
-                kind, unit = "orientation error", "degrees"
-                before, after = f"{math.degrees(self.turned_before):.3g}", f"{math.degrees(self.turned_after):.2g}"
-            errors = f"{whose} median {kind} is {before} {unit}, and {after} {unit} after this correction"
-            text += f": with base and tool registered, {errors}"
+                before, after = math.degrees(self.turned_before), math.degrees(self.turned_after)
+                errors = f"orientation error is {before:.3g} degrees, and {after:.2g} degrees"
+            whose = "their" if self.of_rows else "the"
+            text += f": with base and tool registered, {whose} median {errors} after this correction"
         text += f"; {self.fix}"
         if self.alternatives:
             text += f". Not distinguishable on these poses: {'; or '.join(self.alternatives)}"

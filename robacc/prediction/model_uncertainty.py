@@ -38,6 +38,7 @@ from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, predict, residuals
+from robacc.poses.motion import numbered
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
@@ -585,12 +586,12 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     """
     if n_folds < 2:
         return 1.0
-    rows, visited = fit.residual.shape[0], data.groups()[fit.inliers]
-    coefficients = visited.size * rows - fit.degrees_of_freedom
-    if data.target is not None:
-        targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
-        visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
-    effective = float(coefficients) / (different(visited) * rows)
+    rows, visited = (
+        fit.residual.shape[0],
+        data.groups() if data.target is None else numbered(data.groups(), data.target),
+    )
+    coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
+    effective = float(coefficients) / (different(visited[fit.inliers]) * rows)
     return float(1.0 / max(1.0 - 1.0 / n_folds - effective, _LEAST_SURPLUS))
 
 

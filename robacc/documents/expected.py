@@ -324,7 +324,7 @@ PREDICT = part(
                         "Measurement noise along and about an axis.",
                         "statistics.noise",
                     ),
-                    "verdict": Key(text, "Verdict on the consistency.", "consistency.verdict"),
+                    "verdict": Key(text, "Verdict on the consistency."),
                     "hint": Key(text | None, "Likely cause of errors that are too large for any tolerance."),
                     "normalised_squared_error": Key(
                         part(
@@ -338,7 +338,7 @@ PREDICT = part(
                             "Normalised squared error of all numbers, of the directions that the parameters affect, "
                             "and of the other directions."
                         ),
-                        "consistency",
+                        "tests",
                     ),
                     "likelihood_ratio": Key(
                         part(
@@ -357,7 +357,7 @@ PREDICT = part(
                             "Likelihood-ratio test of a common scale of all tolerances; null if no parameter is "
                             "identifiable."
                         ),
-                        "consistency.scale",
+                        "scale",
                     ),
                     "variance_components": Key(
                         part(

@@ -255,23 +255,16 @@ def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
     }
 
 
-@dataclass(frozen=True, slots=True)
-class Consistency:
-    """Tests of the measured errors against the prediction."""
-
-    total: Mapping[str, float] | None
-    """All measured numbers; None if the noise was estimated from them."""
-    parameters: Mapping[str, float] | None
-    """Directions that the parameters' errors move; None if there are none."""
-    noise: Mapping[str, float] | None
-    """All other directions: the measurement noise; None if it was estimated from them."""
-    scale: Mapping[str, float] | None
-    verdict: str
-    """Conclusion as text."""
+Tests = Mapping[str, Mapping[str, float] | None]
+"""Tests by what they are of: ``total``, all measured numbers; ``parameters``, the directions that the errors of the
+parameters move, None if there are none; ``noise``, all others. Total and noise are None if these estimate the noise."""
 
 
-def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consistency:
-    """Test the prediction; ``seed`` is the seed of the likelihood ratio's null distribution."""
+def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> tuple[Tests, Mapping[str, float] | None, str]:
+    """Return tests of the measured errors against the prediction, that of a common scale, and a conclusion as text.
+
+    ``seed`` is the seed of the likelihood ratio's null distribution.
+    """
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
     parameters = chi_square(normalised_squares, n_directions)
@@ -298,7 +291,7 @@ def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consisten
         noise_ratio = math.sqrt(noise["ratio"])
         cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
         verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
-    return Consistency(total, parameters, noise, scale, verdict)
+    return {"total": total, "parameters": parameters, "noise": noise}, scale, verdict
 
 
 def scale_test(y: Array, variances: Array, seed: int = 0) -> Mapping[str, float]:
@@ -549,7 +542,12 @@ class MeasuredComparison:
     """rad; None if no orientation was measured."""
     alignment: Alignment | None
     statistics: SufficientStatistics
-    consistency: Consistency
+    tests: Tests
+    """Tests of the measured errors against the prediction."""
+    scale: Mapping[str, float] | None
+    """Test of a common scale of all tolerances."""
+    verdict: str
+    """Conclusion as text."""
     components: Mapping[str, Any] | None
     """Variance components, with notes on those that are not identifiable."""
     hint: str | None
@@ -599,8 +597,9 @@ def compare_with_measured(
         raise InputError(Problem(message, data.source, fix="measure more poses, or leave out `align`"))
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
-    tests, hint = consistency(statistics, seed=seed), None
-    if tests.scale is not None and tests.scale["factor"] >= _HINT_FACTOR:
+    tests, scale, verdict = consistency(statistics, seed=seed)
+    hint = None
+    if scale is not None and scale["factor"] >= _HINT_FACTOR:
         hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
@@ -611,6 +610,8 @@ def compare_with_measured(
         alignment,
         statistics,
         tests,
+        scale,
+        verdict,
         variance_components(statistics, parameters, confidence),
         hint,
         _one_draw(statistics),

@@ -494,8 +494,8 @@ _Sets = Sequence[tuple[Change, ...]]
 def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> Iterator[list[_Sets]]:
     """Yield groups of sets of changes, the likely ones first; ``pool`` has what was judged before."""
     assert data.q is not None
-    of_arm = spread(arm_poses(robot, data, data.q[None])[1][0].T)
-    variants = [*measured_changes(data, max(of_arm, 1e-12)), *convention_changes(robot)]
+    of_arm = arm_poses(robot, data, data.q[None])[1][0].T
+    variants = [*measured_changes(data, spread(of_arm)), *convention_changes(robot)]
     signs, names = sign_sets(robot), robot.variable_names
     elementary = [
         *signs[: len(names)],

@@ -42,8 +42,9 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
     fitted = fit(model.with_free(cls.default(model.arm, data)), data)
     number = fitted.names.index(READ_BACK)
     share, std = float(fitted.theta[number]), float(np.sqrt(fitted.covariance[number, number]))
-    moved = f"{1e3 * rms_length(shift):.3g} mm rms at the target"
-    start = f"the joints read back differ from the commanded joints by {moved}"
+    start = (
+        f"the joints read back differ from the commanded joints by {1e3 * rms_length(shift):.3g} mm rms at the target"
+    )
     if not np.isfinite(std) or std > _UNDECIDED:
         return (f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used",)
     follow = f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference"
@@ -104,8 +105,10 @@ class Rounding:
     @property
     def size(self) -> str:
         """Return the step and its size at the target."""
-        moved = f"{1e3 * self.position:.2g} mm rms"
-        return f"the joint variables are rounded to {self.step}, which moves the target by {moved}"
+        return (
+            f"the joint variables are rounded to {self.step}, which moves the target by "
+            f"{1e3 * self.position:.2g} mm rms"
+        )
 
     @property
     def warning(self) -> str:

@@ -304,8 +304,9 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        poses = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
-        return dataclasses.replace(poses, cycle=np.array(cycle))
+        return dataclasses.replace(
+            _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg), cycle=np.array(cycle)
+        )
 
     def validation_poses(self) -> Measurements:
         """Return the validation poses in the order of their visits.
@@ -609,9 +610,10 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
             f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
             "give a larger region or more `candidates`"
         )
-    chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)]
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
-    return chosen + n * (np.arange(count) % candidates.n_payloads)
+    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)] + n * (
+        np.arange(count) % candidates.n_payloads
+    )
 
 
 def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> Measurements | None:

@@ -496,10 +496,9 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
         if (reason := effect.missing(arm, planned)) is not None:
-            needs_loads = not effect.missing(arm, loaded)
-            text = f"needs loads: {reason}; give `payload`, such as 0,5"
-            text = text if needs_loads else f"cannot be planned: {reason}; leave it out"
-            raise UsageError(f"`fit`: {effect.name} {text}")
+            if effect.missing(arm, loaded):
+                raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
+            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
     if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
         raise UsageError(
             "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "

@@ -108,8 +108,9 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     targets = tuple(robot.targets)
     if not targets:
         return poses
-    repeated = poses.subset(np.repeat(np.arange(poses.n), len(targets)))
-    return dataclasses.replace(repeated, target=np.tile(np.array(targets), poses.n))
+    return dataclasses.replace(
+        poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
+    )
 
 
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
@@ -500,8 +501,7 @@ def power_problem(
 
     ``already`` has the commanded part of the poses measured already.
     """
-    data = with_targets(model.arm.robot, candidates)
-    catalogue = _catalogue(named_candidates(model.arm, data, model.free)[0])
+    catalogue = _catalogue(named_candidates(model.arm, with_targets(model.arm.robot, candidates), model.free)[0])
     rows = candidate_rows(model, candidates, noise, (term for term, _ in catalogue.values()))
     count = rows.shape[2] - len(catalogue)
     planned = coefficients(model, rows[:, :, :count])

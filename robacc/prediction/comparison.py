@@ -174,7 +174,6 @@ def reduce_residuals(
         mean if source == "file" else std for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
     ]
     noise_keys = ("position_m", "orientation_rad", "source_position", "source_orientation")
-    noise_values = (*(*in_file, None)[:2], *(*sources, None)[:2])
     return SufficientStatistics(
         directions.T @ scaled,
         strength,
@@ -184,7 +183,7 @@ def reduce_residuals(
         data.n,
         n_values,
         n_aligned,
-        dict(zip(noise_keys, noise_values, strict=True)),
+        dict(zip(noise_keys, (*(*in_file, None)[:2], *(*sources, None)[:2]), strict=True)),
     )
 
 

@@ -350,8 +350,10 @@ def _blocks_with_frames(
 
 def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
     """Return the variances of the measurement noise of position and orientation that bounds of the model lack."""
-    stated = (data.sigma_position, data.sigma_rotation)
-    return [0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma) for sigma in stated]
+    return [
+        0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma)
+        for sigma in (data.sigma_position, data.sigma_rotation)
+    ]
 
 
 def scaled_inverse(normal: Array) -> Array:

@@ -419,8 +419,7 @@ def predict_accuracy(
         scale: Scale of the grade.
         meaning: Conversion of a tolerance into a variance, as text.
     """
-    chain = Arm.of(robot).chain
-    *covariances, power = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
+    *covariances, power = pose_covariances(Arm.of(robot).chain, configurations.scalars, configurations.n, parameters)
     totals = power.sum(axis=1, keepdims=True)
     shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     by_parameter = [

@@ -127,8 +127,10 @@ def _predicted(robot: Robot, data: Measurements) -> Poses:
     """Return the predicted poses, a part of the rows at a time: an elastic equilibrium takes some kB a row."""
     starts = range(0, max(data.n, 1), _ROWS)
     parts = [predict(robot, data.subset(slice(start, start + _ROWS))) for start in starts]
-    rotation = np.concatenate([part.rotation for part in parts], axis=2)
-    return Poses(rotation, np.concatenate([part.translation for part in parts], axis=1))
+    return Poses(
+        np.concatenate([part.rotation for part in parts], axis=2),
+        np.concatenate([part.translation for part in parts], axis=1),
+    )
 
 
 def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | None:

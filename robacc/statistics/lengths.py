@@ -382,8 +382,9 @@ class ScaledPercentileCurve:
             shares = np.clip(shares, 0.5 * _LEAST, 1.0 - 0.5 * (1.0 - _MOST))
             return np.asarray(np.log(shares) - np.log1p(-shares))
 
-        domain = [math.log(length**2 - self._constant) for length in self._ends]
-        return np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
+        return np.polynomial.Chebyshev.interpolate(
+            logit, _DEGREE, domain=[math.log(length**2 - self._constant) for length in self._ends]
+        )
 
     def _shares(self, lengths: Array) -> Array:
         """Return F; beyond the range, of its ends."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, cast
@@ -78,7 +78,7 @@ from robacc.poses.csv_file import format_poses, pose_pieces
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
 from robacc.prediction.model_fit import model_fit
-from robacc.prediction.model_uncertainty import Coverage, calibrated_accuracy, coverage
+from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage
 from robacc.prediction.predicting import (
     NORMAL,
     Allocation,
@@ -110,8 +110,8 @@ class Predicted(Result, Prediction):
     """Tolerances that would reach the requested grade."""
     comparison: MeasuredComparison | None
     """Comparison of the prediction with measured poses."""
-    coverage: tuple[Coverage, ...]
-    """Measured poses within the bounds of a model file; empty for predictions from tolerances."""
+    coverage: Mapping[str, Any] | None
+    """Measured poses within the bounds of a model file, with the keys of the result; None for tolerances."""
     planned: Measurements | None
     """Poses given for the prediction."""
     measured: Measurements | None
@@ -290,7 +290,7 @@ def predict(
         prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     aligned = effect_names(align)
     comparison: MeasuredComparison | None = None
-    covered: tuple[Coverage, ...] = ()
+    covered: Mapping[str, Any] | None = None
     if fit is not None and measured is not None:
         covered = coverage(arm, fit, measured, seed, aligned, noise_std)
     elif measured is not None:
@@ -363,10 +363,10 @@ class Planned(CsvResult, CampaignPlan):
         groups = {os.fspath(path): targets}
         if self.payload_kg is not None and len(self.payload_blocks) > 1:
             groups = {
-                str(file.with_name(f"{file.stem}_{block.payload:g}kg{file.suffix}")): [
-                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == block.payload
+                str(file.with_name(f"{file.stem}_{payload:g}kg{file.suffix}")): [
+                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == payload
                 ]
-                for block in self.payload_blocks
+                for payload in (block["payload_kg"] for block in self.payload_blocks)
             }
         return {
             name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)

@@ -293,7 +293,7 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     for file in (before, after):
         # Circumstances drawn in place of missing ones would be held against the measurements.
         Model.of(arm).bind(file.data)
-    full_before, full_after = (completed(arm, fit, None, file.data, 0) for file in (before, after))
+    full_before, full_after = (completed(fit, file.data, 0) for file in (before, after))
     predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)

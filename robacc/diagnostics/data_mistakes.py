@@ -113,20 +113,6 @@ def _signs(names: Sequence[str], chosen: Sequence[str]) -> Change:
     return _of_joints(f"{subject} to be reversed", fix, matrix, complexity=len(chosen), signs=chosen)
 
 
-def joint_changes(robot: Robot) -> list[Change]:
-    """Return the elementary changes: a sign, a zero, a unit, an exchange or an interaction."""
-    names = robot.variable_names
-    pairs = itertools.permutations(range(len(names)), 2)
-    return [
-        *(_signs(names, (name,)) for name in names),
-        *units(robot),
-        *_units_of_one(robot),
-        *_orders(names),
-        *interactions(robot, pairs),
-        *zeros(robot, robot.variables),
-    ]
-
-
 _ANGLES = (
     ("degrees", "give the unit in their names, as in q1_deg", np.pi / 180.0),
     ("radians but marked as degrees", "give the unit in their names, as in q1_rad", 180.0 / np.pi),
@@ -135,35 +121,35 @@ _ANGLES = (
 """Unit, fix, and factor to rad."""
 
 
-def units(robot: Robot) -> list[Change]:
-    """Return the changes of the unit of all angles."""
+_LENGTHS = (
+    ("millimetres", "give its unit in the column's name, as in q1_mm", 1e-3),
+    ("metres but marked as millimetres", "give its unit in the column's name, as in q1_mm", 1e3),
+)
+"""Unit, fix, and factor to m."""
+
+
+def units(robot: Robot) -> Iterator[Change]:
+    """Yield the changes of the unit of all angles, then those of the unit of one column."""
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    return [
-        _of_joints(f"the joint columns seem to be in {text}", fix, np.diag(np.where(revolute, factor, 1.0)))
-        for text, fix, factor in _ANGLES
-    ]
-
-
-def _units_of_one(robot: Robot) -> Iterator[Change]:
-    lengths = [
-        (unit, "give its unit in the column's name, as in q1_mm", factor)
-        for unit, factor in (("millimetres", 1e-3), ("metres but marked as millimetres", 1e3))
-    ]
+    for text, fix, factor in _ANGLES:
+        matrix = np.diag(np.where(revolute, factor, 1.0))
+        yield _of_joints(f"the joint columns seem to be in {text}", fix, matrix)
     for i, joint in enumerate(robot.variables):
-        for text, fix, factor in _ANGLES if joint.type == "revolute" else lengths:
+        for text, fix, factor in _ANGLES if revolute[i] else _LENGTHS:
             one = fix.replace("their names", "the column's name").replace("the columns", "the column")
-            matrix = np.diag(np.where(np.arange(len(robot.variables)) == i, factor, 1.0))
+            matrix = np.diag(np.where(np.arange(revolute.size) == i, factor, 1.0))
             yield _of_joints(f"the column of joint {joint.name} seems to be in {text}", one, matrix)
 
 
-def _orders(names: Sequence[str]) -> Iterator[Change]:
-    """Yield the exchanges of two columns, the reverse order, and the orders that are shifted by one."""
+def _orders(names: Sequence[str]) -> list[Change]:
+    """Return the exchanges of two columns, the reverse order, and the orders that are shifted by one."""
     numbers = list(range(len(names)))
-    for i, k in itertools.combinations(numbers, 2):
-        yield _ordered(names, [k if number == i else i if number == k else number for number in numbers])
-    for order in (numbers[::-1], numbers[1:] + numbers[:1], numbers[-1:] + numbers[:-1]):
-        if len(names) > 2:
-            yield _ordered(names, order)
+    exchanges = [
+        [k if number == i else i if number == k else number for number in numbers]
+        for i, k in itertools.combinations(numbers, 2)
+    ]
+    more = (numbers[::-1], numbers[1:] + numbers[:1], numbers[-1:] + numbers[:-1]) if len(names) > 2 else ()
+    return [_ordered(names, order) for order in (*exchanges, *more)]
 
 
 def _ordered(names: Sequence[str], order: Sequence[int], complexity: int = 1) -> Change:
@@ -175,14 +161,12 @@ def _ordered(names: Sequence[str], order: Sequence[int], complexity: int = 1) ->
     return _of_joints(text, "correct the names of the columns", np.eye(len(names))[list(order)], complexity=complexity)
 
 
-def permutations(robot: Robot) -> Iterator[Change]:
+def permutations(names: Sequence[str]) -> Iterator[Change]:
     """Yield the orders of the joint columns that move more than two, unless there are too many."""
-    names = robot.variable_names
-    if math.factorial(len(names)) <= MOST_SETS:
-        for order in itertools.permutations(range(len(names))):
-            moved = sum(place != number for place, number in enumerate(order))
-            if moved > 2:
-                yield _ordered(names, order, moved - 1)
+    orders = itertools.permutations(range(len(names))) if math.factorial(len(names)) <= MOST_SETS else ()
+    for order in orders:
+        if (moved := sum(place != number for place, number in enumerate(order))) > 2:
+            yield _ordered(names, order, moved - 1)
 
 
 def interactions(robot: Robot, pairs: Iterable[tuple[int, int]]) -> Iterator[Change]:
@@ -254,8 +238,11 @@ def _of_orientations(text: str, fix: str, read: Callable[[Array], Array]) -> Cha
 
 def _inverse(recorded: Recorded) -> Recorded:
     assert recorded.rotation is not None
-    position = -rotate_back(recorded.rotation, recorded.position)
-    return dataclasses.replace(recorded, position=position, rotation=transpose(recorded.rotation))
+    return dataclasses.replace(
+        recorded,
+        position=-rotate_back(recorded.rotation, recorded.position),
+        rotation=transpose(recorded.rotation),
+    )
 
 
 MIRRORED = _of_positions(
@@ -292,52 +279,53 @@ def measured_changes(data: Measurements, expected_spread: float) -> list[tuple[C
 
 def convention_changes(robot: Robot) -> list[tuple[Change]]:
     """Return the change of a Denavit-Hartenberg table to the other convention; none for other descriptions."""
-    others = {"standard": "modified", "modified": "standard"}
-    if (other := others.get(robot.convention)) is None:
+    other = {"standard": "modified", "modified": "standard"}.get(robot.convention)
+    if other is None:
         return []
     changed = dataclasses.replace(robot, convention=other)  # type: ignore[arg-type]
     text = f"the table seems to be of the {other} Denavit-Hartenberg convention"
     return [(Change(text, f"set convention: {other}", lambda r: dataclasses.replace(r, robot=changed)),)]
 
 
-def _readings() -> Iterator[Change]:
-    yield _of_orientations(
-        "the quaternions seem to be in the order x, y, z, w",
-        "correct the names of the columns: qw is the scalar part",
-        lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), 1, axis=0)),
-    )
-    yield _of_orientations(
-        "the orientations seem to be inverted: of the measuring frame in the target's",
-        "invert each orientation (for quaternions, reverse the signs of qx, qy, qz)",
-        transpose,
-    )
-    yield from _readings_of_angles("fixed-xyz", "roll, pitch, yaw", rpy_from_rotation)
-    yield from _readings_of_angles("rotvec", "a rotation vector", log_so3)
-
-
-def _readings_of_angles(convention: str, read_as: str, angles: Callable[[Array], Array]) -> Iterator[Change]:
-    """Yield the readings of three columns that were read in a convention and have another, order or unit."""
-    same = CONVENTIONS[convention]
-    for written_as, text in _WRITTEN_AS.items():
-        if written_as != convention:
-            yield _of_orientations(
-                f"the orientations seem to be {text}, read as {read_as}",
-                f"give `angles`: {written_as}, or convert the columns",
-                lambda rotation, other=CONVENTIONS[written_as]: other(angles(rotation)),  # type: ignore[misc]
-            )
-    yield _of_orientations(
-        f"the orientations seem to be {read_as} with the columns in the reverse order",
+def _readings_of_angles(convention: str, read_as: str, angles: Callable[[Array], Array]) -> list[Change]:
+    """Return the readings of three columns that were read in a convention and have another, order or unit."""
+    same, seem = CONVENTIONS[convention], "the orientations seem to be"
+    others = [
+        _of_orientations(
+            f"{seem} {text}, read as {read_as}",
+            f"give `angles`: {written_as}, or convert the columns",
+            lambda rotation, other=CONVENTIONS[written_as]: other(angles(rotation)),  # type: ignore[misc]
+        )
+        for written_as, text in _WRITTEN_AS.items()
+        if written_as != convention
+    ]
+    in_reverse = _of_orientations(
+        f"{seem} {read_as} with the columns in the reverse order",
         "correct the names of the columns",
         lambda rotation: same(angles(rotation)[::-1]),
     )
-    yield _of_orientations(
+    in_degrees = _of_orientations(
         f"the orientations, read as {read_as}, seem to be in degrees",
         "give the unit in the names of the columns, as in rx_deg",
         lambda rotation: same(np.deg2rad(angles(rotation))),
     )
+    return [*others, in_reverse, in_degrees]
 
 
-READINGS = tuple(_readings())
+READINGS = (
+    _of_orientations(
+        "the quaternions seem to be in the order x, y, z, w",
+        "correct the names of the columns: qw is the scalar part",
+        lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), 1, axis=0)),
+    ),
+    _of_orientations(
+        "the orientations seem to be inverted: of the measuring frame in the target's",
+        "invert each orientation (for quaternions, reverse the signs of qx, qy, qz)",
+        transpose,
+    ),
+    *_readings_of_angles("fixed-xyz", "roll, pitch, yaw", rpy_from_rotation),
+    *_readings_of_angles("rotvec", "a rotation vector", log_so3),
+)
 """Changes of the reading of the orientations."""
 
 
@@ -359,9 +347,9 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
     reversed_axes = [name for name, sign in zip("xyz", signs, strict=True) if sign < 0]
     fix = "correct the names of the columns"
     if not moved:
-        text = f"the column {reversed_axes[0]} seems to have a reversed sign"
-        if len(reversed_axes) > 1:
-            text = f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
+        text = f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
+        if len(reversed_axes) == 1:
+            text = f"the column {reversed_axes[0]} seems to have a reversed sign"
         fix = "measure in a right-handed frame, or reverse the sign of the column"
     elif len(moved) == 2 and not reversed_axes:
         text = f"the columns {moved[0]} and {moved[1]} seem to be exchanged"
@@ -401,12 +389,10 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     found = find_row_mistake(robot, data, poses.translation)
     if _is_gross(data, poses) and not (found and found.refused):
         found = find_mistake(robot, data) or find_part_mistake(robot, data, find_mistake) or found
-    if found is None:
-        return other_arm(robot, data, poses.translation)
-    text = f"{data.source}: {found.text}" if data.source else found.text
-    if found.refused:
-        raise InputError(text)
-    return (*other_arm(robot, data, poses.translation), text)
+    texts = [f"{data.source}: {found.text}" if data.source else found.text] if found else []
+    if found and found.refused:
+        raise InputError(texts[0])
+    return (*other_arm(robot, data, poses.translation), *texts)
 
 
 def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, ...]:
@@ -449,9 +435,8 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    error = _median_error(data, poses.translation)
-    if data.rotation is None or error > GROSS * spread(data.position):
-        return error > GROSS * spread(data.position)
+    if data.rotation is None or _median_error(data, poses.translation) > GROSS * spread(data.position):
+        return _median_error(data, poses.translation) > GROSS * spread(data.position)
     return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
 
 
@@ -509,23 +494,26 @@ _Sets = Sequence[tuple[Change, ...]]
 def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> Iterator[list[_Sets]]:
     """Yield groups of sets of changes, the likely ones first; ``pool`` has what was judged before."""
     assert data.q is not None
-    of_arm = spread(arm_poses(robot, data, data.q[None])[1][0].T)
-    variants = [*measured_changes(data, max(of_arm, 1e-12)), *convention_changes(robot)]
-    elementary = joint_changes(robot)
-    signs = [(change,) for change in sign_sets(robot)]
-    yield [*([variant] for variant in variants), [(change,) for change in elementary], signs]
-    neighbours = [(i + 1, i) for i in range(len(robot.variables) - 1)]
-    common = [*interactions(robot, neighbours), *units(robot)]
-    yield [
-        *([(*variant, *some) for some in signs] for variant in variants),
-        [(*some, change) for some in signs for change in common],
+    of_arm = arm_poses(robot, data, data.q[None])[1][0].T
+    variants = [*measured_changes(data, spread(of_arm)), *convention_changes(robot)]
+    signs, names = sign_sets(robot), robot.variable_names
+    elementary = [
+        *signs[: len(names)],
+        *units(robot),
+        *_orders(names),
+        *interactions(robot, itertools.permutations(range(len(names)), 2)),
+        *zeros(robot, robot.variables),
     ]
+    yield [*([variant] for variant in variants), [(change,) for change in elementary], [(change,) for change in signs]]
+    neighbours = ((i + 1, i) for i in range(len(names) - 1))
+    common = [*interactions(robot, neighbours), *itertools.islice(units(robot), len(_ANGLES))]
+    yield [*([(*variant, some) for some in signs] for variant in variants), list(itertools.product(signs, common))]
     # Base and target take up the zeros of the first and the last joint.
     inner = zeros(robot, robot.variables[1:-1])
     yield [
         list(itertools.combinations(inner, 2)),
-        [(*some, change) for some in signs for change in inner],
-        [(change,) for change in permutations(robot)],
+        list(itertools.product(signs, inner)),
+        [(change,) for change in permutations(names)],
     ]
     for _ in range(_MORE):
         best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:_BEST]
@@ -586,8 +574,7 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
     size = np.array([spread(points.T) for points in position])
     share, nothing = free.median / size, [None] * len(sets)
     if measured is None:
-        found = map(_Hypothesis, sets, share, share, free.median, nothing, nothing)
-        return sorted(found, key=lambda item: item.rank)
+        return sorted(map(_Hypothesis, sets, share, share, free.median, nothing, nothing), key=lambda item: item.rank)
     turn, turned, _ = register_orientations(rotation, measured)
     common = register_positions(rotation, translation, position, by_target, turn=turn).median
     # Orientations that hardly vary do not show the base, which the positions then show.
@@ -595,12 +582,11 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
     by_positions = share + other < common / size + turned
     median = np.where(by_positions, free.median, common)
     orientation = np.where(by_positions, other, turned)
-    rank = share + np.minimum(orientation, PLAUSIBLE)
-    mirrored = np.diag([-1.0, 1.0, 1.0])
     axes = [
-        axis_change(base @ mirrored if MIRRORED in changes else base, true)
+        axis_change(base @ np.diag([-1.0, 1.0, 1.0]) if MIRRORED in changes else base, true)
         for changes, base, true in zip(sets, free.rotation, turn, strict=True)
     ]
+    rank = share + np.minimum(orientation, PLAUSIBLE)
     found = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
     return sorted(found, key=lambda item: item.rank)
 
@@ -610,8 +596,7 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
     least = min(item.total for item in pool)
     if least * CLEAR >= null.total:
         return None
-    limit = min(_SAME * least, null.total / CLEAR)
-    equal = (item for item in pool if item.total <= limit and item.changes)
+    equal = (item for item in pool if item.total <= min(_SAME * least, null.total / CLEAR) and item.changes)
     best, *others = sorted(equal, key=lambda item: (item.complexity, item.total))
     alternatives, unseen = [], set[str]()
     for item in others:

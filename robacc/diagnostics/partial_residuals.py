@@ -81,8 +81,7 @@ def partial_residuals(effect: Effect, fit: Fit, data: Measurements) -> tuple[Par
 
     Empty if the arm has no equilibrium without the effect.
     """
-    number = fit.model.free.index(effect)
-    indices = [i for i, owner in enumerate(fit.owners) if owner == number]
+    indices = [i for i, owner in enumerate(fit.owners) if fit.model.free[owner] == effect]
     by_joint: list[tuple[str | None, list[int]]] = []
     for joint in effect.joints:
         motion = fit.model.arm.axis_motion(joint)
@@ -136,9 +135,19 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     spectrum = None
     if joint is not None and orders_of(effect) and driver.unit == "rad":
         spectrum = _spectrum(*(values[fit.inliers] for values in (driver.values, before, after, sd)))
-    unit = "m" if joint is None else arm.unit(joint)
     return PartialResidual(
-        joint, driver.name, driver.unit, unit, driver.values, explained, before, after, sd, grid, value, spectrum
+        joint,
+        driver.name,
+        driver.unit,
+        "m" if joint is None else arm.unit(joint),
+        driver.values,
+        explained,
+        before,
+        after,
+        sd,
+        grid,
+        value,
+        spectrum,
     )
 
 

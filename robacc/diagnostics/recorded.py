@@ -105,8 +105,10 @@ class Rounding:
     @property
     def size(self) -> str:
         """Return the step and its size at the target."""
-        moved = f"{1e3 * self.position:.2g} mm rms"
-        return f"the joint variables are rounded to {self.step}, which moves the target by {moved}"
+        return (
+            f"the joint variables are rounded to {self.step}, which moves the target by "
+            f"{1e3 * self.position:.2g} mm rms"
+        )
 
     @property
     def warning(self) -> str:
@@ -217,20 +219,18 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     result = {}
     for joint in joints:
         number = fit.model.arm.number(joint)
-        column = columns[:, number]
-        error = np.einsum("mn,mn->n", column, fit.residual[:3, present])
-        error = error / np.maximum(np.linalg.norm(column, axis=0), 1e-12)
+        unit = columns[:, number] / np.maximum(np.linalg.norm(columns[:, number], axis=0), 1e-12)
+        error = np.einsum("mn,mn->n", unit, fit.residual[:3, present])
         # An accident of the instrument counts as seven times the median.
         limit = 7.0 * float(np.median(np.abs(error)))
         change = np.sign(torque[number, present] - torque[number, previous])
-        regressors = [_polynomials(torque[number, present]), _polynomials(data.q[number, present])]
+        matrix = np.concatenate((_polynomials(torque[number, present]), _polynomials(data.q[number, present])), axis=1)
         if data.direction is not None:
-            regressors.append(data.direction[number, present, None])
-        matrix = np.concatenate(regressors, axis=1)
+            matrix = np.concatenate((matrix, data.direction[number, present, None]), axis=1)
         change -= matrix @ np.linalg.lstsq(matrix, change, rcond=None)[0]
         products = change * np.clip(error, -limit, limit)
-        size = float(np.linalg.norm(products))
-        result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size) if size > 0.0 else 1.0
+        size = max(float(np.linalg.norm(products)), 1e-300)
+        result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size)
     return result
 
 
@@ -241,8 +241,7 @@ def previous_visit(q: Array) -> NDArray[np.int64]:
     """
     changed = np.zeros(q.shape[1], dtype=bool)
     changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
-    start = np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0))
-    return np.asarray(start - 1, dtype=np.int64)
+    return np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
 
 
 def _polynomials(values: Array) -> Array:

@@ -57,10 +57,9 @@ def read_robot_poses(
         ignore_limits=ignore_limits,
         attained=attained,
     )
-    if attained and data.kind is None:
-        warnings = check_size(data, robot)
-        data = dataclasses.replace(data, warnings=(*data.warnings, *warnings))
-    return data
+    if not attained or data.kind is not None:
+        return data
+    return dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
 
 
 def joints_of(robot: Robot) -> KnownRobot:
@@ -85,8 +84,7 @@ def joints_of(robot: Robot) -> KnownRobot:
 def _rule_text(joint: Joint, rule: Mimic) -> str:
     """Return how a joint variable follows a joint outside the chain, in SI units."""
     offset = f" {'-' if rule.offset < 0 else '+'} {abs(rule.offset):g}" if rule.offset else ""
-    unit = "m" if joint.type == "prismatic" else "rad"
-    return f"{joint.name} = {rule.multiplier:g} * {rule.master}{offset} ({unit})"
+    return f"{joint.name} = {rule.multiplier:g} * {rule.master}{offset} ({'m' if joint.type == 'prismatic' else 'rad'})"
 
 
 def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
@@ -121,8 +119,7 @@ def _check_both_units(data: Measurements, robot: Robot) -> None:
         return
     turned = dataclasses.replace(data, q=np.where(revolute[:, None], np.degrees(data.q), data.q))
     nominal, _ = commanded_poses(turned, robot).block(slice(0, data.n))
-    ratio = thousandfold(data.position, nominal)
-    if ratio is None or ratio > 1:
+    if (thousandfold(data.position, nominal) or 2.0) > 1:
         return
     spread = 1e3 * float(np.max(central_range(data.position)))
     message = (

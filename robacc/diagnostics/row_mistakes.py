@@ -63,13 +63,12 @@ class Mistake:
         """Return the message."""
         text = self.name
         if self.before is not None and self.after is not None:
-            kind, unit, before, after = "error", "mm", f"{1e3 * self.before:.3g}", f"{1e3 * self.after:.3g}"
-            whose = "their" if self.of_rows else "the"
+            errors = f"error is {1e3 * self.before:.3g} mm, and {1e3 * self.after:.3g} mm"
             if self.turned_before is not None and self.turned_after is not None and self.after > self.before / 2:
-                kind, unit = "orientation error", "degrees"
-                before, after = f"{math.degrees(self.turned_before):.3g}", f"{math.degrees(self.turned_after):.2g}"
-            errors = f"{whose} median {kind} is {before} {unit}, and {after} {unit} after this correction"
-            text += f": with base and tool registered, {errors}"
+                before, after = math.degrees(self.turned_before), math.degrees(self.turned_after)
+                errors = f"orientation error is {before:.3g} degrees, and {after:.2g} degrees"
+            whose = "their" if self.of_rows else "the"
+            text += f": with base and tool registered, {whose} median {errors} after this correction"
         text += f"; {self.fix}"
         if self.alternatives:
             text += f". Not distinguishable on these poses: {'; or '.join(self.alternatives)}"
@@ -187,10 +186,9 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
 
 def _errors_by_shift(predicted: Array, measured: Array) -> Array:
     """Return the distance ``(K, N)`` of each row's prediction from the measured position some rows below it."""
-    n = predicted.shape[1]
-    errors = np.full((_SHIFTS.size, n), np.inf)
+    errors = np.full((_SHIFTS.size, predicted.shape[1]), np.inf)
     for number, shift in enumerate(_SHIFTS):
-        rows = np.arange(max(0, -shift), min(n, n - shift))
+        rows = np.arange(max(0, -shift), predicted.shape[1] - max(0, shift))
         errors[number, rows] = _lengths(predicted[:, rows] - measured[:, rows + shift])
     return errors
 
@@ -218,21 +216,19 @@ def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
         for rows in _runs(others - cost[number], 2 * _MOST_COST):
             here, there = errors[0, rows], errors[number, rows][np.isfinite(errors[number, rows])]
             if shift and np.median(here) > max(CLEAR * np.median(there), gross):
-                found.append((int(rows[0]), shift, rows, here, there))
+                place = "" if rows.size >= data.n - 2 * _SHIFTS.max() else f"{_stretch(data, rows)}: "
+                by = f"{'one row' if abs(shift) == 1 else f'{abs(shift)} rows'} {'down' if shift > 0 else 'up'}"
+                text = f"{place}the measured poses seem to be shifted by {by} against the joints"
+                found.append((int(rows[0]), text, here, there))
     if not found:
         return None
-    texts = []
-    for _, shift, rows, _, _ in sorted(found, key=lambda item: item[0]):
-        count = "one row" if abs(shift) == 1 else f"{abs(shift)} rows"
-        place = "" if rows.size >= data.n - 2 * _SHIFTS.max() else f"{_stretch(data, rows)}: "
-        direction = "down" if shift > 0 else "up"
-        texts.append(f"{place}the measured poses seem to be shifted by {count} {direction} against the joints")
+    _, texts, before, after = zip(*sorted(found, key=lambda item: item[0]), strict=True)
     return Mistake(
         "; ".join(texts),
         "pair each measured pose with its own joint values (look for a row that is missing or doubled where a stretch "
         "begins)",
-        float(np.median(np.concatenate([here for *_, here, _ in found]))),
-        float(np.median(np.concatenate([there for *_, there in found]))),
+        float(np.median(np.concatenate(before))),
+        float(np.median(np.concatenate(after))),
         of_rows=True,
     )
 
@@ -253,8 +249,7 @@ def _exchanged(data: Measurements, predicted: Array, gross: float) -> Mistake | 
     after = distance[place, match]
     good = (after * CLEAR < errors[wrong]) & (after < limit / 2)
     # A pose has one match at most, so that a group in which each has one is a cycle.
-    links = coo_array((good[good], (place[good], match[good])), shape=distance.shape)
-    _, group = connected_components(links)
+    _, group = connected_components(coo_array((good[good], (place[good], match[good])), shape=distance.shape))
     groups = [np.flatnonzero(group == number) for number in range(wrong.size)]
     cycles = [members for members in groups if members.size > 1 and good[members].all()]
     if not cycles:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -110,13 +110,11 @@ _ERRORS = {
                     {
                         f"rms_{unit}": Key(
                             PERCENTILES,
-                            source=lambda it: {f"p{percent}": rms for percent, (rms, _) in it.percentiles().items()},
+                            source=lambda errors: errors.percentiles(errors.pose_rms),
                         ),
                         f"radius95_{unit}": Key(
                             PERCENTILES,
-                            source=lambda it: {
-                                f"p{percent}": radius for percent, (_, radius) in it.percentiles().items()
-                            },
+                            source=lambda errors: errors.percentiles(errors.pose_radius95),
                         ),
                     }
                 ),
@@ -126,7 +124,7 @@ _ERRORS = {
             "worst": Key(
                 part(
                     {
-                        "pose": Key(count, "Number of the pose, from 0.", "index"),
+                        "pose": Key(count, "Number of the pose, from 0."),
                         "label": Key(text, "Label of the pose."),
                         "q": Key(array(number), "Joint variables, rad or m."),
                         f"rms_{unit}": Key(size, f"Rms {name} error, {unit}."),
@@ -149,15 +147,6 @@ _ERRORS = {
     for unit, name in QUANTITIES
 }
 """Predicted errors by unit."""
-
-
-def _covered(result: Any) -> Document | None:
-    """Return the measured poses within their bounds, of each quantity; None without any."""
-    if not result.coverage:
-        return None
-    first = result.coverage[0]
-    document: Document = {"probability": first.probability, "registered": first.registered, "orientation": None}
-    return document | {item.quantity: item for item in result.coverage}
 
 
 PREDICT = part(
@@ -335,7 +324,7 @@ PREDICT = part(
                         "Measurement noise along and about an axis.",
                         "statistics.noise",
                     ),
-                    "verdict": Key(text, "Verdict on the consistency.", "consistency.verdict"),
+                    "verdict": Key(text, "Verdict on the consistency."),
                     "hint": Key(text | None, "Likely cause of errors that are too large for any tolerance."),
                     "normalised_squared_error": Key(
                         part(
@@ -349,7 +338,7 @@ PREDICT = part(
                             "Normalised squared error of all numbers, of the directions that the parameters affect, "
                             "and of the other directions."
                         ),
-                        "consistency",
+                        "tests",
                     ),
                     "likelihood_ratio": Key(
                         part(
@@ -368,7 +357,7 @@ PREDICT = part(
                             "Likelihood-ratio test of a common scale of all tolerances; null if no parameter is "
                             "identifiable."
                         ),
-                        "consistency.scale",
+                        "scale",
                     ),
                     "variance_components": Key(
                         part(
@@ -433,7 +422,6 @@ PREDICT = part(
             )
             | None,
             "Measured poses within the bound of their error; null without them, and for tolerances.",
-            _covered,
         ),
         **NOTES,
         "warranty_map": Key(
@@ -620,7 +608,6 @@ PLAN = part(
                     "rarer_direction_share": Key(
                         array(number),
                         "Share of the rarer direction among the approaches of each joint; 0.5 is balanced.",
-                        "direction_share",
                     ),
                     "speed_std": Key(
                         array(number), "Standard deviation of the size of each joint's relative last speed."
@@ -628,20 +615,19 @@ PLAN = part(
                     "drift_share": Key(
                         size, "Share of a drift linear in time that a linear function of the joints explains."
                     ),
-                    "repeats": Key(count, "Number of second visits.", lambda it: it.roles.count("repeat")),
-                    "checks": Key(
-                        count, "Number of visits of the drift check pose.", lambda it: it.roles.count("check")
-                    ),
+                    "repeats": Key(count, "Number of second visits."),
+                    "checks": Key(count, "Number of visits of the drift check pose."),
                 }
             ),
             "Figures of the order.",
+            "route.figures",
         ),
         "payloads": Key(
             array(
                 part(
                     {
-                        "payload_kg": Key(size, "Payload, kg.", "payload"),
-                        "first_visit": Key(ordinal, "Number of the first visit, from 1.", "first"),
+                        "payload_kg": Key(size, "Payload, kg."),
+                        "first_visit": Key(ordinal, "Number of the first visit, from 1."),
                         "n_visits": Key(ordinal, "Number of visits."),
                         "n_poses": Key(ordinal, "Number of different poses."),
                     }
@@ -730,9 +716,9 @@ PLAN = part(
         "worth": Key(
             part(
                 {
-                    "new_poses_rms_m": Key(number | None, "Twice as many poses, m.", "new_poses"),
-                    "repeated_poses_rms_m": Key(number | None, "Every pose visited twice, m.", "repeated_poses"),
-                    "readings_rms_m": Key(number | None, "Every pose read twice at one visit, m.", "readings"),
+                    "new_poses_rms_m": Key(number | None, "Twice as many poses, m."),
+                    "repeated_poses_rms_m": Key(number | None, "Every pose visited twice, m."),
+                    "readings_rms_m": Key(number | None, "Every pose read twice at one visit, m."),
                     "verdict": Key(text, "Comparison in words."),
                 }
             )
@@ -750,7 +736,7 @@ PLAN = part(
                             number | None, "Size found with probability 1/2; null if no plausible size is found."
                         ),
                         "unit": Key(text, "Unit of limit and usual_size."),
-                        "usual_size": Key(size, "Geometric mean of the catalogue's usual sizes.", "usual"),
+                        "usual_size": Key(size, "Geometric mean of the catalogue's usual sizes."),
                         "power": Key(share, "Probability that an effect of the usual size is found."),
                         "rms_m": Key(
                             number | None,
@@ -786,18 +772,12 @@ PLAN = part(
         "power": Key(
             part(
                 {
-                    "found": Key(share, "Probability that a coefficient is found.", "power.detected"),
+                    "found": Key(share, "Probability that a coefficient is found."),
                     "separated": Key(
-                        share,
-                        "Probability that it is found and distinguished from the most similar effect.",
-                        "power.separated",
+                        share, "Probability that it is found and distinguished from the most similar effect."
                     ),
-                    "random_found": Key(
-                        share, "found, for random candidates in the same number.", "random_power.detected"
-                    ),
-                    "random_separated": Key(
-                        share, "separated, for random candidates in the same number.", "random_power.separated"
-                    ),
+                    "random_found": Key(share, "found, for random candidates in the same number."),
+                    "random_separated": Key(share, "separated, for random candidates in the same number."),
                 }
             )
             | None,
@@ -805,24 +785,20 @@ PLAN = part(
                 "Mean probabilities over the coefficients of the catalogue at their usual sizes, before repeats and "
                 "checks; null unless the purpose is trace."
             ),
-            lambda plan: None if plan.power is None or plan.random_power is None else plan,
         ),
         "needed_poses": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name of the criterion or grade.", "demand.label"),
+                        "name": Key(text, "Name of the criterion or grade."),
                         "statistic": Key(
                             choice("rms", "mean_error", "p95", "max"),
                             "Statistic of the position error.",
-                            "demand.statistic",
                         ),
-                        "limit_m": Key(size, "Limit, m.", "demand.limit"),
-                        "confidence": Key(share, "Confidence of the bound.", "demand.confidence"),
-                        "true_over_limit": Key(size, "True value over the limit that the number is for.", "ratio"),
-                        "n_poses": Key(
-                            integer | None, "Poses that decide with probability 0.9; null if too many.", "poses"
-                        ),
+                        "limit_m": Key(size, "Limit, m."),
+                        "confidence": Key(share, "Confidence of the bound."),
+                        "true_over_limit": Key(size, "True value over the limit that the number is for."),
+                        "n_poses": Key(integer | None, "Poses that decide with probability 0.9; null if too many."),
                         "by_ratio": Key(
                             array(
                                 part(
@@ -833,9 +809,6 @@ PLAN = part(
                                 )
                             ),
                             "The same for other true values.",
-                            lambda entry: [
-                                {"true_over_limit": ratio, "n_poses": number} for ratio, number in entry.by_ratio
-                            ],
                         ),
                     }
                 )
@@ -846,7 +819,7 @@ PLAN = part(
         "sufficiency": Key(
             part(
                 {
-                    "n_already": Key(count, "Number of poses measured already, or of the model's fit.", "n"),
+                    "n_already": Key(count, "Number of poses measured already, or of the model's fit."),
                     "enough": Key(flag, "Whether they are enough."),
                     "why": Key(text, "Reason."),
                     "now_m": Key(number | None, "Predicted error now, with repeatability, m rms."),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +22,7 @@ from robacc.planning.candidates import (
     CandidatePoses,
     Conditions,
     Constraints,
-    SafetyBox,
+    Zone,
     branches_at_rest,
     conditions_of,
     given_candidates,
@@ -30,11 +32,11 @@ from robacc.planning.candidates import (
 from robacc.planning.design import (
     Criterion,
     DesignProblem,
-    ExpectedPower,
     FitCriterion,
     Route,
     choose,
     exchanged,
+    expected_power,
     greedy,
     information_of,
     route,
@@ -45,11 +47,8 @@ from robacc.planning.expected import (
     Detectability,
     Expectation,
     ExpectedAccuracy,
-    ExpectedCoefficient,
     ExpectedNoise,
     PlannedCoefficients,
-    Sufficiency,
-    Worth,
     candidate_rows,
     choose_for_power,
     coefficients,
@@ -59,7 +58,6 @@ from robacc.planning.expected import (
     free_effects,
     joint_repeatability,
     power_problem,
-    random_power,
     region_rows,
     repeatability_at_target,
     sufficiency_of,
@@ -85,15 +83,13 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
         components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
         n_coefficients: Coefficients that the feasible poses identify.
     """
-    n = n_poses + n_known
-    if components * n >= n_coefficients:
-        return ()
-    enough = math.ceil(n_coefficients / components) - n_known
-    return (
+    n, enough = n_poses + n_known, math.ceil(n_coefficients / components) - n_known
+    text = (
         f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the "
         f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
-        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses",
+        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses"
     )
+    return (text,) if n_poses < enough else ()
 
 
 # Number of poses that decides a limit, and poses spread over the task's region.
@@ -130,24 +126,23 @@ class Demand:
     """Share of all poses that must lie within the limit of a largest error."""
 
 
-@dataclass(frozen=True, slots=True)
-class NeededPoses:
-    """Numbers of poses that decide one demand."""
+def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
+    """Return the number of poses that decides ``demand``, with the keys of the result.
 
-    demand: Demand
-    ratio: float
-    """True value over the limit that the number is for."""
-    poses: int | None
-    """None where more than :data:`MOST_POSES` are needed."""
-    by_ratio: tuple[tuple[float, int | None], ...]
-
-
-def needed(demand: Demand, expected: float | None) -> NeededPoses:
-    """Return the number of poses that decides ``demand`` with probability 0.9 if the true value is ``expected``."""
+    It decides with probability 0.9 if the true value is ``expected``, and so do the numbers for other true values; None
+    where more than :data:`MOST_POSES` are needed.
+    """
     ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
-    return NeededPoses(
-        demand, ratio, poses_for(demand, ratio), tuple((each, poses_for(demand, each)) for each in RATIOS)
-    )
+    by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
+    return {
+        "name": demand.label,
+        "statistic": demand.statistic,
+        "limit_m": demand.limit,
+        "confidence": demand.confidence,
+        "true_over_limit": ratio,
+        "n_poses": poses_for(demand, ratio),
+        "by_ratio": by_ratio,
+    }
 
 
 def poses_for(demand: Demand, ratio: float) -> int | None:
@@ -155,7 +150,7 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
     is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
         fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
-    if demand.statistic == "max":
+    elif demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
 
     def decides(n: int) -> bool:
@@ -224,7 +219,7 @@ class CampaignSettings:
     fit: str = ""
     """Effects that are free in the fit; empty for the default of the purpose."""
     constraints: Constraints = field(default_factory=Constraints)
-    region: SafetyBox | None = None
+    region: Zone | None = None
     """Box in the base frame where the accuracy matters; None: everywhere the robot may be."""
     noise: float | None = None
     noise_orientation: float | None = None
@@ -250,19 +245,6 @@ class CampaignSettings:
 
 
 @dataclass(frozen=True, slots=True)
-class PayloadBlock:
-    """Visits in a row with the same payload."""
-
-    payload: float
-    """kg"""
-    first: int
-    """Number of the first visit, from 1."""
-    n_visits: int
-    n_poses: int
-    """Number of different poses."""
-
-
-@dataclass(frozen=True, slots=True)
 class CampaignPlan:
     """Planned poses in their order, and the expected result."""
 
@@ -279,17 +261,16 @@ class CampaignPlan:
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
-    coefficients: tuple[ExpectedCoefficient, ...] = ()
+    coefficients: Sequence[Mapping[str, Any]] = ()
     correlations: tuple[Correlation, ...] = ()
     accuracy: ExpectedAccuracy | None = None
-    worth: Worth | None = None
+    worth: Mapping[str, Any] | None = None
     detectability: Detectability | None = None
-    needed: tuple[NeededPoses, ...] = ()
-    sufficiency: Sufficiency | None = None
-    power: ExpectedPower | None = None
-    """Mean over the catalogue at the usual sizes, before repeats and checks; None unless the purpose is a trace."""
-    random_power: ExpectedPower | None = None
-    """The same of random candidates in the same number."""
+    needed: Sequence[Mapping[str, Any]] = ()
+    sufficiency: Mapping[str, Any] | None = None
+    power: Mapping[str, float] | None = None
+    """Mean over the catalogue at the usual sizes, before repeats and checks, of the chosen and of as many random
+    candidates; None unless the purpose is a trace."""
     warnings: tuple[str, ...] = ()
 
     @property
@@ -304,28 +285,28 @@ class CampaignPlan:
         return None if payload is None else payload[self.chosen[self.route.visits]]
 
     @property
-    def payload_blocks(self) -> tuple[PayloadBlock, ...]:
-        """Visits in a row with one payload, in order; empty where no payload was given."""
+    def payload_blocks(self) -> Sequence[Mapping[str, Any]]:
+        """Visits in a row with one payload, in order, with the keys of the result; empty where no payload was given."""
         if self.payload_kg is None:
             return ()
         starts = np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0)
-        ends = [*starts[1:], self.payload_kg.size]
-        return tuple(
-            PayloadBlock(
-                float(self.payload_kg[start]),
-                int(start) + 1,
-                int(end - start),
-                np.unique(self.route.visits[start:end]).size,
-            )
-            for start, end in zip(starts, ends, strict=True)
-        )
+        return [
+            {
+                "payload_kg": float(self.payload_kg[start]),
+                "first_visit": int(start) + 1,
+                "n_visits": int(end - start),
+                "n_poses": np.unique(self.route.visits[start:end]).size,
+            }
+            for start, end in itertools.pairwise([*starts, self.payload_kg.size])
+        ]
 
     def visits(self) -> Measurements:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        poses = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
-        return dataclasses.replace(poses, cycle=np.array(cycle))
+        return dataclasses.replace(
+            _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg), cycle=np.array(cycle)
+        )
 
     def validation_poses(self) -> Measurements:
         """Return the validation poses in the order of their visits.
@@ -375,12 +356,11 @@ def expected_noise(
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    position, sources = settings.noise, ["given noise"]
-    if position is None:
-        has_noise = record is not None and record.noise[0] > 0.0
-        position = record.noise[0] if record is not None and has_noise else TYPICAL_NOISE
-        sources = ["noise of the model's fit" if has_noise else "typical laser tracker"]
-    size = settings.repeatability
+    position, sources, size = settings.noise, ["given noise"], settings.repeatability
+    if position is None and record is not None and record.noise[0] > 0.0:
+        position, sources = record.noise[0], ["noise of the model's fit"]
+    elif position is None:
+        position, sources = TYPICAL_NOISE, ["typical laser tracker"]
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
         joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
@@ -411,11 +391,10 @@ def known_information(
     """
     if already is not None:
         return information_of(whitened_rows(model, already, noise)[:, :, planned.columns])
-    result = np.zeros((planned.columns.size,) * 2)
-    names = () if record is None else record.coefficients
-    ours = [i for i, name in enumerate(planned.names) if name in names]
+    result, known = np.zeros((planned.columns.size,) * 2), () if record is None else record.coefficients
+    ours = [i for i, name in enumerate(planned.names) if name in known]
     if record is not None and ours:
-        theirs = [names.index(planned.names[i]) for i in ours]
+        theirs = [known.index(planned.names[i]) for i in ours]
         # The part of a covariance is that of its coefficients, the others unknown.
         result[np.ix_(ours, ours)] = scaled_inverse(record.covariance[np.ix_(theirs, theirs)])
     return result
@@ -429,10 +408,11 @@ def planned_visits(
     ``already`` has the commanded part alone.
     """
     visits = plan.visits()
-    start: Array = _TIME_STEP * np.arange(visits.n, dtype=np.float64)
-    temperature = conditions.constant_temperature(visits.n)
-    timed = dataclasses.replace(visits, pose=None, cycle=None, time=start, temperature=temperature)
-    data = with_targets(plan.robot, timed)
+    now: dict[str, Any] = {
+        "time": _TIME_STEP * np.arange(visits.n),
+        "temperature": conditions.constant_temperature(visits.n),
+    }
+    data = with_targets(plan.robot, dataclasses.replace(visits, pose=None, cycle=None, **now))
     if already is None:
         return data, data
     before = dataclasses.replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
@@ -508,7 +488,7 @@ def plan_campaign(
     # Poses measured already, or else those of the model's fit.
     of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
     n_known = of_model if measured is None else measured.n
-    demands = tuple(needed(demand, settings.expected) for demand in settings.demands)
+    demands = [needed(demand, settings.expected) for demand in settings.demands]
     count = _count(settings, demands, n_known, pool)
 
     rows = candidate_rows(model, poses, noise)
@@ -521,19 +501,17 @@ def plan_campaign(
         known_information(model, planned, noise, measured, record),
         float(np.sqrt(3.0) * np.hypot(repeatability, noise.unexplained)),
     )
-    accuracy = worth = power = power_of_random = None
+    accuracy = worth = power = None
     if purpose == "acceptance":
         chosen = _spread(settings, pool, count)
     elif purpose == "trace":
         problem, power_criterion = power_problem(model, poses, noise, measured)
         chosen = choose_for_power(problem, count, seed)
-        power = power_criterion.power(problem.information_with(chosen))
-        power_of_random = random_power(problem, power_criterion, count, seed)
+        power = expected_power(problem, power_criterion, chosen, seed)
     else:
         criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
         if purpose == "health":
-            is_offset = np.array([name.startswith("joint_offset") for name in planned.names], dtype=np.float64)
-            criterion, region = "A", np.diag(is_offset)[None]
+            criterion, region = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
         elif criterion == "A":
             region = np.diag(1.0 / scale)[None]
         # Each coefficient is in units of its prior's standard deviation.
@@ -577,7 +555,6 @@ def plan_campaign(
         worth=worth,
         needed=demands,
         power=power,
-        random_power=power_of_random,
     )
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
@@ -605,40 +582,38 @@ def _task(
 
 
 def _count(
-    settings: CampaignSettings, demands: tuple[NeededPoses, ...], n_known: int, candidates: CandidatePoses
+    settings: CampaignSettings, demands: Sequence[Mapping[str, Any]], n_known: int, candidates: CandidatePoses
 ) -> int:
     """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
     count = settings.poses or (BATCH if n_known else None)
-    undecided = next((entry for entry in demands if entry.poses is None), None)
+    undecided = next((entry for entry in demands if entry["n_poses"] is None), None)
     if count is None and undecided is not None:
         raise UsageError(
-            f"no number of poses up to {MOST_POSES} decides {undecided.demand.label} if the true value is "
-            f"{undecided.ratio:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+            f"no number of poses up to {MOST_POSES} decides {undecided['name']} if the true value is "
+            f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
         )
-    count = count or max((entry.poses or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
+    count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
     if count > candidates.n:
-        reasons = candidates.excluded
-        most = f"; most of the others are excluded by: {reasons[0].reason}" if reasons else ""
+        most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
         number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
         raise UsageError(f"{count} poses are planned, but {number}{most}")
-    return count
+    return int(count)
 
 
 def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) -> NDArray[np.int64]:
     """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
-    n = candidates.n_poses
+    n, region = candidates.n_poses, settings.region
     position, q = candidates.position[:, :n], candidates.q[:, :n]
-    allowed = np.arange(n)
-    if settings.region is not None:
-        allowed = np.flatnonzero(settings.region.contains(position))
+    allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
     if allowed.size < count:
         raise UsageError(
             f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
             "give a larger region or more `candidates`"
         )
-    chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)]
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
-    return chosen + n * (np.arange(count) % candidates.n_payloads)
+    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)] + n * (
+        np.arange(count) % candidates.n_payloads
+    )
 
 
 def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> Measurements | None:

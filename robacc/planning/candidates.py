@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,31 +32,20 @@ _INEQUALITY = re.compile(r"(.+?)(<=|>=)(.+)")
 _PRODUCT = re.compile(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])")
 
 
-@dataclass(frozen=True, slots=True)
-class SafetyBox:
-    """Axis-parallel box, m; a side may be infinite."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Zone:
+    """Half-space, or axis-parallel box: the points p with normals . p <= offsets, m."""
 
-    low: tuple[float, float, float]
-    high: tuple[float, float, float]
+    normals: Array
+    """``(K, 3)``; of a box, those of the high ends, then those of the low ends."""
+    offsets: Array
+    """``(K,)``; infinite where a box has no end."""
     text: str
 
     def contains(self, points: Array) -> NDArray[np.bool_]:
         """Return which points ``(3, ...)`` lie inside."""
-        sides = zip(points, self.low, self.high, strict=True)
-        return np.asarray(np.all([(row >= low) & (row <= high) for row, low, high in sides], axis=0))
-
-
-@dataclass(frozen=True, slots=True)
-class HalfSpace:
-    """Half-space to stay in: normal . p <= offset, m."""
-
-    normal: tuple[float, float, float]
-    offset: float
-    text: str
-
-    def contains(self, points: Array) -> NDArray[np.bool_]:
-        """Return which points ``(3, ...)`` lie inside."""
-        return np.asarray(np.einsum("i,i...->...", np.array(self.normal), points) <= self.offset)
+        heights = np.moveaxis(np.tensordot(self.normals, points, axes=1), 0, -1)
+        return np.asarray(np.all(heights <= self.offsets, axis=-1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,9 +89,9 @@ class Constraints:
 
     margin: float = 0.02
     """Share of a joint's range to keep from each limit."""
-    inside: SafetyBox | None = None
-    outside: tuple[SafetyBox, ...] = ()
-    half_spaces: tuple[HalfSpace, ...] = ()
+    inside: Zone | None = None
+    outside: tuple[Zone, ...] = ()
+    half_spaces: tuple[Zone, ...] = ()
     min_height: float | None = None
     """m above the base's origin, along z."""
     sight: Sight | None = None
@@ -112,7 +101,7 @@ class Constraints:
     """Test of the links' shapes; None: links have no thickness."""
 
 
-def parse_box(text: str, name: str) -> SafetyBox:
+def parse_box(text: str, name: str) -> Zone:
     """Parse ``x=0.2:0.9,y=-500mm:500mm,z=0.1:``; a missing side or axis has no limit.
 
     Raises:
@@ -128,11 +117,11 @@ def parse_box(text: str, name: str) -> SafetyBox:
         if low >= high:
             raise UsageError(f"`{name}`: {axis} ends before it begins in {text!r}")
         ends[axis] = low, high
-    (x, u), (y, v), (z, w) = ends.values()
-    return SafetyBox((x, y, z), (u, v, w), text)
+    lows, highs = np.array([*ends.values()]).T
+    return Zone(np.concatenate((np.eye(3), -np.eye(3))), np.concatenate((highs, -lows)), text)
 
 
-def parse_half_space(text: str, name: str) -> HalfSpace:
+def parse_half_space(text: str, name: str) -> Zone:
     """Parse ``z>=0.1``, ``x<=800mm`` or ``0.7x+0.7y<=1.2``: the side to stay on.
 
     Raises:
@@ -143,15 +132,13 @@ def parse_half_space(text: str, name: str) -> HalfSpace:
     if match is None or not products or "".join(product[0] for product in products) != match[1]:
         raise UsageError(f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}")
     side = 1.0 if match[2] == "<=" else -1.0
-    normal = [0.0, 0.0, 0.0]
+    normal = np.zeros(3)
     for product in products:
-        factor = float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
-        normal[_AXES.index(product[3])] += side * factor
+        normal[_AXES.index(product[3])] += side * float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
     size = float(np.linalg.norm(normal))
     if size == 0.0:
         raise UsageError(f"`{name}`: {text!r} names no direction")
-    offset = side * length(match[3], name) / size
-    return HalfSpace((normal[0] / size, normal[1] / size, normal[2] / size), offset, text)
+    return Zone(normal[None] / size, np.array([side * length(match[3], name) / size]), text)
 
 
 def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, float]:
@@ -202,17 +189,6 @@ _MOVES = 1e-6
 """m; a corner of the arm that moves less stands still and is part of the pedestal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Exclusion:
-    """Candidates that one reason excludes."""
-
-    reason: str
-    count: int
-    """Candidates that it excludes, whether another reason does or not."""
-    alone: int
-    """Candidates that only this reason excludes."""
-
-
 Excluded = dict[str, NDArray[np.bool_]]
 """``(N,)`` excluded poses, by reason."""
 
@@ -228,43 +204,44 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, E
     keep = constraints.margin * (high - low) - 1e-6
     excluded = {"joint limits with margin": np.any((q < low + keep) | (q > high - keep), axis=0)}
     targets = _targets(arm, q)
+    positions = np.stack([target.translation for target in targets], axis=1)
     if constraints.inside is not None:
-        inside = [constraints.inside.contains(target.translation) for target in targets]
-        excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(inside, axis=0)
+        outside = ~np.all(constraints.inside.contains(positions), axis=0)
+        excluded[f"target outside the box {constraints.inside.text}"] = outside
     sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
-        floor = HalfSpace((0.0, 0.0, -1.0), -constraints.min_height, "")
+        floor = Zone(np.array([[0.0, 0.0, -1.0]]), np.array([-constraints.min_height]), "")
         sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
-    points = np.zeros((3, 0, q.shape[1]))
-    if constraints.outside or sides:
-        points = np.concatenate((moving_points(arm, q), np.stack([t.translation for t in targets], axis=1)), axis=1)
+    points = np.concatenate((moving_points(arm, q), positions), axis=1) if constraints.outside or sides else positions
     for box in constraints.outside:
         reached = np.any(box.contains(points), axis=0)
         excluded[f"a point of the arm inside the box {box.text}"] = (
-            reached if links is None else reached | links.in_box(q, box.low, box.high)
+            reached if links is None else reached | links.in_box(q, [*-box.offsets[3:]], [*box.offsets[:3]])
         )
-    for half_space, reason in sides:
-        beyond = ~np.all(half_space.contains(points), axis=0)
-        excluded[reason] = beyond if links is None else beyond | links.beyond(q, half_space.normal, half_space.offset)
+    for side, reason in sides:
+        beyond = ~np.all(side.contains(points), axis=0)
+        excluded[reason] = (
+            beyond if links is None else beyond | links.beyond(q, [*side.normals[0]], float(side.offsets[0]))
+        )
     if links is not None:
         excluded["self-collision"] = links.self_collision(q)
     if constraints.max_condition is not None:
-        near = joint_condition(arm, q) > constraints.max_condition
-        excluded[f"near a singularity (condition above {constraints.max_condition:g})"] = near
+        reason = f"near a singularity (condition above {constraints.max_condition:g})"
+        excluded[reason] = joint_condition(arm, q) > constraints.max_condition
     if (sight := constraints.sight) is not None:
         nearest, farthest = sight.distance
-        ray = np.array(sight.position)[:, None] - np.stack([target.translation for target in targets])
-        distance = np.linalg.norm(ray, axis=1)
+        ray = np.array(sight.position)[:, None, None] - positions
+        distance = np.linalg.norm(ray, axis=0)
         if nearest > 0:
             excluded[f"nearer to the instrument than {nearest:g} m"] = np.any(distance < nearest, axis=0)
         if np.isfinite(farthest):
             excluded[f"farther from the instrument than {farthest:g} m"] = np.any(distance > farthest, axis=0)
         if sight.axis is not None:
-            facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets])
-            cosine = np.sum(facing * ray, axis=1) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
+            facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets], axis=1)
+            cosine = np.sum(facing * ray, axis=0) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
             turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
             excluded[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
-    return np.mean([target.translation for target in targets], axis=0), excluded
+    return np.mean(positions, axis=1), excluded
 
 
 def _targets(arm: Arm, q: Array) -> list[Poses]:
@@ -324,7 +301,9 @@ class CandidatePoses:
     """``(N,)`` names of given candidates; None for sampled ones."""
     n_drawn: int
     """Number of candidates before the filters."""
-    excluded: tuple[Exclusion, ...]
+    excluded: Sequence[Mapping[str, Any]]
+    """Reasons, the largest first, with the keys of the result: the number of candidates that a reason excludes, whether
+    another does or not, and that it alone excludes."""
     source: str
     payload: Array | None = None
     """``(N,)`` kg; None where no payload was given."""
@@ -349,40 +328,37 @@ def _feasible(
     count: int,
     none: str = "no pose is feasible",
     ids: NDArray[np.str_] | None = None,
+    source: str = "{} samples within the joint limits",
 ) -> CandidatePoses:
     """Return the first ``count`` feasible poses of ``draws``, blocks ``(J, n)``, or as many as there are.
 
     Raises:
         UsageError: No pose is feasible; the message begins with ``none`` and names the reason that excludes most.
     """
-    blocks, positions, masks = [], [], []
-    n_feasible = 0
+    parts, n_feasible = [], 0
     for block in draws:
         position, excluded = filtered(model, block, constraints)
-        blocks.append(block)
-        positions.append(position)
-        masks.append(np.array([*excluded.values()]))
-        n_feasible += int(np.count_nonzero(~np.any(masks[-1], axis=0)))
+        parts.append((block, position, np.array([*excluded.values()])))
+        n_feasible += int(np.count_nonzero(~np.any(parts[-1][2], axis=0)))
         if n_feasible >= count:
             break
-    q, position, mask = (np.concatenate(parts, axis=1) for parts in (blocks, positions, masks))
-    number = np.sum(mask, axis=0)
-    counts = [
-        Exclusion(reason, int(np.count_nonzero(own)), int(np.count_nonzero(own & (number == 1))))
+    q, position, mask = (np.concatenate(blocks, axis=1) for blocks in zip(*parts, strict=True))
+    number, n_drawn = np.sum(mask, axis=0), q.shape[1]
+    counts: list[dict[str, Any]] = [
+        {"reason": reason, "count": int(np.count_nonzero(own)), "alone": int(np.count_nonzero(own & (number == 1)))}
         for reason, own in zip(excluded, mask, strict=True)
         if own.any()
     ]
-    exclusions = tuple(sorted(counts, key=lambda entry: -entry.count))
-    n_drawn = q.shape[1]
+    exclusions = sorted(counts, key=lambda entry: -entry["count"])
     if not n_feasible:
-        largest, *others = exclusions
-        text = f"{none}: of {n_drawn} poses, {largest.count} are excluded by: {largest.reason}"
-        text += "".join(f"; {entry.count} by: {entry.reason}" for entry in others)
-        raise UsageError(f"{text}. Relax {'the first of these' if others else 'this demand'}")
+        others = "".join(f"; {entry['count']} by: {entry['reason']}" for entry in exclusions[1:])
+        raise UsageError(
+            f"{none}: of {n_drawn} poses, {exclusions[0]['count']} are excluded by: {exclusions[0]['reason']}{others}. "
+            f"Relax {'the first of these' if others else 'this demand'}"
+        )
     at = np.flatnonzero(number == 0)[:count]
     named = None if ids is None else ids[at]
-    source = f"{n_drawn} samples within the joint limits"
-    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source)
+    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source.format(n_drawn))
 
 
 def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times: int) -> Iterator[Array]:
@@ -408,8 +384,9 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     Raises:
         UsageError: No sample is feasible; the message names the reason that excludes most.
     """
-    draws = _drawn(model.arm.robot, constraints.margin, count, 0, seed, _MOST_DRAWS)
-    return _feasible(model, constraints, draws, count)
+    return _feasible(
+        model, constraints, _drawn(model.arm.robot, constraints.margin, count, 0, seed, _MOST_DRAWS), count
+    )
 
 
 def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:
@@ -422,11 +399,10 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
         raise UsageError("the candidates have no joint columns")
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
     ids = None if data.pose is None else data.pose[first].astype(str)
-    candidates = _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids)
-    return dataclasses.replace(candidates, source=f"{first.size} given poses")
+    return _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids, source="{} given poses")
 
 
-def task_joints(model: Model, constraints: Constraints, region: SafetyBox | None, seed: int) -> Array:
+def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:
     """Return joint variables ``(J, T)`` of the task: poses that the robot may take, with the target in ``region``.
 
     The instrument need not see them.
@@ -520,10 +496,9 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
         if (reason := effect.missing(arm, planned)) is not None:
-            needs_loads = not effect.missing(arm, loaded)
-            text = f"needs loads: {reason}; give `payload`, such as 0,5"
-            text = text if needs_loads else f"cannot be planned: {reason}; leave it out"
-            raise UsageError(f"`fit`: {effect.name} {text}")
+            if effect.missing(arm, loaded):
+                raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
+            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
     if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
         raise UsageError(
             "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
@@ -540,21 +515,20 @@ _EQUAL = 1e-4
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
     """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
-    branches = robot.branch_variables if _loading(robot) else ()
-    positions = np.array([[branch.position] * n for branch in branches]) if branches else None
-    return positions, tuple(branch.joint.name for branch in branches)
+    if not _loading(robot):
+        return None, ()
+    positions = np.array([[branch.position] * n for branch in robot.branch_variables])
+    return positions, tuple(branch.joint.name for branch in robot.branch_variables)
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:
     """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
-    loading = _loading(robot)
-    if not loading:
-        return ()
-    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in loading)
-    return (
+    listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in _loading(robot))
+    text = (
         f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
-        "the planned rows state; to change them, set position in the robot file",
+        "the planned rows state; to change them, set position in the robot file"
     )
+    return (text,) if listed else ()
 
 
 def check_at_rest(robot: Robot, poses: Measurements) -> None:
@@ -568,19 +542,18 @@ def check_at_rest(robot: Robot, poses: Measurements) -> None:
     for branch, values in zip(robot.branch_variables, poses.branches, strict=True):
         off = np.flatnonzero(np.abs(values - branch.position) > _EQUAL)
         if off.size:
-            row = int(off[0])
-            found = _with_unit(branch, float(values[row]))
+            found, line = (
+                _with_unit(branch, float(values[off[0]])),
+                None if poses.rows is None else int(poses.rows[off[0]]),
+            )
             message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
             fix = "set the position of this joint in the robot file to where it stands, or remove the column"
-            line = None if poses.rows is None else int(poses.rows[row])
             raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
 
 
 def _loading(robot: Robot) -> list[BranchJoint]:
     """Return the moving joints outside the chain whose weight a joint of the chain carries."""
-    if not robot.has_masses:
-        return []
-    return [branch for branch in robot.branch_variables if robot.carrier(branch) is not None]
+    return [branch for branch in robot.branch_variables if robot.has_masses and robot.carrier(branch) is not None]
 
 
 def _with_unit(branch: BranchJoint, value: float | None = None) -> str:

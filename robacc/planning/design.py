@@ -16,7 +16,7 @@ approached from both directions. A check pose is visited at the start, after eve
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -91,15 +91,6 @@ class FitCriterion:
 
 
 @dataclass(frozen=True, slots=True)
-class ExpectedPower:
-    """Mean probabilities over the catalogue at the usual sizes."""
-
-    detected: float
-    separated: float
-    """Probability that an effect is found and distinguished from its nearest rival."""
-
-
-@dataclass(frozen=True, slots=True)
 class PowerCriterion:
     """Minus the mean of the probabilities to find a coefficient, and to find it and separate it from its rival."""
 
@@ -129,14 +120,9 @@ class PowerCriterion:
         separated = np.where(has_none, 1.0, ndtr(np.sqrt(beside) - np.sqrt(2.0 * ACCEPTED)))
         return np.stack((detected.mean(axis=1), (detected * separated).mean(axis=1)))
 
-    def power(self, information: Array) -> ExpectedPower:
-        """Return the mean probabilities of poses with this information."""
-        return ExpectedPower(*self.powers(information, np.zeros((1, 1, information.shape[0])))[:, 0].tolist())
-
     def cost(self, information: Array) -> float:
         """Return minus the mean of the two probabilities."""
-        power = self.power(information)
-        return -0.5 * (power.detected + power.separated)
+        return float(self.costs(information, np.zeros((1, 1, information.shape[0])))[0])
 
     def costs(self, information: Array, rows: Array) -> Array:
         """Return ``(N,)`` the cost with each of the poses ``(N, M, P + K)`` added."""
@@ -232,6 +218,20 @@ def choose(problem: DesignProblem, start: NDArray[np.int64], seed: int, others: 
     return designs[int(np.argmax(costs <= costs.min() + 1e-9 * abs(costs.min())))]
 
 
+def expected_power(
+    problem: DesignProblem, criterion: PowerCriterion, chosen: NDArray[np.int64], seed: int
+) -> Mapping[str, float]:
+    """Return the mean probabilities over the catalogue at the usual sizes, with the keys of the result.
+
+    They are those of the candidates ``chosen``, and the means over random sets of as many.
+    """
+    sets = (chosen, *random_designs(problem.rows.shape[0], chosen.size, chosen.size, seed))
+    none = np.zeros((1, 1, problem.rows.shape[2]))
+    planned, *random = (criterion.powers(problem.information_with(at), none)[:, 0] for at in sets)
+    values = (*planned.tolist(), *np.mean(random, axis=0).tolist())
+    return dict(zip(("found", "separated", "random_found", "random_separated"), values, strict=True))
+
+
 # Order of the visits.
 
 Role = Literal["pose", "repeat", "check"]
@@ -252,17 +252,11 @@ class Route:
     visits: NDArray[np.int64]
     """``(V,)`` number of the pose at each visit."""
     roles: tuple[Role, ...]
-    passes: int
-    length: float
-    """Sum over all moves of the largest joint move, as a share of its range."""
-    random_length: float
-    """The same in a random order."""
-    direction_share: Array
-    """``(J,)`` share of the rarer direction among a joint's approaches."""
-    speed_std: Array
-    """``(J,)`` standard deviation of a joint's relative last speed in size, 0 where all are equal."""
-    drift_share: float
-    """Share of a drift linear in time that a linear function of the joints explains: 1 if fully confused."""
+    figures: Mapping[str, Any]
+    """Figures of the order, with the keys of the result: passes; length, the sum over all moves of the largest joint
+    move as a share of its range, and that in a random order; share of the rarer direction among each joint's
+    approaches; standard deviation of each joint's relative last speed in size, 0 where all are equal; and the share of
+    a drift linear in time that a linear function of the joints explains, 1 if fully confused."""
 
 
 def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) -> Route:
@@ -275,19 +269,18 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
         every: Visits from one check to the next; 0 for no check. Each payload has its own check pose.
         seed: Seed of the local search.
     """
-    groups = (
-        [np.arange(q.shape[1])] if payload is None else [np.flatnonzero(payload == mass) for mass in np.unique(payload)]
-    )
-    parts: list[NDArray[np.int64]] = []
-    checks, most_passes = [], 0
+    groups = [np.arange(q.shape[1])]
+    if payload is not None:
+        groups = [np.flatnonzero(payload == mass) for mass in np.unique(payload)]
+    parts, checks, passes = [], [], 0
     for number, at in enumerate(groups):
         share = repeats // len(groups) + (number < repeats % len(groups))
         scaled = _in_ranges(q[:, at])
         check = int(np.argmin(_from_middle(scaled))) if every and at.size > 2 else None
-        visits, passes = _ordered(scaled, share, check, max(every, 1), seed)
+        order, own_passes = _ordered(scaled, share, check, max(every, 1), seed)
         checks += [] if check is None else [int(at[check])]
-        parts.append(at[visits])
-        most_passes = max(most_passes, passes)
+        parts.append(at[order])
+        passes = max(passes, own_passes)
     visits = np.concatenate(parts)
     first = np.isin(np.arange(visits.size), np.unique(visits, return_index=True)[1])
     roles: list[Role] = [
@@ -296,16 +289,17 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
     ]
     scaled = _in_ranges(q)
     direction, speed = motion_between_rows(q[:, visits])
-    return Route(
-        visits,
-        tuple(roles),
-        most_passes,
-        _length(scaled[:, visits]),
-        _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
-        direction_shares(direction),
-        np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
-        _drift_share(scaled[:, visits]),
-    )
+    figures = {
+        "passes": passes,
+        "length": _length(scaled[:, visits]),
+        "random_length": _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
+        "rarer_direction_share": direction_shares(direction),
+        "speed_std": np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
+        "drift_share": _drift_share(scaled[:, visits]),
+        "repeats": roles.count("repeat"),
+        "checks": roles.count("check"),
+    }
+    return Route(visits, tuple(roles), figures)
 
 
 def _in_ranges(q: Array) -> Array:
@@ -394,9 +388,8 @@ def _in_passes(scaled: Array, nodes: NDArray[np.int64], repeated: NDArray[np.int
     pieces: list[NDArray[np.int64]] = []
     for number in range(passes):
         again = np.array([node for node in repeated.tolist() if place[node] == number], dtype=np.int64)
-        parts = [np.concatenate((tour[number::passes], again))]
         # With one pass, the second visits come after all first ones.
-        parts = [tour, np.sort(again)] if passes == 1 else parts
+        parts = [tour, np.sort(again)] if passes == 1 else [np.concatenate((tour[number::passes], again))]
         piece = np.concatenate([_tour(scaled, part) for part in parts])
         if pieces:
             start, end, last = (scaled[:, node] for node in (piece[0], piece[-1], pieces[-1][-1]))
@@ -409,11 +402,9 @@ def _balanced(scaled: Array, order: NDArray[np.int64], check: int | None, every:
     """Improve the cost by reversals and moves of short pieces, until each joint has both directions or tries end."""
     generator = np.random.default_rng([seed, 2])
     n = order.size
-    if n < 4:
-        return order
     sequence = scaled[:, _with_checks(order, check, every)]
     cost = _cost(sequence)
-    for _ in range(_TRIES):
+    for _ in range(_TRIES if n > 3 else 0):
         if _missing_approaches(sequence) == 0.0:
             break
         first = int(generator.integers(0, n - 1))
@@ -435,10 +426,7 @@ def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDA
     """Return the visits with the check pose at the start, after every ``every`` visits, and at the end."""
     if check is None:
         return order
-    visits: list[int] = []
-    for start in range(0, order.size, every):
-        visits += [check, *order[start : start + every].tolist()]
-    return np.array([*visits, check], dtype=np.int64)
+    return np.append(np.insert(order, np.arange(0, order.size, every), check), check)
 
 
 def _drift_share(scaled: Array) -> float:
@@ -446,8 +434,7 @@ def _drift_share(scaled: Array) -> float:
     joints, n = scaled.shape
     if n < joints + 3:
         return 0.0
-    time = np.arange(n) - (n - 1) / 2
-    design = np.vstack((np.ones(n), scaled)).T
+    time, design = np.arange(n) - (n - 1) / 2, np.vstack((np.ones(n), scaled)).T
     residual = time - design @ np.linalg.lstsq(design, time, rcond=None)[0]
     share = float(residual @ residual / (time @ time))
     return float(max(1.0 - share * (n - 1) / (n - 1 - joints), 0.0))

@@ -8,8 +8,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.design import (
     DesignProblem,
-    ExpectedPower,
     PowerCriterion,
     choose,
     exchanged,
@@ -38,7 +38,6 @@ from robacc.planning.design import (
 )
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
-from robacc.tracing.search import DetectionLimit
 
 _FRAME_PRIOR = 1.0
 """m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
@@ -109,8 +108,9 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     targets = tuple(robot.targets)
     if not targets:
         return poses
-    repeated = poses.subset(np.repeat(np.arange(poses.n), len(targets)))
-    return dataclasses.replace(repeated, target=np.tile(np.array(targets), poses.n))
+    return dataclasses.replace(
+        poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
+    )
 
 
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
@@ -135,14 +135,13 @@ def whitened_rows(model: Model, data: Measurements, noise: ExpectedNoise, more: 
 
 def candidate_rows(model: Model, poses: Measurements, noise: ExpectedNoise, more: Iterable[Term] = ()) -> Array:
     """Return ``(N, M, P)`` the same of N unmeasured poses; M counts the components of all targets."""
-    rows = whitened_rows(model, with_targets(model.arm.robot, poses), noise, more)
-    return np.ascontiguousarray(rows).reshape(poses.n, -1, rows.shape[2])
+    rows = np.ascontiguousarray(whitened_rows(model, with_targets(model.arm.robot, poses), noise, more))
+    return rows.reshape(poses.n, -1, rows.shape[2])
 
 
 def region_rows(model: Model, task: Measurements) -> Array:
     """Return ``(3, T, P)`` displacement of each target by each coefficient at the task's poses, m."""
-    jacobian = _jacobian(model, with_targets(model.arm.robot, task))
-    return np.ascontiguousarray(np.moveaxis(jacobian[:3], 1, 2))
+    return np.ascontiguousarray(np.moveaxis(_jacobian(model, with_targets(model.arm.robot, task))[:3], 1, 2))
 
 
 def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
@@ -165,9 +164,8 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
 
 def repeatability_at_target(model: Model, task: Measurements, joints: Array) -> float:
     """Return the scatter of the target along each axis, m rms, that joints' scatter ``(J,)`` gives over the task."""
-    columns = joint_columns(model, with_targets(model.arm.robot, task))[:3]
-    variance = np.einsum("ijn,j->n", np.square(columns), np.square(joints))
-    return float(np.sqrt(np.mean(variance) / 3.0))
+    moved = joint_columns(model, with_targets(model.arm.robot, task))[:3] * joints[:, None]
+    return float(np.sqrt(np.mean(np.sum(np.square(moved), axis=(0, 1))) / 3.0))
 
 
 def joint_repeatability(model: Model, task: Measurements, size: float) -> Array:
@@ -188,18 +186,6 @@ CURVE_EXCHANGED = 200
 """Candidates that exchange looks at for a point of the curve."""
 _SINGULAR = 1e14
 """Condition number above which an information matrix counts as singular."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedCoefficient:
-    """Predicted standard error of one coefficient."""
-
-    name: str
-    unit: str
-    std: float | None
-    """Standard error after the fit; None if it is not identifiable."""
-    prior_std: float | None
-    why: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,46 +214,21 @@ class ExpectedAccuracy:
     """The planned poses; None if they do not identify the model."""
 
 
-@dataclass(frozen=True, slots=True)
-class Worth:
-    """Predicted RMS error over the region for equal effort spent in different ways, m."""
+def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> Sequence[Mapping[str, Any]]:
+    """Return the predicted standard error of every coefficient, in the order of the effects, with the result's keys.
 
-    new_poses: float | None
-    repeated_poses: float | None
-    """Half as many poses, each visited twice."""
-    readings: float | None
-    """The same poses, each read twice at one visit: less instrument noise, the same repeatability."""
-    verdict: str
-
-
-@dataclass(frozen=True, slots=True)
-class Sufficiency:
-    """Answer to whether the poses measured so far are enough."""
-
-    n: int
-    """Poses measured already, or those of the model's fit."""
-    enough: bool
-    why: str
-    now: float | None
-    """Predicted error now, m rms; None where the poses do not identify the model."""
-    later: float | None
-    """Predicted error with the next poses."""
-    of_model: bool = False
-    """The poses are those that the model was fitted to."""
-
-
-def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> tuple[ExpectedCoefficient, ...]:
-    """Return the predicted standard error of every coefficient, in the order of the effects."""
+    It is None for a coefficient that is not identifiable, for the reason ``why``.
+    """
+    unknown = {"std": None, "prior_std": None}
     why = {entry.name: entry.why for entry in planned.dropped}
-    result = [ExpectedCoefficient(term.name, term.unit, None, None, why.get(term.name)) for term in planned.terms]
+    result = [{"name": term.name, "unit": term.unit, **unknown, "why": why.get(term.name)} for term in planned.terms]
     for i, column in enumerate(planned.columns.tolist()):
-        result[column] = dataclasses.replace(
-            result[column],
-            std=None if covariance is None else float(np.sqrt(covariance[i, i])),
-            prior_std=float(planned.prior_std[i]),
-            why="the planned poses are too few for this model" if covariance is None else None,
-        )
-    return tuple(result)
+        result[column] |= {
+            "std": None if covariance is None else float(np.sqrt(covariance[i, i])),
+            "prior_std": float(planned.prior_std[i]),
+            "why": "the planned poses are too few for this model" if covariance is None else None,
+        }
+    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,28 +299,31 @@ def _knee(points: Sequence[AccuracyPoint]) -> int | None:
     """Return the smallest number from which ten more poses gain little; between the points, log error over log n."""
     if len(points) < 2:
         return None
-    log_n = np.log([point.n for point in points])
-    log_total = np.log([point.total for point in points])
+    log_n, log_total = np.log([(point.n, point.total) for point in points]).T
     n = np.arange(points[0].n, points[-1].n - BATCH + 1)
     now, later = (np.interp(np.log(count), log_n, log_total) for count in (n, n + BATCH))
     enough = n[later - now > np.log(1.0 - ENOUGH_GAIN)]
     return int(enough[0]) if enough.size else None
 
 
-def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Worth:
-    """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, and its verdict in words."""
+def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Mapping[str, Any]:
+    """Return the comparison of rows ``(n, M, P)`` of new poses, repeats, and readings, with the keys of the result.
+
+    They are predicted RMS errors over the region for equal effort, m, and the verdict in words.
+    """
     points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
     names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
     known = [(point.total, name) for name, point in zip(names, points, strict=True) if point is not None]
     verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
-    new, repeated, readings = (None if point is None else point.rms for point in points)
-    return Worth(new, repeated, readings, verdict)
+    keys = ("new_poses_rms_m", "repeated_poses_rms_m", "readings_rms_m")
+    rms = {key: None if point is None else point.rms for key, point in zip(keys, points, strict=True)}
+    return {**rms, "verdict": verdict}
 
 
 def sufficiency_of(
     expectation: Expectation, chosen: NDArray[np.int64], n: int, target: float | None, of_model: bool
-) -> Sufficiency:
-    """Return whether ``n`` known poses are enough, with the next poses ``chosen``.
+) -> Mapping[str, Any]:
+    """Return whether ``n`` known poses are enough, with the next poses ``chosen``, with the keys of the result.
 
     Args:
         expectation: Predicted errors, with the information of the known poses.
@@ -378,8 +342,8 @@ def sufficiency_of(
     else:
         gain = 1.0 - later.total / now.total
         enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-    totals = [None if point is None else point.total for point in (now, later)]
-    return Sufficiency(n, enough, why, totals[0], totals[1], of_model)
+    totals = {key: None if point is None else point.total for key, point in (("now_m", now), ("later_m", later))}
+    return {"n_already": n, "enough": enough, "why": why, **totals, "of_model": of_model}
 
 
 # Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
@@ -395,35 +359,16 @@ _DETECTABLE = 0.5
 """Power from which an effect counts as detectable at its usual size."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExpectedLimit(DetectionLimit):
-    """Detection limit of one form of an effect, and the power at its usual size."""
-
-    usual: float
-    """Usual size: geometric mean of the catalogue's range."""
-    power: float
-    """Probability that an effect of the usual size is found."""
-
-
-@dataclass(frozen=True, slots=True)
-class InseparablePair:
-    """Two effects of which the second explains the first, at its usual size, within the noise."""
-
-    first: str
-    second: str
-    similarity: float
-    """Largest cosine between the new parts of their columns."""
-    evidence: float
-    """Expected difference in evidence (log Bayes factor) if the first is the truth, at its usual size."""
-
-
 @dataclass(frozen=True, slots=True)
 class Detectability:
-    """What a trace of the planned poses can find."""
+    """What a trace of the planned poses can find, with the keys of the result."""
 
-    limits: tuple[ExpectedLimit, ...]
-    pairs: tuple[InseparablePair, ...]
-    missing: dict[str, str]
+    limits: Sequence[Mapping[str, Any]]
+    """Detection limit of every form of an effect, and the power at its usual size."""
+    pairs: Sequence[Mapping[str, Any]]
+    """Pairs of effects of which the second explains the first, at its usual size, within the noise: the largest cosine
+    between the new parts of their columns, and the expected difference in evidence if the first is the truth."""
+    missing: Mapping[str, str]
     """Reason why an effect cannot be tested, by effect."""
 
 
@@ -438,12 +383,10 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     rows = whitened_rows(model, data, noise, (term for term, _ in catalogue.values()))
     count = rows.shape[2] - len(catalogue)
     flat = rows.reshape(-1, rows.shape[2])
-    identified = identify_terms(np.asarray(np.linalg.qr(flat[:, :count], mode="r")), model.bind(data).terms, data.n)
-    columns = flat[:, count:]
-    new = _without(flat[:, identified.columns], columns)
-    gram = new.T @ new
-    lengths = np.sum(np.square(columns), axis=0)
-    dof = float(columns.shape[0] - identified.columns.size)
+    identified, columns = coefficients(model, rows[:, :, :count]).columns, flat[:, count:]
+    new = _without(flat[:, identified], columns)
+    gram, lengths = new.T @ new, np.sum(np.square(columns), axis=0)
+    dof = float(columns.shape[0] - identified.size)
     if dof <= 0:
         return Detectability((), (), missing)
     tested = []
@@ -461,9 +404,18 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
             if limit <= _LARGEST * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)
-        form = (effect.name, effect.joints, effect.settings(), size, first.unit, rms)
-        tested.append((place, ExpectedLimit(*form, usual=usual, power=power)))
-    return Detectability(tuple(limit for _, limit in tested), _pairs(tested, gram), missing)
+        entry = {
+            "effect": effect.name,
+            "joints": effect.joints,
+            "settings": effect.settings(),
+            "limit": size,
+            "unit": first.unit,
+            "usual_size": usual,
+            "power": power,
+            "rms_m": rms,
+        }
+        tested.append((place, entry))
+    return Detectability([limit for _, limit in tested], _pairs(tested, gram), missing)
 
 
 def usual_size(effect: str) -> float:
@@ -472,11 +424,11 @@ def usual_size(effect: str) -> float:
     return math.sqrt(low * high)
 
 
-def _label(limit: ExpectedLimit) -> str:
+def _label(limit: Mapping[str, Any]) -> str:
     """Return ``backlash[j2]``, with settings."""
-    settings = ", ".join(f"{key} {_text(value)}" for key, value in limit.settings.items())
-    joints = f"[{','.join(limit.joints)}]" if limit.joints else ""
-    return f"{limit.effect}{joints}{f' ({settings})' if settings else ''}"
+    settings = ", ".join(f"{key} {_text(value)}" for key, value in limit["settings"].items())
+    joints = f"[{','.join(limit['joints'])}]" if limit["joints"] else ""
+    return f"{limit['effect']}{joints}{f' ({settings})' if settings else ''}"
 
 
 def _text(value: object) -> str:
@@ -497,34 +449,33 @@ def _catalogue(pool: Sequence[Candidate]) -> dict[str, tuple[Term, Candidate]]:
 
 def _without(base: Array, columns: Array) -> Array:
     """Return the part of ``columns`` that is orthogonal to ``base``, taken out twice for the sake of rounding."""
-    if base.shape[1] == 0:
-        return columns
     basis = np.linalg.qr(base / np.linalg.norm(base, axis=0))[0]
     for _ in range(2):
         columns = columns - basis @ (basis.T @ columns)
     return columns
 
 
-def _pairs(tested: Sequence[tuple[NDArray[np.int64], ExpectedLimit]], gram: Array) -> tuple[InseparablePair, ...]:
+def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: Array) -> list[dict[str, Any]]:
     """Return the pairs of detectable effects, one form for each effect and joint, that are not distinguishable.
 
     ``tested`` has the columns of each form in the products ``gram`` of new parts, and its limit.
     """
-    first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], ExpectedLimit]] = {}
+    first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], Mapping[str, Any]]] = {}
     for place, limit in tested:
-        if limit.power >= _DETECTABLE:
-            first_forms.setdefault((limit.effect, limit.joints), (place, limit))
+        if limit["power"] >= _DETECTABLE:
+            first_forms.setdefault((limit["effect"], limit["joints"]), (place, limit))
     pairs = []
     for (place, limit), (other, rival) in itertools.permutations(first_forms.values(), 2):
         block, cross = gram[np.ix_(place, place)], gram[np.ix_(place, other)]
         explained = cross @ np.linalg.pinv(gram[np.ix_(other, other)], rcond=1e-9) @ cross.T
-        remaining = max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
-        evidence = 0.5 * limit.usual**2 * remaining
+        evidence = 0.5 * limit["usual_size"] ** 2 * max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
         if evidence < ACCEPTED:
             whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
             similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
-            pairs.append(InseparablePair(_label(limit), _label(rival), similarity, evidence))
-    return tuple(sorted(pairs, key=lambda pair: (-round(pair.similarity, 9), pair.evidence)))
+            pairs.append(
+                {"first": _label(limit), "second": _label(rival), "similarity": similarity, "evidence": evidence}
+            )
+    return sorted(pairs, key=lambda pair: (-round(pair["similarity"], 9), pair["evidence"]))
 
 
 # Choice of poses for a trace.
@@ -534,13 +485,6 @@ _CANDIDATES = 800
 _EXCHANGED = 100
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
-
-
-def random_power(problem: DesignProblem, criterion: PowerCriterion, count: int, seed: int) -> ExpectedPower:
-    """Return the mean power over random sets of ``count`` candidates."""
-    draws = random_designs(problem.rows.shape[0], count, count, seed)
-    powers = [dataclasses.astuple(criterion.power(problem.information_with(draw))) for draw in draws]
-    return ExpectedPower(*np.mean(powers, axis=0).tolist())
 
 
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
@@ -557,8 +501,7 @@ def power_problem(
 
     ``already`` has the commanded part of the poses measured already.
     """
-    data = with_targets(model.arm.robot, candidates)
-    catalogue = _catalogue(named_candidates(model.arm, data, model.free)[0])
+    catalogue = _catalogue(named_candidates(model.arm, with_targets(model.arm.robot, candidates), model.free)[0])
     rows = candidate_rows(model, candidates, noise, (term for term, _ in catalogue.values()))
     count = rows.shape[2] - len(catalogue)
     planned = coefficients(model, rows[:, :, :count])
@@ -568,14 +511,12 @@ def power_problem(
     scale = np.append(planned.prior_std, [usual_size(candidate.effect.name) for _, candidate in catalogue.values()])
     rows = rows[:, :, used] * scale
     information = np.diag(np.repeat([1.0, 0.0], [n_free, n_effects]))
-    n_already = 0
     if already is not None:
-        n_already = already.n
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
         terms = [available.get(key, (dataclasses.replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
-    dof = float(rows.shape[1] * max(n_already + 30, 60) - n_free)
+    dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]
     chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
     flat = rows.reshape(-1, scale.size)
@@ -593,5 +534,4 @@ def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
     new = new / np.where(is_new, size, np.inf)
     similarity = np.square(new.T @ new)
     similarity[similarity > 1.0 - _EXACT] = 0.0
-    rival = np.argmax(similarity, axis=1)
-    return np.asarray(np.where(similarity.max(axis=1) > 0.0, rival, np.arange(rival.size)))
+    return np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size))

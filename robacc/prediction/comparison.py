@@ -1,17 +1,17 @@
 """Comparison of the prediction with measured poses of one robot: tests and estimated variance components.
 
 The measured poses are reduced to sufficient statistics. They decide the tests of the predicted covariance, and the
-variance components.
+variance components. Tests and components are mappings with the keys of the result (``robacc show schema predict``).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -28,45 +28,31 @@ from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
 
 # Measurement noise of the poses: given, from the file's columns, or estimated from the poses themselves.
 
-NoiseSource = Literal["file", "given", "estimated"]
 Noise = tuple[float | None, float | None]
 """Standard deviation of the position (m) and the orientation (rad) along each axis; None where it is not given."""
-
 RANK_TOLERANCE = 1e-9
 """Singular values below this fraction of the largest are rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class MeasurementNoise:
-    """Standard deviation of the measurement noise along each axis."""
-
-    position: float
-    """m, root mean square over poses and axes."""
-    orientation: float | None
-    """rad; None if no orientation was measured."""
-    source_position: NoiseSource
-    source_orientation: NoiseSource | None
-
-
-def _stated_noise(data: Measurements, given_noise: Noise) -> list[tuple[Array, float | None, NoiseSource]]:
+def _stated_noise(
+    data: Measurements, given_noise: Noise
+) -> list[tuple[Array, float | None, Literal["file", "given", "estimated"]]]:
     """Return weights ``(3, N)``, standard deviation beside them, and source of the noise of each measured part.
 
     Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
     """
-    parts: list[tuple[Array, float | None, NoiseSource]] = []
-    problems = []
-    columns = (("sigma_x, sigma_y, sigma_z", data.sigma_position), ("sigma_r", data.sigma_rotation))
-    for (name, column), given in zip(columns, given_noise, strict=True):
-        if given is not None or column is None:
-            parts.append((np.ones((3, data.n)), given, "estimated" if given is None else "given"))
-        elif np.all(column > 0):
-            parts.append((np.broadcast_to(1.0 / column, (3, data.n)), 1.0, "file"))
-        else:
-            fix = "remove the column, or give `noise`"
-            problems.append(Problem("the measuring uncertainty is 0, expected above 0", data.source, None, name, fix))
-    if problems:
-        raise InputError(problems)
-    return parts[: 1 if data.rotation is None else 2]
+    names, columns = ("sigma_x, sigma_y, sigma_z", "sigma_r"), (data.sigma_position, data.sigma_rotation)
+    used = [column if given is None else None for column, given in zip(columns, given_noise, strict=True)]
+    message, fix = "the measuring uncertainty is 0, expected above 0", "remove the column, or give `noise`"
+    wrong = [name for name, column in zip(names, used, strict=True) if column is not None and not np.all(column > 0)]
+    if wrong:
+        raise InputError([Problem(message, data.source, None, name, fix) for name in wrong])
+    return [
+        (np.ones((3, data.n)), given, "estimated" if given is None else "given")
+        if column is None
+        else (np.broadcast_to(1.0 / column, (3, data.n)), 1.0, "file")
+        for column, given in list(zip(used, given_noise, strict=True))[: 1 if data.rotation is None else 2]
+    ]
 
 
 def _restricted_likelihood(
@@ -78,33 +64,28 @@ def _restricted_likelihood(
     R. Thompson, "Recovery of inter-block information when block sizes are unequal", Biometrika 58 (1971).
     A deviation in ``given_sigma`` stays.
     """
-    n = 3 * data.n
+    n, give = 3 * data.n, "give the noise with `noise` or sigma columns"
     rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
-    sigma = [start if given is None else given for given, start in zip(given_sigma, rms, strict=True)]
+    sigma = np.array([start if given is None else given for given, start in zip(given_sigma, rms, strict=True)])
     for _ in range(200):
+        before = sigma.copy()
         stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
         column_norms = _norms(stacked[:, :-1])
-        u, singular_values, vt = np.linalg.svd(stacked[:, :-1] / column_norms, full_matrices=False)
-        independent = singular_values > RANK_TOLERANCE * singular_values.max(initial=0.0)
-        inverse = vt[independent].T / singular_values[independent]
-        solution = inverse @ (u[:, independent].T @ stacked[:, -1])
-        change = 0.0
+        inverse = np.linalg.pinv(stacked[:, :-1] / column_norms, rcond=RANK_TOLERANCE)
+        solution = inverse @ stacked[:, -1]
         for k in (k for k, given in enumerate(given_sigma) if given is None):
             rows = triangles[k][:, :-1] / column_norms
             dof = n - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
             if dof < 1.0:
-                fix = "measure more poses, or give the noise with `noise` or sigma columns"
-                raise InputError(Problem("too few poses to estimate the measurement noise", data.source, fix=fix))
-            new_sigma = float(np.linalg.norm(triangles[k][:, -1] - rows @ solution)) / math.sqrt(dof)
-            if new_sigma < 1e-12 * rms[k] or new_sigma == 0.0:
+                message = "too few poses to estimate the measurement noise"
+                raise InputError(Problem(message, data.source, fix=f"measure more poses, or {give}"))
+            sigma[k] = np.linalg.norm(triangles[k][:, -1] - rows @ solution) / math.sqrt(dof)
+            if sigma[k] < 1e-12 * rms[k] or sigma[k] == 0.0:
                 message = "the parameters explain every pose exactly, so the noise cannot be estimated"
-                fix = "give the noise with `noise` or sigma columns"
-                raise InputError(Problem(message, data.source, fix=fix))
-            change = max(change, abs(new_sigma / sigma[k] - 1.0))
-            sigma[k] = new_sigma
-        if change < 1e-10:
+                raise InputError(Problem(message, data.source, fix=give))
+        if np.all(np.abs(sigma / before - 1.0) < 1e-10):
             break
-    return sigma
+    return [float(std) for std in sigma]
 
 
 def _norms(columns: Array) -> Array:
@@ -150,7 +131,8 @@ class SufficientStatistics:
     """Measured numbers: 3 or 6 a pose."""
     n_aligned: int
     """Combinations of base and tool coordinates that were fitted to the same poses."""
-    noise: MeasurementNoise
+    noise: Mapping[str, Any]
+    """Noise along each axis, root mean square over poses and axes, and the source of each."""
 
 
 def reduce_residuals(
@@ -189,10 +171,9 @@ def reduce_residuals(
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
     in_file = [
-        mean if source == "file" and mean is not None else std
-        for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
+        mean if source == "file" else std for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
     ]
-    orientation, source_orientation = (in_file[1], sources[1]) if len(in_file) > 1 else (None, None)
+    noise_keys = ("position_m", "orientation_rad", "source_position", "source_orientation")
     return SufficientStatistics(
         directions.T @ scaled,
         strength,
@@ -202,7 +183,7 @@ def reduce_residuals(
         data.n,
         n_values,
         n_aligned,
-        MeasurementNoise(in_file[0], orientation, sources[0], source_orientation),
+        dict(zip(noise_keys, (*(*in_file, None)[:2], *(*sources, None)[:2]), strict=True)),
     )
 
 
@@ -248,112 +229,91 @@ def _triangles(
 DRAWS = 1999
 """Samples of the likelihood ratio's null distribution; a p-value is a multiple of 1/2000, its error at 5 % is 0.5 %."""
 SIGNIFICANT = 0.05
-
-_LOG_SCALE_RANGE = 14.0
-"""Range of log s² that is searched, ±: a factor of a million in variance."""
-_GRID = 57
-
-
-@dataclass(frozen=True, slots=True)
-class ChiSquare:
-    """A sum of squares against its chi-square distribution."""
-
-    statistic: float
-    dof: int
-    lower: float
-    upper: float
-    """The statistic lies between them with 95 % probability if the prediction is right."""
-    p_value: float
-    """Two-sided."""
-
-    @classmethod
-    def of(cls, statistic: float, dof: int) -> ChiSquare | None:
-        """Return the test, or None without degrees of freedom."""
-        if dof < 1:
-            return None
-        tail = 0.5 * SIGNIFICANT
-        p = 2.0 * min(chi2_cdf(statistic, dof), chi2_sf(statistic, dof))
-        return cls(statistic, dof, chi2_quantile(tail, dof), chi2_quantile(1.0 - tail, dof), min(1.0, p))
-
-    @property
-    def ratio(self) -> float:
-        """Statistic over its expectation."""
-        return self.statistic / self.dof
+_GRIDS = (np.linspace(-14.0, 14.0, 57), *(0.5**power * np.linspace(-1.0, 1.0, 9) for power in range(1, 15, 2)))
+"""Grids of log s², the first over a factor of a million in variance, each of the others about the best of those before:
+the first locates the highest of possibly several maxima."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleTest:
-    """Likelihood ratio of the predicted covariance against a scaled one."""
+def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
+    """Return the test of a sum of squares against its chi-square distribution; None without degrees of freedom.
 
-    factor: float
-    """Estimated common scale of all tolerances: 1 as predicted, 2 twice as large."""
-    statistic: float
-    p_value: float
-    """From ``draws`` samples of the prediction."""
-    p_value_asymptotic: float
-    """From a chi-square distribution with one degree of freedom, for comparison."""
-    draws: int
-
-
-@dataclass(frozen=True, slots=True)
-class Consistency:
-    """Tests of the measured errors against the prediction."""
-
-    total: ChiSquare | None
-    """All measured numbers; None if the noise was estimated from them."""
-    parameters: ChiSquare | None
-    """Directions that the parameters' errors move; None if there are none."""
-    noise: ChiSquare | None
-    """All other directions: the measurement noise; None if it was estimated from them."""
-    scale: ScaleTest | None
-    verdict: str
-    """Conclusion as text."""
+    It has the 95 % range of the statistic if the prediction is right, a two-sided p-value, and the ratio of the
+    statistic to its expectation.
+    """
+    if dof < 1:
+        return None
+    lower, upper = (chi2_quantile(tail, dof) for tail in (0.5 * SIGNIFICANT, 1.0 - 0.5 * SIGNIFICANT))
+    p_value = min(2.0 * min(chi2_cdf(statistic, dof), chi2_sf(statistic, dof)), 1.0)
+    return {
+        "statistic": statistic,
+        "dof": dof,
+        "lower": lower,
+        "upper": upper,
+        "p_value": p_value,
+        "ratio": statistic / dof,
+    }
 
 
-def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> Consistency:
-    """Test the prediction; ``seed`` is the seed of the likelihood ratio's null distribution."""
+Tests = Mapping[str, Mapping[str, float] | None]
+"""Tests by what they are of: ``total``, all measured numbers; ``parameters``, the directions that the errors of the
+parameters move, None if there are none; ``noise``, all others. Total and noise are None if these estimate the noise."""
+
+
+def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> tuple[Tests, Mapping[str, float] | None, str]:
+    """Return tests of the measured errors against the prediction, that of a common scale, and a conclusion as text.
+
+    ``seed`` is the seed of the likelihood ratio's null distribution.
+    """
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
-    parameters = ChiSquare.of(normalised_squares, n_directions)
+    parameters = chi_square(normalised_squares, n_directions)
     total = noise = None
-    if "estimated" not in (statistics.noise.source_position, statistics.noise.source_orientation):
-        total = ChiSquare.of(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
-        noise = ChiSquare.of(statistics.noise_squares, statistics.noise_dof)
+    if "estimated" not in statistics.noise.values():
+        total = chi_square(normalised_squares + statistics.noise_squares, n_directions + statistics.noise_dof)
+        noise = chi_square(statistics.noise_squares, statistics.noise_dof)
     scale = scale_test(statistics.y, np.square(statistics.strength), seed) if n_directions else None
     if parameters is None or scale is None:
         verdict = "the predicted errors are far below the noise on these poses, so the tolerances cannot be tested"
-    elif min(parameters.p_value, scale.p_value) >= SIGNIFICANT:
-        verdict = "the measured errors are consistent with the tolerances"
-    elif scale.p_value < SIGNIFICANT:
+    elif scale["p_value"] < SIGNIFICANT:
         verdict = (
-            f"the measured errors are {'larger' if scale.factor > 1.0 else 'smaller'} than the tolerances predict: "
-            f"about {scale.factor:.2g} times the predicted size"
+            f"the measured errors are {'larger' if scale['factor'] > 1.0 else 'smaller'} than the tolerances predict: "
+            f"about {scale['factor']:.2g} times the predicted size"
         )
-    else:
+    elif parameters["p_value"] < SIGNIFICANT:
         verdict = (
             "the measured errors have the predicted size but not the predicted pattern: some parameters have larger "
             "errors, or there are causes other than these parameters"
         )
-    if parameters is not None and noise is not None and noise.p_value < SIGNIFICANT:
-        noise_ratio = math.sqrt(noise.ratio)
+    else:
+        verdict = "the measured errors are consistent with the tolerances"
+    if parameters is not None and noise is not None and noise["p_value"] < SIGNIFICANT:
+        noise_ratio = math.sqrt(noise["ratio"])
         cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
         verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
-    return Consistency(total, parameters, noise, scale, verdict)
+    return {"total": total, "parameters": parameters, "noise": noise}, scale, verdict
 
 
-def scale_test(y: Array, variances: Array, seed: int = 0) -> ScaleTest:
-    """Test y_i ~ N(0, 1 + v_i) against N(0, 1 + s² v_i).
+def scale_test(y: Array, variances: Array, seed: int = 0) -> Mapping[str, float]:
+    """Test y_i ~ N(0, 1 + v_i) against N(0, 1 + s² v_i): the likelihood ratio of the prediction against a scaled one.
 
     Args:
         y: ``(R,)``
         variances: ``(R,)`` v, above zero.
         seed: Seed of the null distribution.
+
+    Returns:
+        The estimated common factor s of all tolerances, the statistic, its p-value from draws of the prediction, and
+        the p-value from a chi-square distribution for comparison.
     """
-    factors, statistic = _likelihood_ratios(y[None], variances)
-    null_statistics = _null_distribution(variances.tobytes(), seed)
-    n_exceeding = int(null_statistics.size - np.searchsorted(null_statistics, statistic[0] - 1e-9, side="left"))
-    p_value, draws = (1.0 + n_exceeding) / (1.0 + null_statistics.size), int(null_statistics.size)
-    return ScaleTest(math.sqrt(factors[0]), float(statistic[0]), p_value, chi2_sf(float(statistic[0]), 1.0), draws)
+    squared_factor, ratio = (float(value[0]) for value in _likelihood_ratios(y[None], variances))
+    n_below = int(np.searchsorted(_null_distribution(variances.tobytes(), seed), ratio - 1e-9, side="left"))
+    return {
+        "factor": math.sqrt(squared_factor),
+        "statistic": ratio,
+        "p_value": (1.0 + DRAWS - n_below) / (1.0 + DRAWS),
+        "p_value_asymptotic": chi2_sf(ratio, 1.0),
+        "draws": DRAWS,
+    }
 
 
 @lru_cache(maxsize=16)
@@ -364,33 +324,24 @@ def _null_distribution(variances: bytes, seed: int) -> Array:
     return np.sort(_likelihood_ratios(y, variance_array)[1])
 
 
-def _log_likelihood(squares: Array, variances: Array, factor: Array) -> Array:
-    """Return twice the log-likelihood, ``(D, F)``, of squares ``(D, R)`` at factors ``(D, F)`` or ``(F,)`` of s²."""
-    total = 1.0 + factor[..., None] * variances
-    return np.asarray(-np.sum(np.log(total) + squares[:, None, :] / total, axis=-1))
-
-
 def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
-    """Return the most likely s² and the likelihood ratio, ``(D,)`` each, for samples ``(D, R)``.
-
-    A grid over log s² locates the highest of possibly several maxima; finer grids refine it.
-    """
+    """Return the most likely s² and the likelihood ratio, ``(D,)`` each, for samples ``(D, R)``."""
     squares = np.square(y)
-    grid = np.linspace(-_LOG_SCALE_RANGE, _LOG_SCALE_RANGE, _GRID)
-    log_likelihood = _log_likelihood(squares, variances, np.exp(np.broadcast_to(grid, (y.shape[0], _GRID))))
-    best = grid[np.argmax(log_likelihood, axis=1)]
-    step = grid[1] - grid[0]
-    for _ in range(7):
-        candidates = best[:, None] + step * np.linspace(-1.0, 1.0, 9)
-        log_likelihood = _log_likelihood(squares, variances, np.exp(candidates))
-        best = np.take_along_axis(candidates, np.argmax(log_likelihood, axis=1)[:, None], axis=1)[:, 0]
-        step /= 4.0
+
+    def log_likelihood(log_factor: Array) -> Array:
+        """Return twice the log-likelihood, ``(D, F)``, at logarithms ``(D, F)`` of s²."""
+        total = 1.0 + np.exp(log_factor)[..., None] * variances
+        return np.asarray(-np.sum(np.log(total) + squares[:, None, :] / total, axis=-1))
+
+    best = np.zeros((y.shape[0], 1))
+    at_prediction = log_likelihood(best)[:, 0]
+    for grid in _GRIDS:
+        values = log_likelihood(best + grid)
+        best = best + grid[np.argmax(values, axis=1)][:, None]
     # s² = 0, no effect of the parameters, is a limit that the grid cannot reach.
-    no_effect = -np.sum(squares, axis=1)
-    highest = np.maximum(np.max(log_likelihood, axis=1), no_effect)
-    factor = np.where(no_effect >= np.max(log_likelihood, axis=1), 0.0, np.exp(best))
-    at_prediction = _log_likelihood(squares, variances, np.ones((y.shape[0], 1)))[:, 0]
-    return factor, np.maximum(highest - at_prediction, 0.0)
+    highest, no_effect = np.max(values, axis=1), -np.sum(squares, axis=1)
+    factor = np.where(no_effect >= highest, 0.0, np.exp(best[:, 0]))
+    return factor, np.maximum(np.maximum(highest, no_effect) - at_prediction, 0.0)
 
 
 # Variance components by maximum likelihood.
@@ -419,44 +370,16 @@ _STEP_LIMIT = 2.0
 _MIN_DOF = 1.0
 """Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
-
-@dataclass(frozen=True, slots=True)
-class VarianceComponent:
-    """One variance component."""
-
-    name: str
-    n_parameters: int
-    unit: str
-    predicted: float
-    """RMS of its parameters' predicted standard deviations, m or rad."""
-    factor: float
-    """Estimated over predicted standard deviation, √φ."""
-    estimate: float
-    """``factor`` times ``predicted``."""
-    lower: float
-    upper: float | None
-    """Limit of ``factor``; None if the poses give no upper limit."""
-    dof: float
-    """Effective degrees of freedom, the other components free: 2 (expected information of log φ at the prediction)."""
-    likelihood_ratio: float
-    """Likelihood ratio of the prediction for this component, the others free."""
-    why: str | None
-    """Reason why the component is not identifiable; its numbers are then unreliable."""
-
-
-@dataclass(frozen=True, slots=True)
-class VarianceComponents:
-    """All variance components, with notes on those that are not identifiable."""
-
-    components: tuple[VarianceComponent, ...]
-    confidence: float
-    notes: tuple[str, ...]
+Likelihood = Callable[[Array], tuple[float, Array, Array]]
+"""Returns log-likelihood, score and expected information at log φ ``(C,)``."""
 
 
 def variance_components(
     statistics: SufficientStatistics, parameters: Sequence[ToleranceParameter], confidence: float = 0.95
-) -> VarianceComponents | None:
+) -> Mapping[str, Any] | None:
     """Estimate one factor for each kind of parameter; return None if no parameter affects the poses.
+
+    The numbers of a component that is not identifiable, for the reason ``why``, are unreliable.
 
     Args:
         statistics: Sufficient statistics of the poses for ``parameters``.
@@ -471,28 +394,39 @@ def variance_components(
     member = np.array([[float(component == name) for component in estimated] for name in names])
     given_effects = statistics.effect[:, is_given]
     fixed = np.eye(statistics.y.size) + given_effects @ given_effects.T
-    problem = _LikelihoodProblem(statistics.y, statistics.effect[:, ~is_given], member, fixed)
-    at_prediction = np.zeros(len(names))
-    log_factors, maximum = problem.maximise(at_prediction)
-    information = problem.evaluate(at_prediction)[2]
-    notes, components = [], []
+    likelihood = _likelihood(statistics.y, statistics.effect[:, ~is_given], member, fixed)
+    log_factors, maximum = _maximised(likelihood, np.zeros(len(names)))
+    information = likelihood(np.zeros(len(names)))[2]
+    components: list[dict[str, Any]] = []
     for index, name in enumerate(names):
         members = [parameter for parameter in parameters if parameter.component == name]
         cross = np.delete(information[:, index], index)
         others = np.linalg.pinv(np.delete(np.delete(information, index, axis=0), index, axis=1), rcond=1e-12)
         dof = 2.0 * max(0.0, float(information[index, index] - cross @ others @ cross))
-        reason = _unidentified_reason(names, information, index, dof)
         predicted = math.sqrt(float(np.mean([parameter.sd**2 for parameter in members])))
         factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
         threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
-        lower, upper = problem.profile_interval(index, log_factors, maximum, threshold)
-        ratio = max(0.0, 2.0 * (maximum - problem.maximise(log_factors, (index, 0.0))[1]))
-        sizes = (predicted, factor, factor * predicted, lower, upper)
-        components.append(VarianceComponent(name, len(members), members[0].unit, *sizes, dof, ratio, reason))
-        notes += [] if reason is None else [reason]
+        lower, upper = _profile_interval(likelihood, index, log_factors, maximum, threshold)
+        at_prediction = _maximised(likelihood, log_factors, (index, 0.0))[1]
+        components.append(
+            {
+                "name": name,
+                "n_parameters": len(members),
+                "unit": members[0].unit,
+                "predicted": predicted,
+                "factor": factor,
+                "estimate": factor * predicted,
+                "lower": lower,
+                "upper": upper,
+                "dof": dof,
+                "likelihood_ratio": max(0.0, 2.0 * (maximum - at_prediction)),
+                "why": _unidentified_reason(names, information, index, dof),
+            }
+        )
+    notes = [component["why"] for component in components if component["why"] is not None]
     if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
         notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
-    return VarianceComponents(tuple(components), confidence, tuple(notes))
+    return {"confidence": confidence, "components": components, "notes": notes}
 
 
 def bartlett_mean(dof: float) -> float:
@@ -502,79 +436,76 @@ def bartlett_mean(dof: float) -> float:
     return dof * (math.log(0.5 * dof) - float(digamma(0.5 * dof)))
 
 
-@dataclass(frozen=True, slots=True)
-class _LikelihoodProblem:
-    """Likelihood of log φ."""
+def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelihood:
+    """Return the likelihood of log φ.
 
-    y: Array
-    effect: Array
-    """``(R, P)`` effects of the parameters of estimated components."""
-    member: Array
-    """``(C, P)`` 1 if the parameter belongs to the component."""
-    fixed: Array
-    """``(R, R)`` I + K_0"""
+    Args:
+        y: ``(R,)``
+        effect: ``(R, P)`` effects of the parameters of estimated components.
+        member: ``(C, P)`` 1 if the parameter belongs to the component.
+        fixed: ``(R, R)`` I + K_0
+    """
 
-    def evaluate(self, eta: Array) -> tuple[float, Array, Array]:
-        """Return log-likelihood, score and expected information in log φ."""
+    def evaluate(eta: Array) -> tuple[float, Array, Array]:
         phi = np.exp(eta)
-        weighted = self.effect * (phi @ self.member)
-        covariance = self.fixed + weighted @ self.effect.T
-        triangle = np.linalg.cholesky(covariance)
-        solved = np.linalg.solve(triangle, np.column_stack((self.effect, self.y)))
+        triangle = np.linalg.cholesky(fixed + (effect * (phi @ member)) @ effect.T)
+        solved = np.linalg.solve(triangle, np.column_stack((effect, y)))
         products = solved[:, :-1].T @ solved
         gram, gradient_term = products[:, :-1], products[:, -1]
         log_likelihood = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
-        score = 0.5 * phi * (self.member @ (np.square(gradient_term) - np.diag(gram)))
-        information = 0.5 * np.outer(phi, phi) * (self.member @ np.square(gram) @ self.member.T)
-        return log_likelihood, score, information
+        score = 0.5 * phi * (member @ (np.square(gradient_term) - np.diag(gram)))
+        return log_likelihood, score, 0.5 * np.outer(phi, phi) * (member @ np.square(gram) @ member.T)
 
-    def maximise(self, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
-        """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood.
+    return evaluate
 
-        Fisher scoring with the step shortened until the likelihood rises.
-        """
-        eta = start.copy()
-        free = np.ones(eta.size, dtype=bool)
-        if held is not None:
-            eta[held[0]], free[held[0]] = held[1], False
-        log_likelihood, score, information = self.evaluate(eta)
-        for _ in range(200):
-            active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
-            if not np.any(active):
-                break
-            step = np.zeros_like(eta)
-            block = information[np.ix_(active, active)]
-            ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
-            step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
-            for _ in range(30):
-                trial_eta = np.clip(eta + step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
-                candidate = self.evaluate(trial_eta)
-                if candidate[0] > log_likelihood:
-                    break
-                step *= 0.5
+
+def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
+    """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood.
+
+    Fisher scoring with the step shortened until the likelihood rises.
+    """
+    eta, free = start.copy(), np.ones(start.size, dtype=bool)
+    if held is not None:
+        eta[held[0]], free[held[0]] = held[1], False
+    value, score, information = likelihood(eta)
+    for _ in range(200):
+        active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
+        if not np.any(active):
+            break
+        block = information[np.ix_(active, active)]
+        ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
+        step = np.zeros_like(eta)
+        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
+        trials = (np.clip(eta + 0.5**halving * step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX) for halving in range(30))
+        better = next(((trial, found) for trial in trials if (found := likelihood(trial))[0] > value), None)
+        if better is None:
+            break
+        before, (eta, (value, score, information)) = value, better
+        if value - before < 1e-7:
+            break
+    return eta, value
+
+
+def _profile_interval(
+    likelihood: Likelihood, index: int, eta: Array, maximum: float, threshold: float
+) -> tuple[float, float | None]:
+    """Return the factors √φ at which twice the profile log-likelihood is ``threshold`` below its maximum.
+
+    The upper one is None if the poses give no upper limit.
+    """
+    limits: list[float | None] = []
+    for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
+        inside, start, step, outside = float(eta[index]), eta, 0.5, None
+        while sign * (bound - inside) > 0.0 and (outside is None or abs(outside - inside) > 1e-3):
+            trial = 0.5 * (inside + outside) if outside is not None else inside + sign * step
+            trial = max(min(trial, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
+            best_eta, log_likelihood = _maximised(likelihood, start, (index, trial))
+            if 2.0 * (maximum - log_likelihood) > threshold:
+                outside = trial
             else:
-                break
-            converged = candidate[0] - log_likelihood < 1e-7
-            eta, (log_likelihood, score, information) = trial_eta, candidate
-            if converged:
-                break
-        return eta, log_likelihood
-
-    def profile_interval(self, index: int, eta: Array, maximum: float, threshold: float) -> tuple[float, float | None]:
-        """Return the factors √φ at which twice the profile log-likelihood is ``threshold`` below its maximum."""
-        limits: list[float | None] = []
-        for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
-            inside, start, step, outside = float(eta[index]), eta, 0.5, None
-            while sign * (bound - inside) > 0.0 and (outside is None or abs(outside - inside) > 1e-3):
-                trial = 0.5 * (inside + outside) if outside is not None else inside + sign * step
-                trial = max(min(trial, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
-                best_eta, log_likelihood = self.maximise(start, (index, trial))
-                if 2.0 * (maximum - log_likelihood) > threshold:
-                    outside = trial
-                else:
-                    inside, start, step = trial, best_eta, 2.0 * step
-            limits.append(None if outside is None else math.exp(0.25 * (inside + outside)))
-        return limits[0] or 0.0, limits[1]
+                inside, start, step = trial, best_eta, 2.0 * step
+        limits.append(None if outside is None else math.exp(0.25 * (inside + outside)))
+    return limits[0] or 0.0, limits[1]
 
 
 def _unidentified_reason(names: Sequence[str], information: Array, index: int, dof: float) -> str | None:
@@ -587,9 +518,8 @@ def _unidentified_reason(names: Sequence[str], information: Array, index: int, d
     scales = np.sqrt(np.diag(information))
     correlations = np.abs(information[index]) / np.where(scales > 0, scales * scales[index], 1.0)
     correlations[index] = 0.0
-    partners = [names[i] for i in np.argsort(-correlations) if correlations[i] > 0.5] or [
-        names[int(np.argmax(correlations))]
-    ]
+    order = np.argsort(-correlations)
+    partners = [names[i] for i in order if correlations[i] > 0.5] or [names[order[0]]]
     return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"
 
 
@@ -611,8 +541,14 @@ class MeasuredComparison:
     """rad; None if no orientation was measured."""
     alignment: Alignment | None
     statistics: SufficientStatistics
-    consistency: Consistency
-    components: VarianceComponents | None
+    tests: Tests
+    """Tests of the measured errors against the prediction."""
+    scale: Mapping[str, float] | None
+    """Test of a common scale of all tolerances."""
+    verdict: str
+    """Conclusion as text."""
+    components: Mapping[str, Any] | None
+    """Variance components, with notes on those that are not identifiable."""
     hint: str | None
     """Likely cause of errors that are too large for tolerances."""
     one_draw: str
@@ -647,8 +583,8 @@ def compare_with_measured(
     if data.n == 0:
         raise InputError(Problem("has no poses to compare with the prediction", data.source))
     if data.q is None:
-        fix = "add q1, q2, …"
-        raise InputError(Problem("has no joint columns: the comparison needs the joint values", data.source, fix=fix))
+        message = "has no joint columns: the comparison needs the joint values"
+        raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
     if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
         raise UsageError("`noise` is a standard deviation above 0")
     if not 0.5 <= confidence < 1.0:
@@ -656,14 +592,13 @@ def compare_with_measured(
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     if alignment is not None and data.n < _MIN_REGISTERED_POSES:
-        fix = "measure more poses, or leave out `align`"
-        text = f"fitting frames to {data.n} poses leaves no errors to compare"
-        raise InputError(Problem(text, data.source, fix=fix))
+        message = f"fitting frames to {data.n} poses leaves no errors to compare"
+        raise InputError(Problem(message, data.source, fix="measure more poses, or leave out `align`"))
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
-    tests = consistency(statistics, seed=seed)
+    tests, scale, verdict = consistency(statistics, seed=seed)
     hint = None
-    if tests.scale is not None and tests.scale.factor >= _HINT_FACTOR:
+    if scale is not None and scale["factor"] >= _HINT_FACTOR:
         hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
@@ -674,6 +609,8 @@ def compare_with_measured(
         alignment,
         statistics,
         tests,
+        scale,
+        verdict,
         variance_components(statistics, parameters, confidence),
         hint,
         _one_draw(statistics),
@@ -681,19 +618,17 @@ def compare_with_measured(
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:
-    n_directions = statistics.y.size
+    n, n_directions = statistics.n_poses, statistics.y.size
     text = (
-        f"all {statistics.n_poses} poses are of one robot and share the same parameter errors, so they are not "
-        f"{statistics.n_poses} independent tests of the tolerances. The tests use the covariance of all poses, "
-        f"J V Jᵀ + noise. Of {statistics.n_values} measured numbers, {n_directions} depend on the parameters"
+        f"all {n} poses are of one robot and share the same parameter errors, so they are not {n} independent tests of "
+        "the tolerances. The tests use the covariance of all poses, J V Jᵀ + noise. Of "
+        f"{statistics.n_values} measured numbers, {n_directions} depend on the parameters"
     )
     if n_directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
+        more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
         relative_std = 100.0 / math.sqrt(2.0 * n_directions)
-        text += f": the size of the tolerances is known to about {relative_std:.0f} %"
-        text += (
-            "; more robots improve it, more poses do not" if statistics.noise_dof else "; more poses would improve it"
-        )
+        text += f": the size of the tolerances is known to about {relative_std:.0f} %; {more}"
     if statistics.n_aligned:
         text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
     return text

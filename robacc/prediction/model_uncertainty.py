@@ -18,9 +18,9 @@ import dataclasses
 import itertools
 import math
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, predict, residuals
+from robacc.poses.motion import numbered
 from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
@@ -119,19 +120,19 @@ def error_columns(
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
     coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
-    scatter = np.zeros((6, 0, data.n))
-    if stds.any():
-        scatter = joint_columns(model, data) * stds[:, None]
-    root = _root(fit.unexplained)
-    unexplained = np.zeros((6, len(root), data.n))
-    for i in range(0, len(root), 3):
-        unexplained[i : i + 3] = np.einsum("ian,ak->ikn", poses.rotation, root[i : i + 3])
+    scatter = joint_columns(model, data) * stds[:, None] if stds.any() else np.zeros((6, 0, data.n))
+    root = np.zeros((6, len(fit.unexplained)))
+    root[: len(fit.unexplained)] = _root(fit.unexplained)
+    unexplained = np.einsum("ian,bak->bikn", poses.rotation, root.reshape(2, 3, -1)).reshape(6, -1, data.n)
     return (coefficients, scatter, unexplained, beyond_columns(model, data, sample)), poses.rotation
 
 
-def _root(covariance: Array) -> Array:
-    """Return ``L`` with ``L L^T`` the covariance, whose units may differ from row to row."""
-    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+def _root(covariance: Array, scale: Array | None = None) -> Array:
+    """Return ``L`` with ``L L^T`` the covariance, or the nearest positive semidefinite matrix.
+
+    The rows, whose units may differ, are in units of ``scale``, else of their standard deviations.
+    """
+    scale = np.sqrt(np.maximum(np.diag(covariance), 0.0)) if scale is None else scale
     over = np.where(scale > 0.0, scale, 1.0)
     values, vectors = np.linalg.eigh(covariance / over[:, None] / over)
     return np.asarray(scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0)))
@@ -150,9 +151,8 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Po
     ranges = {known.effect.key(): known.validity for known in model.known}
     bound = model.bind(data, [ranges.get(effect.key(), {}) for effect in model.free], fades=False)
     numbers = {entry: i for i, entry in enumerate(_occurrences(bound.names))}
-    coefficients_of_fit = _occurrences(fit.coefficients)
-    known = [i for i, entry in enumerate(coefficients_of_fit) if entry in numbers]
-    columns = np.array([numbers[coefficients_of_fit[i]] for i in known], dtype=np.int64)
+    pairs = [(i, numbers[entry]) for i, entry in enumerate(_occurrences(fit.coefficients)) if entry in numbers]
+    known, columns = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
     poses, jacobian = bound.linearise(np.zeros(len(bound.names)), columns)
     return poses, jacobian, fit.covariance[np.ix_(known, known)]
 
@@ -199,8 +199,7 @@ def beyond_columns(model: Model, data: Measurements, sample: Measurements | None
     """
     columns = [np.zeros((6, 0, data.n))]
     for known in model.known:
-        columns.append(_held_columns(known, model, data, sample))
-        columns.append(_faded_column(known, model, data, sample or data))
+        columns += _held_columns(known, model, data, sample), _faded_column(known, model, data, sample or data)
     return np.concatenate(columns, axis=1)
 
 
@@ -217,23 +216,19 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
             places.append(np.stack((image, np.clip(image, low, high))) / length)
     # The standard deviation over the size of the effect.
     growth = np.maximum(np.minimum(growth / _SHARE, 1.0), 0.0 if known.effect.traits.is_bounded else growth)
-    result = [np.zeros((6, 0, data.n))]
     # With ``sample``, poses are a block of many, which all have the columns of every held effect.
     if not limits or not (places if sample is not None else growth.any()):
-        return result[0]
+        return np.zeros((6, 0, data.n))
     waves = np.ones((1, data.n)) if sample is None else _difference_waves(np.array(places))
     inside = _within(model, data if sample is None else sample, limits)
     scalars: dict[int, Array] = {}
     for term in known.effect.terms(arm, inside):
-        for part in term.parts:
-            if part.loads is None and part.motion != SCALE_OF_INSTRUMENT:
-                added = known.values.get(term.name, 0.0) * part.factor
-                scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
-    jacobian = _motion_columns(model, data, tuple(scalars))
-    for i, scalar in enumerate(scalars.values()):
-        std = math.sqrt(2.0 * float(np.mean(np.square(scalar)))) * growth
-        result.append(jacobian[:, i, None] * (std * waves))
-    return np.concatenate(result, axis=1)
+        for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
+            added = known.values.get(term.name, 0.0) * part.factor
+            scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
+    sizes = np.sqrt(2.0 * np.mean(np.square([*scalars.values()]).reshape(len(scalars), inside.n), axis=1))
+    columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (sizes[:, None, None] * growth * waves)
+    return np.asarray(columns.reshape(6, -1, data.n))
 
 
 def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
@@ -262,15 +257,13 @@ def _difference_waves(places: Array) -> Array:
 
 def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
     """Return poses whose drivers are spread evenly over their ranges; all else is as in ``data``."""
-    sample = data.subset(np.arange(_SAMPLES) % data.n)
+    sample, rng = data.subset(np.arange(_SAMPLES) % data.n), np.random.default_rng(0)
     assert sample.q is not None
-    changes: dict[str, Any] = {}
-    rng = np.random.default_rng(0)
+    changes: dict[str, Any] = {"q": sample.q.copy()}
     for name, (low, high) in limits.items():
         values = rng.permutation(np.linspace(low, high, _SAMPLES))
         if name in model.arm.names:
-            q = changes.setdefault("q", sample.q.copy())
-            q[model.arm.number(name)] = values
+            changes["q"][model.arm.number(name)] = values
         elif name in _COLUMNS:
             changes[_COLUMNS[name]] = values
     return dataclasses.replace(sample, **changes)
@@ -281,14 +274,14 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     limits, periods = known.effect.limits(model.arm, known.validity, fading=True)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return np.zeros((6, 0, data.n))
-    complete = known.effect.terms(model.arm, data)
-    left = faded(known.effect, model.arm, data, known.validity)
-    motions = tuple(dict.fromkeys(term.parts[0].motion for term in complete))
-    lost = np.zeros((len(motions), data.n))
-    for whole, rest in zip(complete, left, strict=True):
+    terms = known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity)
+    lost: dict[int, Array] = {}
+    for whole, rest in zip(*terms, strict=True):
         before, after = whole.parts[0], rest.parts[0]
-        lost[motions.index(before.motion)] += known.values.get(whole.name, 0.0) * (before.factor - after.factor)
-    return np.asarray(np.einsum("imn,mn->in", _motion_columns(model, data, motions), lost))[:, None]
+        own = known.values.get(whole.name, 0.0) * (before.factor - after.factor)
+        lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + own
+    columns = _motion_columns(model, data, tuple(lost))
+    return np.asarray(np.einsum("imn,mn->in", columns, np.array([*lost.values()])))[:, None]
 
 
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
@@ -320,10 +313,9 @@ def registered_uncertainty(
     """
     frames = Model.of(absorb_constants(apply_fit(registration)), registration.model.free)
     robot = absorb_constants(robot)
-    size = len(registration.names)
-    normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
     weight = np.where(registration.inliers, registration.weight, 0.0)
-    rows = weight.shape[0]
+    size, rows = len(registration.names), weight.shape[0]
+    normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, used, data, frames):
         weighed = np.square(weight[:, block])[:, None] * columns[:rows]
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
@@ -358,8 +350,10 @@ def _blocks_with_frames(
 
 def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
     """Return the variances of the measurement noise of position and orientation that bounds of the model lack."""
-    stated = (data.sigma_position, data.sigma_rotation)
-    return [0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma) for sigma in stated]
+    return [
+        0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma)
+        for sigma in (data.sigma_position, data.sigma_rotation)
+    ]
 
 
 def scaled_inverse(normal: Array) -> Array:
@@ -387,16 +381,17 @@ def calibrated_accuracy(
         scale: Scale of the grade.
         seed: Seed of the directions.
     """
-    data = completed(robot, fit, configurations.q if poses is None else None, poses, seed)
+    if poses is None:
+        names = np.repeat([*robot.targets][:1], configurations.n) if robot.targets else None
+        poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
+    data = completed(fit, poses, seed)
     uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
     totals = np.sum(uncertainty.shares, axis=0)
-    shares = uncertainty.shares / np.where(totals > 0.0, totals, 1.0)
-    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares.tolist(), strict=True)]
+    shares = (uncertainty.shares / np.where(totals > 0.0, totals, 1.0)).tolist()
+    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
-    outside = np.zeros(data.n, dtype=bool)
-    for name, row in zip(robot.variable_names, configurations.q, strict=True):
-        low, high = fit.ranges.get(name, (-np.inf, np.inf))
-        outside |= (row < low) | (row > high)
+    low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
+    outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
     if outside.any():
         notes.append(
             f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
@@ -418,53 +413,21 @@ def calibrated_accuracy(
     )
 
 
-def completed(robot: Robot, fit: ModelFit, q: Array | None, poses: Measurements | None, seed: int) -> Measurements:
+def completed(fit: ModelFit, poses: Measurements, seed: int) -> Measurements:
     """Return poses with every circumstance that an effect may depend on."""
-    if poses is None:
-        assert q is not None
-        targets = list(robot.targets)
-        names = np.repeat(targets[:1], q.shape[1]) if targets else None
-        poses = Measurements(position=np.zeros((3, q.shape[1])), q=q, target=names)
     assert poses.q is not None
-
-    def middle(column: Array | None, name: str) -> Array | None:
-        if column is not None or name not in fit.ranges:
-            return column
-        return np.full(poses.n, 0.5 * sum(fit.ranges[name]))
-
     drawn = np.random.default_rng([seed, poses.n]).choice(np.array([-1.0, 1.0]), poses.q.shape)
     direction = drawn if poses.direction is None else poses.direction
-    return dataclasses.replace(
-        poses,
-        direction=direction,
-        speed=direction if poses.speed is None else poses.speed,
-        payload=middle(poses.payload, "payload_kg"),
-        temperature=middle(poses.temperature, "temperature_c"),
-        time=middle(poses.time, "time_s"),
-    )
+    middle: dict[str, Any] = {
+        column: np.full(poses.n, 0.5 * sum(fit.ranges[name]))
+        for name, column in _COLUMNS.items()
+        if name in fit.ranges and getattr(poses, column) is None
+    }
+    speed = direction if poses.speed is None else poses.speed
+    return dataclasses.replace(poses, direction=direction, speed=speed, **middle)
 
 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
-
-
-@dataclass(frozen=True, slots=True)
-class Coverage:
-    """Measured poses within the bounds of a model's error."""
-
-    quantity: Literal["position", "orientation"]
-    probability: float
-    """Probability of the bound."""
-    n_poses: int
-    n_inside: int
-    registered: tuple[str, ...]
-    """Frames that were fitted to the other half of the poses."""
-    noise_source: Literal["given", "file", "fit"]
-    """Source of the measurement noise in the bounds: given, columns of the poses, or the fit of the model."""
-
-    @property
-    def share(self) -> float:
-        """Share of the poses within their bounds."""
-        return self.n_inside / self.n_poses
 
 
 def coverage(
@@ -474,8 +437,10 @@ def coverage(
     seed: int,
     aligned: Sequence[str] = (),
     noise: tuple[float | None, float | None] = (None, None),
-) -> tuple[Coverage, ...]:
-    """Return the coverage of position, and of orientation where poses and fit have it.
+) -> Mapping[str, Any]:
+    """Return the coverage of position, and of orientation where poses and fit have it, with the keys of the result.
+
+    The source of the measurement noise in the bounds is given, columns of the poses, or the fit of the model.
 
     Frames in ``aligned`` are facts of one campaign. They are fitted to every second measured pose for the errors of the
     others, and the other way round, so that no error is one of the fit. The bounds contain the measurement noise:
@@ -487,7 +452,7 @@ def coverage(
     """
     # Circumstances drawn in place of missing ones would be held against the measurements.
     Model.of(absorb_constants(robot)).bind(measured)
-    data, stated = completed(robot, fit, None, measured, seed), (measured.sigma_position, measured.sigma_rotation)
+    data, stated = completed(fit, measured, seed), (measured.sigma_position, measured.sigma_rotation)
     position, angle = (
         of_fit if given is None and column is None else given
         for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
@@ -516,16 +481,16 @@ def coverage(
             variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
             covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
         error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
-    results = []
-    quantities: tuple[Literal["position", "orientation"], ...] = ("position", "orientation")
+    result: dict[str, Any] = {"probability": RADIUS_PROBABILITY, "registered": aligned, "orientation": None}
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
-        source: Literal["given", "file", "fit"] = "fit"
+        source = "fit"
         if fit.noise_is_separate and (noise[i] is not None or stated[i] is not None):
             source = "file" if noise[i] is None else "given"
         bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariances[i]))
         inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
-        results.append(Coverage(quantities[i], RADIUS_PROBABILITY, measured.n, inside, tuple(aligned), source))
-    return tuple(results)
+        counts = {"n_poses": measured.n, "n_inside": inside, "share": inside / measured.n, "noise_source": source}
+        result[("position", "orientation")[i]] = counts
+    return result
 
 
 # Record of a fit for its model file, from the fit and its held-out residuals.
@@ -623,15 +588,13 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     """
     if n_folds < 2:
         return 1.0
-    share = 1.0 - 1.0 / n_folds
-    rows = fit.residual.shape[0]
+    rows, visited = (
+        fit.residual.shape[0],
+        data.groups() if data.target is None else numbered(data.groups(), data.target),
+    )
     coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
-    visited = data.groups()[fit.inliers]
-    if data.target is not None:
-        targets = np.unique(data.target[fit.inliers], return_inverse=True)[1]
-        visited = np.unique(np.stack((visited, targets)), axis=1, return_inverse=True)[1].ravel()
-    effective = float(coefficients) / (different(visited) * rows)
-    return float(1.0 / max(share - effective, _LEAST_SURPLUS))
+    effective = float(coefficients) / (different(visited[fit.inliers]) * rows)
+    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, _LEAST_SURPLUS))
 
 
 def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
@@ -667,9 +630,8 @@ def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tup
     rigid = dataclasses.replace(
         nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
     )
-    full = Model.of(robot)
+    full, largest = Model.of(robot), np.zeros(2)
     arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
-    largest = np.zeros(2)
     for block in full.arm.chain.blocks(data.n):
         part = data.subset(block)
         real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
@@ -697,11 +659,8 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    rows, n = residual.shape
-    remaining = _scatter(
-        np.concatenate([rotate_back(uncertainty.rotation, residual[i : i + 3]) for i in range(0, rows, 3)])
-    )
-    local = uncertainty.in_target_frame()
+    (rows, n), local = residual.shape, uncertainty.in_target_frame()
+    remaining = _scatter(np.concatenate([rotate_back(local.rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
     parts = (local.position, local.orientation)[: rows // 3]
     for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
         block = slice(3 * i, 3 * i + 3)
@@ -713,7 +672,8 @@ def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, no
         chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
         if float(np.trace(remaining[block, block])) <= chance:
             remaining[block, :] = remaining[:, block] = 0.0
-    return _positive(remaining)
+    root = _root(remaining, np.repeat(np.sqrt(np.maximum(np.diag(remaining).reshape(-1, 3).sum(axis=1), 0.0)), 3))
+    return np.asarray(root @ root.T)
 
 
 def _scatter(residual: Array) -> Array:
@@ -725,8 +685,7 @@ def _scatter(residual: Array) -> Array:
     rows, n = residual.shape
     weight = np.ones(n)
     for _ in range(20):
-        total = (residual * weight) @ residual.T / n
-        square = np.zeros(n)
+        total, square = (residual * weight) @ residual.T / n, np.zeros(n)
         for i in range(0, rows, 3):
             part = residual[i : i + 3]
             spread = total[i : i + 3, i : i + 3] + 1e-12 * np.trace(total[i : i + 3, i : i + 3]) * np.eye(3) / 3.0
@@ -734,14 +693,6 @@ def _scatter(residual: Array) -> Array:
                 square = np.maximum(square, np.einsum("in,in->n", part, np.linalg.solve(spread, part)))
         weight = np.minimum(1.0, _GROSS / np.maximum(square, _GROSS))
     return np.asarray((residual * weight) @ residual.T / n)
-
-
-def _positive(matrix: Array) -> Array:
-    """Return the nearest positive semidefinite matrix, each block of three scaled to its own size first."""
-    scale = np.repeat([math.sqrt(max(float(np.trace(matrix[i : i + 3, i : i + 3])), 0.0)) or 1.0
-                       for i in range(0, matrix.shape[0], 3)], 3)  # fmt: skip
-    values, vectors = np.linalg.eigh(matrix / scale[:, None] / scale)
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T * scale[:, None] * scale)
 
 
 def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:

@@ -86,13 +86,15 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
             full_name = f"{name or frame}.{kind}"
             parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
     if not parameters:
-        fix = "give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
+        example = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
         if robot.convention == "urdf":
-            fix += "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
-        else:
-            fix += "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
-        message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
-        raise InputError(Problem(message, fix=fix))
+            example = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+        fix = (
+            f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
+        )
+        raise InputError(
+            Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
+        )
     return tuple(parameters)
 
 
@@ -138,13 +140,11 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         # Nothing else can be checked without units.
         source.finish()
         raise AssertionError("finish() raises where there are no units")
+    limits = f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²"
     divisor, meaning = {
         "normal": (1.0, NORMAL),
         "uniform": (math.sqrt(3.0), "uniform: a tolerance t is the half width, variance t²/3"),
-        "limits": (
-            coverage,
-            f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²",
-        ),
+        "limits": (coverage, limits),
     }[distribution]
     is_urdf = robot.convention == "urdf"
 
@@ -183,13 +183,15 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     if not any((moving, by_joint, base, tool)) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
-    toleranced = []
-    for joint in robot.joints:
-        common = {} if joint.type == "fixed" else moving
-        tolerance = {**joint.tolerance, **common, **by_joint.get(joint.name, {})}
-        toleranced.append(dataclasses.replace(joint, tolerance=tolerance))
+    toleranced = tuple(
+        dataclasses.replace(
+            joint,
+            tolerance={**joint.tolerance, **(moving if joint.type != "fixed" else {}), **by_joint.get(joint.name, {})},
+        )
+        for joint in robot.joints
+    )
     base, tool = {**robot.base_tolerance, **base}, {**robot.tool_tolerance, **tool}
-    return dataclasses.replace(robot, joints=tuple(toleranced), base_tolerance=base, tool_tolerance=tool), meaning
+    return dataclasses.replace(robot, joints=toleranced, base_tolerance=base, tool_tolerance=tool), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -225,13 +227,14 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
     if data.n == 0:
         raise InputError(Problem("has no poses to predict the accuracy at", data.source))
     if data.q is None:
-        fix = "add q1, q2, …"
-        raise InputError(Problem("has no joint columns: the prediction needs the joint values", data.source, fix=fix))
-    # Effects change a covariance in second order only.
-    bound_model = Model.of(dataclasses.replace(robot, effects=())).bind(data)
-    labels = tuple(data.place(i) for i in range(data.n))
+        message = "has no joint columns: the prediction needs the joint values"
+        raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
     return Configurations(
-        data.q, bound_model.nominal, labels, f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}"
+        data.q,
+        # Effects change a covariance in second order only.
+        Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal,
+        tuple(data.place(i) for i in range(data.n)),
+        f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}",
     )
 
 
@@ -252,9 +255,10 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         raise UsageError(f"`samples` is at least 1, not {n}")
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
-    endless = [joint.name for joint in robot.variables if joint.limits is None]
-    plural = "s" * (len(endless) != 1)
-    notes = [f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn"] if endless else []
+    notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
+    if endless:
+        plural = "s" * (len(endless) > 1)
+        notes.append(f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn")
     name = next(iter(robot.targets), None) if target is None else target
     if name is not None:
         if name not in robot.targets:
@@ -265,9 +269,9 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
             )
         robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
-    scalars = tuple(Arm.of(robot).chain.scalars(q))
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    return Configurations(q, scalars, tuple(f"sample {i}" for i in range(1, n + 1)), source, tuple(notes))
+    labels = tuple(f"sample {i}" for i in range(1, n + 1))
+    return Configurations(q, tuple(Arm.of(robot).chain.scalars(q)), labels, source, tuple(notes))
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
@@ -287,35 +291,20 @@ def pose_covariances(
     They are the covariances ``(3, 3, N)`` V_d (m²) and V_δ (rad²) in the tool's frame, and the contribution ``(2, P)``
     of each parameter to the sum of all their traces.
     """
-    # Rotations first: only they have an angular part, which is then a single slice.
-    is_length = [chain.motions[parameter.motion].kind == "translation" for parameter in parameters]
-    order = np.argsort(is_length, kind="stable")
-    n_rotations = is_length.count(False)
-    motions = [parameters[i].motion for i in order]
-    sd = np.array([parameters[i].sd for i in order])[:, None]
-    position, orientation = np.empty((3, 3, n)), np.empty((3, 3, n))
-    power = np.zeros((2, len(order)))
+    sd = np.array([parameter.sd for parameter in parameters])[:, None]
+    covariances, power = np.empty((2, 3, 3, n)), np.zeros((2, len(parameters)))
     for block in chain.blocks(n):
         local = [scalar if isinstance(scalar, float) else scalar[block] for scalar in scalars]
-        sweep = chain.sweep(local, block.stop - block.start, motions)
-        scaled = sweep.jacobian
-        scaled *= sd
-        parts = (scaled[:3], scaled[3:, :n_rotations])
-        for index, (covariances, columns) in enumerate(zip((position, orientation), parts, strict=True)):
-            covariances[:, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
-            power[index, order[: columns.shape[1]]] += np.einsum("ipn,ipn->p", columns, columns)
-    return position, orientation, power
+        sweep = chain.sweep(local, block.stop - block.start, [parameter.motion for parameter in parameters])
+        for part, columns in enumerate(np.split(sweep.jacobian * sd, 2)):
+            covariances[part, :, :, block] = in_tool_frame(outer_sums(columns), sweep.poses.rotation)
+            power[part] += np.einsum("ipn,ipn->p", columns, columns)
+    return covariances[0], covariances[1], power
 
 
 def outer_sums(columns: Array) -> Array:
     """Return Σ_k c_k c_kᵀ ``(R, R, n)`` of columns ``(R, K, n)``."""
-    size = columns.shape[0]
-    result = np.empty((size, size, columns.shape[2]))
-    for i in range(size):
-        for j in range(i, size):
-            np.einsum("kn,kn->n", columns[i], columns[j], out=result[i, j])
-            result[j, i] = result[i, j]
-    return result
+    return np.asarray(np.einsum("ikn,jkn->ijn", columns, columns))
 
 
 def in_tool_frame(covariance: Array, rotation: Array) -> Array:
@@ -326,24 +315,6 @@ def in_tool_frame(covariance: Array, rotation: Array) -> Array:
 RADIUS_PROBABILITY = 0.95
 """Probability of the error radius at each pose."""
 PERCENTILES = (5, 25, 50, 75, 95)
-
-
-@dataclass(frozen=True, slots=True)
-class WorstPredictedPose:
-    """Pose with the largest predicted RMS error."""
-
-    index: int
-    label: str
-    q: Array
-    """``(J,)`` rad or m"""
-    rms: float
-    """Root of the covariance's trace, m or rad."""
-    radius95: float
-    """Radius of 95 % of the errors at this pose, m or rad."""
-    direction: Array
-    """``(3,)`` unit vector in the tool's frame along which the error is largest; its largest component is positive."""
-    sd: float
-    """Standard deviation along ``direction``, m or rad."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -365,7 +336,10 @@ class PredictedErrors:
     p95: float
     max: float
     """Largest of ``pose_radius95``: Gaussian errors have no maximum."""
-    worst: WorstPredictedPose
+    worst: Mapping[str, Any]
+    """Pose with the largest RMS error, with the keys of the result: its number and label, joints ``q`` (rad or m), RMS,
+    radius of 95 % of its errors, unit vector in the tool's frame along which the error is largest, whose largest
+    component is positive, and the standard deviation along it."""
     pose_statistic: Array
     """``(N,)`` the grade scale's statistic at each pose; for p95 and max the 95 % radius."""
 
@@ -373,13 +347,10 @@ class PredictedErrors:
         """Return the statistic of that name."""
         return float(getattr(self, statistic))
 
-    def percentiles(self) -> dict[int, tuple[float, float]]:
-        """Return percentiles over poses of the predicted RMS and of the 95 % radius."""
-        percentiles = np.percentile(np.stack((self.pose_rms, self.pose_radius95)), PERCENTILES, axis=1)
-        return {
-            percent: (float(rms), float(radius))
-            for percent, (rms, radius) in zip(PERCENTILES, percentiles, strict=True)
-        }
+    def percentiles(self, values: Array) -> Mapping[str, float]:
+        """Return percentiles over poses of predicted errors ``(N,)``, with the keys of the result."""
+        sizes = np.percentile(values, PERCENTILES).tolist()
+        return {f"p{percent}": size for percent, size in zip(PERCENTILES, sizes, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -448,8 +419,7 @@ def predict_accuracy(
         scale: Scale of the grade.
         meaning: Conversion of a tolerance into a variance, as text.
     """
-    chain = Arm.of(robot).chain
-    *covariances, power = pose_covariances(chain, configurations.scalars, configurations.n, parameters)
+    *covariances, power = pose_covariances(Arm.of(robot).chain, configurations.scalars, configurations.n, parameters)
     totals = power.sum(axis=1, keepdims=True)
     shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     by_parameter = [
@@ -507,16 +477,15 @@ def _predicted_errors(
     # The first of equal poses: rounding makes a different one the largest on different machines.
     index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
     values, vectors = np.linalg.eigh(covariance[:, :, index])
-    direction = vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2]
-    worst = WorstPredictedPose(
-        index,
-        configurations.labels[index],
-        configurations.q[:, index].copy(),
-        float(rms[index]),
-        float(radius[index]),
-        direction,
-        math.sqrt(max(float(values[2]), 0.0)),
-    )
+    worst = {
+        "pose": index,
+        "label": configurations.labels[index],
+        "q": configurations.q[:, index].copy(),
+        f"rms_{unit}": float(rms[index]),
+        f"radius95_{unit}": float(radius[index]),
+        "direction": vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2],
+        f"sd_{unit}": math.sqrt(max(float(values[2]), 0.0)),
+    }
     return PredictedErrors(
         unit,
         covariance,
@@ -578,8 +547,8 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # with a large share are tightened most; no tolerance is widened.
 
 _SOLVED = 1e-12
-_TARGET_BAND = 1e-3
-"""Relative distance below a limit at which the allocation stops."""
+_SPARE = 5e-4
+"""Relative distance below the square of a limit that the allocation aims at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -607,29 +576,25 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
     limits = step_limits(scale, grade)
     budget = {share.name: (share.position, share.orientation) for share in prediction.budget}
     shares = np.array([budget[parameter.name] for parameter in prediction.parameters]).T
-    initial_excess = _relative_excess(prediction, limits)
+    excess = _relative_excess(prediction, limits)
+    uniform_factor = min(1.0, 1.0 / float(np.max(excess)))
     # The statistic is not exactly proportional to the RMS, whose square the budget divides: correct the targets.
-    target_variances = 1.0 / np.maximum(np.square(initial_excess), np.finfo(float).tiny)
-    factors, verified = np.ones(shares.shape[1]), prediction
+    target_variances, verified = 1.0 / np.maximum(np.square(excess), np.finfo(float).tiny), prediction
     for _ in range(12):
-        excess = _relative_excess(verified, limits)
         if np.max(excess) <= 1.0:
             break
-        factors = _optimal_factors(shares, target_variances)
+        factors = _optimal_factors(shares, target_variances).tolist()
         tightened = [
-            dataclasses.replace(parameter, sd=parameter.sd * float(factor))
+            dataclasses.replace(parameter, sd=parameter.sd * factor)
             for parameter, factor in zip(prediction.parameters, factors, strict=True)
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
-        if 1.0 - _TARGET_BAND <= np.max(excess) <= 1.0:
-            break
         target_variances = np.where(
-            excess > 1.0, target_variances / np.square(excess) * (1.0 - 0.5 * _TARGET_BAND), target_variances
+            excess > 1.0, target_variances / np.square(excess) * (1.0 - _SPARE), target_variances
         )
     needed = tuple(zip(prediction.parameters, (parameter.sd for parameter in verified.parameters), strict=True))
-    uniform_factor = min(1.0, 1.0 / float(np.max(initial_excess)))
-    return Allocation(grade, needed, uniform_factor, verified, bool(np.max(_relative_excess(verified, limits)) <= 1.0))
+    return Allocation(grade, needed, uniform_factor, verified, bool(np.max(excess) <= 1.0))
 
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
@@ -671,10 +636,10 @@ class WarrantyMap:
     """``(3, V)`` centres of the voxels, measuring frame, m."""
     count: NDArray[np.int64]
     """``(V,)`` configurations in each voxel."""
-    rms: tuple[Array, Array]
-    """``(V,)`` RMS of position (m) and of orientation (rad)."""
-    bound: tuple[Array, Array]
-    """``(V,)`` largest 95 % bound of position (m) and of orientation (rad)."""
+    rms: Array
+    """``(2, V)`` RMS of position (m) and of orientation (rad)."""
+    bound: Array
+    """``(2, V)`` largest 95 % bound of position (m) and of orientation (rad)."""
     grades: tuple[str, ...]
     """``(V,)`` grade that every configuration of the voxel meets."""
 
@@ -692,16 +657,14 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
         wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
         power = 10.0 ** math.floor(math.log10(wanted))
         edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
-    index = np.floor(position / edge).astype(np.int64)
-    voxels, number = np.unique(index, axis=1, return_inverse=True)
+    voxels, number = np.unique(np.floor(position / edge).astype(np.int64), axis=1, return_inverse=True)
     number = number.ravel()
-    count = np.bincount(number)
-    parts = (prediction.position, prediction.orientation)
-    rms: list[Array] = [np.sqrt(np.bincount(number, np.square(errors.pose_rms)) / count) for errors in parts]
-    bound = [np.zeros(count.size), np.zeros(count.size)]
+    count, parts = np.bincount(number), (prediction.position, prediction.orientation)
+    rms = np.sqrt([np.bincount(number, np.square(errors.pose_rms)) / count for errors in parts])
+    bound = np.zeros(rms.shape)
     for largest, errors in zip(bound, parts, strict=True):
         np.maximum.at(largest, number, errors.pose_radius95)
     scale = prediction.grade.scale
     ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
     grades = tuple(map(scale.name_of, ranks.tolist()))
-    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, (rms[0], rms[1]), (bound[0], bound[1]), grades)
+    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, rms, bound, grades)

@@ -91,17 +91,18 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     """
     data = _visited_poses(robot, plan, planned)
     poses = _predicted(robot, data)
-    position, rotation = poses.translation, poses.rotation
-    shape = position.shape
+    position, rotation = poses.translation.copy(), poses.rotation
     if plan.noise_position > 0:
-        position = position + _stream(plan, "position").normal(scale=plan.noise_position, size=shape)
+        position += _stream(plan, "position").normal(scale=plan.noise_position, size=position.shape)
     if plan.noise_orientation > 0:
-        rotation = compose(
-            exp_so3(_stream(plan, "orientation").normal(scale=plan.noise_orientation, size=shape)), rotation
-        )
-    outlier_rows, shift = _outliers(plan, data.n)
-    position = position.copy()
-    position[:, outlier_rows] += shift
+        noise = _stream(plan, "orientation").normal(scale=plan.noise_orientation, size=position.shape)
+        rotation = compose(exp_so3(noise), rotation)
+    if plan.outliers > data.n:
+        raise UsageError(f"{plan.outliers} outliers are more than the {data.n} rows")
+    rng = _stream(plan, "outliers")
+    outliers = np.sort(rng.choice(data.n, size=plan.outliers, replace=False)).astype(np.int64)
+    direction = rng.normal(size=(3, plan.outliers))
+    position[:, outliers] += plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
     turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
     nominal = (
         _predicted(dataclasses.replace(robot, effects=()), data)
@@ -114,20 +115,22 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
         rotation=rotation if plan.orientation else None,
         commanded_position=None if nominal is None else nominal.translation,
         commanded_rotation=nominal.rotation if nominal is not None and plan.orientation and turned else None,
-        sigma_position=np.full(shape, plan.noise_position) if plan.sigma else None,
+        sigma_position=np.full(position.shape, plan.noise_position) if plan.sigma else None,
         sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
         direction=data.direction if plan.motion else None,
         speed=data.speed if plan.motion else None,
     )
-    return Simulation(measured, outlier_rows)
+    return Simulation(measured, outliers)
 
 
 def _predicted(robot: Robot, data: Measurements) -> Poses:
     """Return the predicted poses, a part of the rows at a time: an elastic equilibrium takes some kB a row."""
     starts = range(0, max(data.n, 1), _ROWS)
     parts = [predict(robot, data.subset(slice(start, start + _ROWS))) for start in starts]
-    rotation = np.concatenate([part.rotation for part in parts], axis=2)
-    return Poses(rotation, np.concatenate([part.translation for part in parts], axis=1))
+    return Poses(
+        np.concatenate([part.rotation for part in parts], axis=2),
+        np.concatenate([part.translation for part in parts], axis=1),
+    )
 
 
 def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | None:
@@ -161,10 +164,9 @@ def even_joints(
         InputError: A prismatic joint has no limits.
     """
     low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi, purpose, fix))
-    keep = margin * (high - low)
     unit = (low_discrepancy(len(low), skip + count)[:, skip:] + rng.uniform(size=(len(low), 1))) % 1.0
-    result: Array = low + keep + (high - low - 2 * keep) * unit
-    return result
+    keep = margin * (high - low)
+    return np.asarray(low + keep + (high - low - 2 * keep) * unit)
 
 
 def joint_samples(robot: Robot, plan: Plan) -> Array:
@@ -183,53 +185,52 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
             # The sequence runs evenly through each joint's range, so in its order a drift over time would look like a
             # periodic error of a joint.
             q = q[:, _stream(plan, "order").permutation(plan.poses)]
-    result: Array = np.clip(np.round(q, _DECIMALS), low, high)
-    return result
+    return np.clip(np.round(q, _DECIMALS), low, high)
 
 
 def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Measurements:
     """Return all columns but the measured pose: poses in order, cycle after cycle, with every target at each visit."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
-    cycle_length = plan.poses if planned is None else planned.n
-    visits = cycle_length * plan.cycles
+    visits = (plan.poses if planned is None else planned.n) * plan.cycles
     if visits * len(targets) > _MAX_ROWS:
         raise UsageError(f"{visits * len(targets)} rows are more than the limit of {_MAX_ROWS}")
-    pose_of_visit = np.tile(np.arange(cycle_length), plan.cycles)
-    visit = np.arange(visits).repeat(len(targets))
     if planned is None:
-        q, ids = joint_samples(robot, plan), _pose_ids(np.arange(plan.poses))
-    elif planned.q is None:
+        ids, n = _pose_ids(np.arange(plan.poses)), plan.poses
+        planned = Measurements(position=np.zeros((3, n)), q=joint_samples(robot, plan), pose=ids)
+    if planned.q is None:
         raise UsageError("the poses to visit have no joint columns")
-    else:
-        q, ids = planned.q, _pose_ids(planned.groups()) if planned.pose is None else planned.pose
-    direction, speed = motion_between_rows(q[:, pose_of_visit])
-    cycle = None if planned is None else planned.cycle
+    pose_of_visit, visit = np.tile(np.arange(planned.n), plan.cycles), np.arange(visits).repeat(len(targets))
+    ids = _pose_ids(planned.groups()) if planned.pose is None else planned.pose
+    direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
+    cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
         if cycle is not None:
             raise UsageError("the poses to visit have cycles already: leave out `cycles`, or their column cycle")
-        cycle = np.repeat(np.arange(1, plan.cycles + 1), cycle_length).astype(str)
+        cycle = np.repeat(np.arange(1, plan.cycles + 1), planned.n).astype(str)
+    if plan.payloads:
+        groups = planned.groups()
+        payload = _stream(plan, "payload").choice(np.array(plan.payloads), size=int(groups.max()) + 1)[groups]
+    if plan.temperature is not None:
+        # A first-order rise, evenly spaced in time.
+        start, end = plan.temperature
+        temperature = end + (start - end) * np.exp(-_WARM_UP * visit / max(visits - 1, 1))
     pose = pose_of_visit[visit]
-    masses = np.array(plan.payloads)
-    payload = None if planned is None else planned.payload
-    if masses.size:
-        groups = np.arange(cycle_length) if planned is None else planned.groups()
-        payload = _stream(plan, "payload").choice(masses, size=int(groups.max()) + 1)[groups]
     return Measurements(
         position=np.zeros((3, visit.size)),
-        q=q[:, pose],
+        q=planned.q[:, pose],
         pose=ids[pose],
         cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),
         time=None if plan.time_step is None else plan.time_step * visit.astype(float),
-        temperature=None if plan.temperature is None else _temperature(plan.temperature, visits)[visit],
+        temperature=temperature,
         payload=None if payload is None else payload[pose],
-        payload_group=None if planned is None or planned.payload_group is None else planned.payload_group[pose],
+        payload_group=None if planned.payload_group is None else planned.payload_group[pose],
         direction=direction[:, visit],
         speed=speed[:, visit],
-        branches=None if planned is None or planned.branches is None else planned.branches[:, pose],
-        branch_names=() if planned is None else planned.branch_names,
+        branches=None if planned.branches is None else planned.branches[:, pose],
+        branch_names=planned.branch_names,
         rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
-        warnings=() if planned is None else planned.warnings,
+        warnings=planned.warnings,
     )
 
 
@@ -237,23 +238,6 @@ def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:
     """Return ids P1, P2 … of numbers from 0, all of equal length."""
     digits = len(str(int(poses.max(initial=0)) + 1))
     return np.array([f"P{number + 1:0{digits}d}" for number in poses])
-
-
-def _temperature(start_end: tuple[float, float], visits: int) -> Array:
-    """Return a first-order rise ``(visits,)`` from start to end, evenly spaced in time."""
-    start, end = start_end
-    result: Array = end + (start - end) * np.exp(-_WARM_UP * np.arange(visits) / max(visits - 1, 1))
-    return result
-
-
-def _outliers(plan: Plan, n: int) -> tuple[NDArray[np.int64], Array]:
-    """Return rows ``(K,)`` and their position errors ``(3, K)``, m."""
-    if plan.outliers > n:
-        raise UsageError(f"{plan.outliers} outliers are more than the {n} rows")
-    rng = _stream(plan, "outliers")
-    rows = np.sort(rng.choice(n, size=plan.outliers, replace=False)).astype(np.int64)
-    direction = rng.normal(size=(3, plan.outliers))
-    return rows, plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
 
 
 def _stream(plan: Plan, purpose: str) -> np.random.Generator:

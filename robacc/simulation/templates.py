@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from robacc.errors import RobaccError, UsageError
-from robacc.geometry import Array
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -78,35 +77,31 @@ def robot_template(count: int, robot: str, poses: str) -> str:
     return _HEAD.format(count=f"{count} joint{'s' * (count > 1)}", robot=robot, poses=poses) + joints + _TAIL
 
 
-_COMMENTS = {
-    "name": "any name; columns of poses may have it",
-    "type": "or prismatic",
-    "theta": "rotation about z; plus the variable of a revolute joint",
-    "d": "shift along z; plus the variable of a prismatic joint",
-    "a": "shift along x",
-    "alpha": "rotation about x",
-    "limits": "optional; poses outside are errors",
-}
-_COLUMN = 38
-"""Column of the comments."""
+_JOINT = """\
+  - name: j{}
+    type: revolute
+    theta: {}
+    d: {}
+    a: {}
+    alpha: {}
+    limits: [-{limit}, {limit}]
+"""
+_COMMENTS = (
+    "any name; columns of poses may have it",
+    "or prismatic",
+    "rotation about z; plus the variable of a revolute joint",
+    "shift along z; plus the variable of a prismatic joint",
+    "shift along x",
+    "rotation about x",
+    "optional; poses outside are errors",
+)
 
 
 def _joint(i: int, row: tuple[float, ...]) -> str:
     """Return the lines of a joint; the first joint has a comment at every field."""
-    theta, d, a, alpha, limit = row
-    fields = {
-        "name": f"j{i + 1}",
-        "type": "revolute",
-        "theta": theta,
-        "d": d,
-        "a": a,
-        "alpha": alpha,
-        "limits": [-limit, limit],
-    }
-    lines = [f"  {'-' if key == 'name' else ' '} {key}: {value}" for key, value in fields.items()]
-    if i == 0:
-        lines = [f"{line:<{_COLUMN}}# {_COMMENTS[key]}" for key, line in zip(fields, lines, strict=True)]
-    return "".join(f"{line}\n" for line in lines)
+    text = _JOINT.format(i + 1, *row[:4], limit=row[4])
+    lines = zip(text.splitlines(), _COMMENTS, strict=True)
+    return text if i else "".join(f"{line:<38}# {comment}\n" for line, comment in lines)
 
 
 def urdf_template(robot: Robot, urdf: str, file: str, poses: str) -> str:
@@ -134,8 +129,7 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
     The rows are simulated, so that every command runs at once; there are none where a prismatic joint has no limits.
     """
     names = [f"q{i + 1}_{'deg' if joint.type == 'revolute' else 'mm'}" for i, joint in enumerate(robot.variables)]
-    header = ["pose", *names, "x_mm", "y_mm", "z_mm"]
-    rows = _example_rows(robot)
+    header, rows = ["pose", *names, "x_mm", "y_mm", "z_mm"], _example_rows(robot)
     legend = "; ".join(f"q{i + 1} is {joint.name}" for i, joint in enumerate(robot.variables))
     lines = [
         f"# Measured poses of the arm in {file}: one row for each pose. Lines that begin with # are comments.",
@@ -148,10 +142,10 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
         "#   cycle, target, time_s, temperature_c, payload_kg; dir_q1 … (-1, 0, 1: direction of approach), speed_q1 …",
     ]
     if rows:
-        lines.append(
-            f"# The {len(rows)} rows below are simulated, so that commands run at once: replace them with yours."
-        )
-        lines.append(f"# Then: robacc estimate {name} --robot {file} --align base_frame,tool_frame")
+        lines += [
+            f"# The {len(rows)} rows below are simulated, so that commands run at once: replace them with yours.",
+            f"# Then: robacc estimate {name} --robot {file} --align base_frame,tool_frame",
+        ]
     return "\n".join([*lines, ",".join(header), *rows]) + "\n", len(rows)
 
 
@@ -163,6 +157,5 @@ def _example_rows(robot: Robot) -> list[str]:
     if data.q is None or data.target is not None:
         return []
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    joints: Array = data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None]
-    columns = np.vstack((joints, data.position * 1e3)).T
+    columns = np.vstack((data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None], data.position * 1e3)).T
     return [",".join([f"P{i + 1}", *(f"{value:.4f}" for value in row)]) for i, row in enumerate(columns)]

@@ -3,8 +3,8 @@
 scipy has all of them, but `import scipy.special` takes longer than a complete estimate of 100 poses. An estimate needs
 only these few, written here from :mod:`math`; the tests compare them with scipy.
 
-Sources: NIST Digital Library of Mathematical Functions, 8.7.1 (series of the incomplete gamma function), 8.9.2 (its
-continued fraction), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).
+Sources: NIST Digital Library of Mathematical Functions, 8.9.1 and 8.9.2 (continued fractions of the incomplete gamma
+functions), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from collections.abc import Callable
 from functools import lru_cache
 from statistics import NormalDist
 
-_EPS = 1e-16
 _TINY = 1e-300
 _MAX_TERMS = 200_000
 _STIRLING_FROM = 10.0
@@ -77,24 +76,10 @@ def _log_gamma_weight(a: float, x: float) -> float:
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
     excess = (x - a) / a
-    if x < 1e-3 * a:  # x / a - 1 would lose the digits of x
-        fall = math.log(x / a) - excess
-    elif abs(excess) > 0.1:
-        fall = math.log1p(excess) - excess
-    else:  # log(1 + x) - x without cancellation near zero
+    fall = math.log(x / a) - excess
+    if abs(excess) <= 0.1:  # log(1 + x) - x without cancellation near zero
         fall = math.fsum(-((-excess) ** k) / k for k in range(2, 18))
     return a * fall + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
-
-
-def _lower_series(a: float, x: float) -> float:
-    """Return P(a, x) by its power series, for x < a + 1."""
-    term = total = 1.0 / a
-    denominator = a
-    while term >= _EPS * total:
-        denominator += 1.0
-        term *= x / denominator
-        total += term
-    return total * math.exp(_log_gamma_weight(a, x))
 
 
 def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]]) -> float:
@@ -117,11 +102,14 @@ def _chi2_tail(x: float, dof: float, upper: bool) -> float:
     if half <= 0.0:
         return float(upper)
     is_lower = half < a + 1.0
-    if is_lower:
-        tail = _lower_series(a, half)
-    else:
-        fraction = _continued_fraction(half + 1.0 - a, lambda i: (-i * (i - a), half + 2.0 * i + 1.0 - a))
-        tail = fraction * math.exp(_log_gamma_weight(a, half))
+
+    def term(i: int) -> tuple[float, float]:
+        if is_lower:
+            return (-(a + i // 2) if i % 2 else i // 2) * half, a + i
+        return -i * (i - a), half + 2.0 * i + 1.0 - a
+
+    fraction = _continued_fraction(a if is_lower else half + 1.0 - a, term)
+    tail = fraction * math.exp(_log_gamma_weight(a, half))
     return 1.0 - tail if upper == is_lower else tail
 
 

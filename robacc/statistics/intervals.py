@@ -427,8 +427,8 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     if scale == 0.0:
         return 0.0, 0.0
     # Rounding may carry a perfect correlation past one.
-    correlation = min(1.0, max(-1.0, cross / scale))
-    plus, minus = 0.5 * (1.0 + correlation), 0.5 * (1.0 - correlation)
+    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / scale))
+    minus = 1.0 - plus
     low, high = (dof / chi2_quantile(1.0 - p, dof) for p in tails(confidence)[:2])
     limits = difference_limits(plus, (plus * low, plus * high), minus, (minus * low, minus * high))
     return scale * limits[0], scale * limits[1]
@@ -519,8 +519,14 @@ class PoseSampling:
             mean = math.sqrt(mean)
             error *= 0.5 / mean
         low, high, top = (max(mean - x * error, 0.0) ** 2 if positive else mean - x * error for x in t)
-        curve = StudentCurve(mean, error, self.n_independent, resampled, positive)
-        return Interval(low, high, top, confidence, method, curve=curve)
+        return Interval(
+            low,
+            high,
+            top,
+            confidence,
+            method,
+            curve=StudentCurve(mean, error, self.n_independent, resampled, positive),
+        )
 
     def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""

@@ -112,17 +112,16 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     assert sum(int(row.split(",")[3]) for row in rows[1:]) == 200
     measured = robacc.simulate(TRUTH, poses=80, seed=55, noise="0.03mm", noise_orientation="0.03mrad").data
     # The poses state no noise, which is larger than the model's error: the fit knows that of its own poses.
-    bare = robacc.predict(model, against=measured).coverage[0]
-    assert bare.noise_source == "fit"
-    assert 0.85 < bare.share <= 1.0
-    assert robacc.predict(model, against=measured, noise="0.001mm,0.001mrad").coverage[0].share < 0.5
+    bare = robacc.predict(model, against=measured).coverage["position"]
+    assert bare["noise_source"] == "fit"
+    assert 0.85 < bare["share"] <= 1.0
+    assert robacc.predict(model, against=measured, noise="0.001mm,0.001mrad").coverage["position"]["share"] < 0.5
     against = robacc.predict(model, against=measured, noise="0.03mm,0.03mrad")
-    position, orientation = against.coverage
-    assert (position.quantity, orientation.quantity) == ("position", "orientation")
+    position = against.coverage["position"]
     # Two standard errors of a share of 80 poses are 5 %, and the errors of one fit belong together.
-    assert 0.85 < position.share <= 1.0
+    assert 0.85 < position["share"] <= 1.0
     document = against.payload()["coverage"]
-    told = {"n_poses": 80, "n_inside": position.n_inside, "share": position.share, "noise_source": "given"}
+    told = {"n_poses": 80, "n_inside": position["n_inside"], "share": position["share"], "noise_source": "given"}
     assert (document["position"], list(document["registered"])) == (told, [])
     with pytest.raises(robacc.InputError, match="tolerance"):
         robacc.predict(ROBOT)
@@ -347,7 +346,7 @@ def test_approaches_that_no_file_states_are_not_held_against_measurements() -> N
     stated = measured(robacc.read_robot(TRUTH), robacc.simulate(ROBOT, poses=30, seed=7).data, 1)
     unstated = dataclasses.replace(stated, direction=None, speed=None)
     model = calibrated(2).robot
-    assert coverage(model, model_fit(model), stated, 0)[0].n_poses == 30
+    assert coverage(model, model_fit(model), stated, 0)["position"]["n_poses"] == 30
     with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
         coverage(model, model_fit(model), unstated, 0)
     with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):

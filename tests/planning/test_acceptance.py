@@ -40,7 +40,7 @@ def test_percentiles_need_order_statistics() -> None:
 def test_a_value_at_the_limit_is_never_decided() -> None:
     assert (poses_for(demand(), 1.0), poses_for(demand(), 0.99)) == (None, None)
     entry = needed(demand(), 0.5e-3)
-    assert (entry.ratio, entry.poses) == (0.5, dict(entry.by_ratio)[0.5])
+    assert (entry["true_over_limit"], entry["n_poses"]) == (0.5, entry["by_ratio"][0]["n_poses"])
 
 
 def energy_distance(sample: np.ndarray, everything: np.ndarray) -> float:

@@ -28,7 +28,7 @@ def plan() -> CampaignPlan:
 def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) -> float:
     """Share of campaigns in which an F test at ``level`` finds an effect with columns (3, N) of that size."""
     robot, q = plan.robot, plan.q
-    names = [entry.name for entry in plan.coefficients if entry.std is not None]
+    names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     factors = whitener(robot, q, plan.noise.joints)
     base = np.einsum("nij,jpn->inp", factors, jacobian(robot, q, names)).reshape(-1, len(names))
     effect = np.einsum("nij,jn->in", factors, columns).ravel()
@@ -48,28 +48,28 @@ def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) ->
 @pytest.mark.parametrize("joint", ["j2", "j4"])
 def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> None:
     limits = plan.detectability.limits
-    (limit,) = [entry for entry in limits if (entry.effect, entry.joints) == ("backlash", (joint,))]
+    (limit,) = [entry for entry in limits if (entry["effect"], entry["joints"]) == ("backlash", (joint,))]
     names = [entry.name for entry in plan.robot.variables]
     direction = plan.visits().direction
     moved = jacobian(plan.robot, plan.q, [f"joint_offset.{joint}"])[:, 0] * direction[names.index(joint)]
-    level = 0.01 / len({(entry.effect, entry.joints) for entry in limits})
-    assert found(plan, moved, 3 * limit.limit, level) >= 0.95
+    level = 0.01 / len({(entry["effect"], entry["joints"]) for entry in limits})
+    assert found(plan, moved, 3 * limit["limit"], level) >= 0.95
     # A finding must recur in folds of 80 % of the poses: all poses find the limit in more than half of the campaigns.
-    assert 0.4 < found(plan, moved, limit.limit, level) < 0.9
-    assert found(plan, moved, 0.3 * limit.limit, level) < 0.1
+    assert 0.4 < found(plan, moved, limit["limit"], level) < 0.9
+    assert found(plan, moved, 0.3 * limit["limit"], level) < 0.1
 
 
 def test_trace_poses_show_more_than_random_ones(plan: CampaignPlan) -> None:
-    assert plan.power.detected > 1.05 * plan.random_power.detected
-    assert plan.power.separated > 1.05 * plan.random_power.separated
+    assert plan.power["found"] > 1.05 * plan.power["random_found"]
+    assert plan.power["separated"] > 1.05 * plan.power["random_separated"]
 
 
 def test_exact_equals_are_named(plan: CampaignPlan) -> None:
-    pairs = {(pair.first, pair.second): pair for pair in plan.detectability.pairs}
+    pairs = {(pair["first"], pair["second"]): pair for pair in plan.detectability.pairs}
     # d of two parallel axes moves the target in the same way.
     first, second = "link_geometry[j2] (labels d)", "link_geometry[j3] (labels d)"
-    assert pairs[first, second].similarity == pytest.approx(1.0, abs=1e-6)
-    assert pairs[first, second].evidence == pytest.approx(0.0, abs=1e-6)
+    assert pairs[first, second]["similarity"] == pytest.approx(1.0, abs=1e-6)
+    assert pairs[first, second]["evidence"] == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_a_trace_finds_effects_of_three_planned_limits(tmp_path: Path) -> None:
     robot = ROOT / "sample_data" / "robot.yaml"
     planned = robacc.plan(robot, purpose="trace", poses=60, noise="0.03mm", repeatability="0mm", candidates=600)
     planned.write(tmp_path / "plan.csv")
-    limits = {(entry.effect, entry.joints): entry.limit for entry in planned.detectability.limits}
+    limits = {(entry["effect"], entry["joints"]): entry["limit"] for entry in planned.detectability.limits}
     wanted = [("backlash", j) for j in ("j2", "j3", "j4")] + [("approach_lag", j) for j in ("j2", "j3")]
     wanted += [("gear_ratio", j) for j in ("j1", "j4")]
     found = 0

@@ -39,13 +39,14 @@ def test_each_payload_is_mounted_once(plan: Planned) -> None:
     payload = plan.visits().payload
     assert (np.count_nonzero(np.diff(payload)), set(payload.tolist())) == (1, {0.0, 5.0})
     blocks = plan.payload_blocks
-    assert ([block.payload for block in blocks], sum(block.n_poses for block in blocks)) == ([0.0, 5.0], 12)
-    assert sum(block.n_visits for block in blocks) == payload.size
+    assert [block["payload_kg"] for block in blocks] == [0.0, 5.0]
+    assert sum(block["n_poses"] for block in blocks) == 12
+    assert sum(block["n_visits"] for block in blocks) == payload.size
     # Every payload has its own drift checks, at its start and at its end.
     roles = plan.route.roles
     for block in blocks:
-        last = block.first + block.n_visits - 2
-        assert roles[block.first - 1] == roles[last] == "check"
+        last = block["first_visit"] + block["n_visits"] - 2
+        assert roles[block["first_visit"] - 1] == roles[last] == "check"
 
 
 def test_standard_errors_are_those_of_the_simulated_poses(plan: Planned, tmp_path: Path) -> None:
@@ -79,7 +80,7 @@ def test_standard_errors_are_those_of_the_simulated_poses(plan: Planned, tmp_pat
                 columns.append((positions(**{frame: placed}) - nominal) / step)
     design = np.array(columns).T
     std = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
-    expected = {entry.name: entry.std for entry in plan.coefficients}
+    expected = {entry["name"]: entry["std"] for entry in plan.coefficients}
     for i, joint in enumerate(joints_with_load):
         # Differences of the file's mm and degrees leave some curvature, and the other constants have weak priors: 1 %.
         assert expected[f"payload_compliance.{joint}"] == pytest.approx(std[i], rel=0.01)
@@ -91,13 +92,13 @@ def test_the_poses_are_better_than_random_ones_with_random_payloads(plan: Planne
 
 def test_acceptance_gives_every_payload_its_share() -> None:
     plan = planned("acceptance", poses=11, repeats=0, check_every=0)
-    assert ([block.n_poses for block in plan.payload_blocks], np.unique(plan.q, axis=1).shape[1]) == ([6, 5], 11)
+    assert ([block["n_poses"] for block in plan.payload_blocks], np.unique(plan.q, axis=1).shape[1]) == ([6, 5], 11)
     assert plan.validation is None
 
 
 def test_a_trace_tests_the_effect_of_the_payload() -> None:
     loaded = planned("trace", poses=14, candidates=60)
-    assert any(limit.effect == "payload_compliance" for limit in loaded.detectability.limits)  # type: ignore[union-attr]
+    assert any(limit["effect"] == "payload_compliance" for limit in loaded.detectability.limits)  # type: ignore[union-attr]
     empty = planned("trace", (), poses=14, candidates=60)
     assert "payload_compliance" in empty.detectability.missing  # type: ignore[union-attr]
 
@@ -117,7 +118,7 @@ def test_a_model_whose_effects_need_circumstances_is_planned(tmp_path: Path) -> 
         {"effect": "thermal_expansion", "values": {"value": 1e-5}},
     )
     plan = robacc.plan(path, candidates=100, poses=12)
-    assert [block.payload for block in plan.payload_blocks] == [0.0]
+    assert [block["payload_kg"] for block in plan.payload_blocks] == [0.0]
 
 
 def test_the_simulation_carries_the_planned_payload(plan: Planned, tmp_path: Path) -> None:
@@ -133,7 +134,7 @@ def test_each_payload_has_its_program(plan: Planned, tmp_path: Path) -> None:
     programs = plan.programs(tmp_path / "plan.src")
     assert [Path(name).name for name in programs] == ["plan_0kg.src", "plan_5kg.src"]
     counts = [text.count("PTP {") for text in programs.values()]
-    assert counts == [block.n_visits for block in plan.payload_blocks]
+    assert counts == [block["n_visits"] for block in plan.payload_blocks]
 
 
 @pytest.mark.parametrize(

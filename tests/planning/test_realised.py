@@ -25,7 +25,7 @@ SCATTER = 3e-5
 def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200) -> tuple[np.ndarray, float]:
     """RMS error of each estimate of a constant, and of the position at fresh poses, over arms of usual deviations."""
     robot, q = plan.robot, plan.q
-    names = [entry.name for entry in plan.coefficients if entry.std is not None]
+    names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     constants = [name for name in names if "frame" not in name]
     model = Model.of(
         robot, free_effects(robot, plan.settings.fit or "base_frame,tool_frame,joint_offset,link_geometry")
@@ -50,7 +50,9 @@ def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float
     settings = CampaignSettings("calibrate", poses, noise=noise, repeatability=SCATTER, n_candidates=600)
     plan = plan_campaign(arm(name).robot, settings)
     errors, held_out = realised(plan, noise, campaigns)
-    predicted = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
+    predicted = [
+        entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]
+    ]
     return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy.planned.rms / held_out
 
 
@@ -80,9 +82,9 @@ def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
     plan = robacc.plan(robot, model=model, candidates=150, poses=3, repeats=0, check_every=0)
     assert "noise of the model's fit" in plan.noise.source
     assert plan.noise.position == pytest.approx(fitted.fit.noise.position, rel=1e-6)
-    assert plan.sufficiency.of_model
+    assert plan.sufficiency["of_model"]
     before = {entry.name: entry.std for entry in fitted.parameters if entry.std is not None}
-    after = {entry.name: entry.std for entry in plan.coefficients if entry.std is not None}
+    after = {entry["name"]: entry["std"] for entry in plan.coefficients if entry["std"] is not None}
     common = sorted(set(before) & set(after))
     assert len(common) > 15
     # Three more poses make every standard error smaller, but not by much beside those of the fit.
@@ -104,7 +106,7 @@ def test_the_prior_is_that_of_the_fit() -> None:
     assert ("link_geometry", "m", 3e-3) in {(kind.effect, kind.unit, kind.std) for kind in kinds}
     # With the variance v of the poses alone, the error of a constant of the usual deviation u and a prior of 3 u is
     # (81 v u^4 + v^2 u^2) / (9 u^2 + v)^2: at most 2.53 u^2.
-    stds = [entry.std for entry in plan.coefficients if entry.std is not None and "frame" not in entry.name]
+    stds = [entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]]
     assert max(stds) < 1.6e-3
 
 

@@ -103,7 +103,7 @@ def test_pairs_that_overlap_by_design_are_named(tmp_path: Path) -> None:
 def test_the_plan_counts_self_collisions(urdf: Path) -> None:
     more = {"candidates": 150, "poses": 8, "fit": "base_frame,joint_offset", "tip_link": "tip"}
     plan = robacc.plan(urdf, collisions=True, **more)  # type: ignore[arg-type]
-    reasons = {entry.reason: entry.count for entry in plan.candidates.excluded}
+    reasons = {entry["reason"]: entry["count"] for entry in plan.candidates.excluded}
     assert reasons["self-collision"] > 10
     assert not collisions_of(urdf).self_collision(plan.q).any()
     document = plan.document()

@@ -233,14 +233,15 @@ def test_figures_over_poses_and_the_worst_pose() -> None:
     for errors in (prediction.position, prediction.orientation):
         traces = np.trace(errors.covariance)
         assert errors.rms == pytest.approx(np.sqrt(traces.mean()), rel=1e-12)
-        worst = errors.worst
-        assert worst.index == np.flatnonzero(traces > traces.max() * (1 - 1e-9))[0]
-        assert worst.rms == pytest.approx(np.sqrt(traces.max()), rel=1e-12)
-        np.testing.assert_array_equal(worst.q, prediction.configurations.q[:, worst.index])
-        along = worst.direction @ errors.covariance[..., worst.index] @ worst.direction
-        assert along == pytest.approx(np.linalg.eigvalsh(errors.covariance[..., worst.index])[-1], rel=1e-9)
-        assert worst.sd == pytest.approx(np.sqrt(along), rel=1e-9)
-        assert errors.percentiles()[50][0] == pytest.approx(np.median(errors.pose_rms))
+        worst, unit = errors.worst, errors.unit
+        index = worst["pose"]
+        assert index == np.flatnonzero(traces > traces.max() * (1 - 1e-9))[0]
+        assert worst[f"rms_{unit}"] == pytest.approx(np.sqrt(traces.max()), rel=1e-12)
+        np.testing.assert_array_equal(worst["q"], prediction.configurations.q[:, index])
+        along = worst["direction"] @ errors.covariance[..., index] @ worst["direction"]
+        assert along == pytest.approx(np.linalg.eigvalsh(errors.covariance[..., index])[-1], rel=1e-9)
+        assert worst[f"sd_{unit}"] == pytest.approx(np.sqrt(along), rel=1e-9)
+        assert errors.percentiles(errors.pose_rms)["p50"] == pytest.approx(np.median(errors.pose_rms))
 
 
 def test_p95_is_that_of_robots_and_poses_drawn_at_random() -> None:

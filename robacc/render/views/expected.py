@@ -318,7 +318,7 @@ _VISITS = 200
 
 def plan_comments(plan: CampaignPlan) -> list[str]:
     """Return the comment lines above the columns of the visits."""
-    blocks = [(block.payload, block.first, block.n_visits, block.n_poses) for block in plan.payload_blocks]
+    blocks = plan.payload_blocks
     return [
         f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
         f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
@@ -438,8 +438,7 @@ def _sufficiency(sufficiency: Document) -> Iterator[str]:
 def _route_facts(document: Document, full: bool) -> Iterator[str]:
     """Yield where the poses come from, how often each is visited, and what was assumed; with ``full`` the route too."""
     route, noise, candidates = document["route"], document["noise"], document["candidates"]
-    keys = ("payload_kg", "first_visit", "n_visits", "n_poses")
-    blocks = [tuple(block[key] for key in keys) for block in document["payloads"]]
+    blocks = document["payloads"]
     with_each = " with each payload" if len(blocks) > 1 else ""
     yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
     repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
@@ -475,12 +474,13 @@ def _route_facts(document: Document, full: bool) -> Iterator[str]:
         yield f"if there is time for twice the measurements: {worth['verdict']}"
 
 
-def _payloads(blocks: Sequence[tuple[float, ...]], payloads: Sequence[float]) -> str:
+def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
     """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
-    used = [payload for payload, *_ in blocks]
+    used = [block["payload_kg"] for block in blocks]
     texts = [
-        f"{payload:g} kg (visits {first} to {first + n_visits - 1}, {n_poses} poses)"
-        for payload, first, n_visits, n_poses in blocks
+        f"{block['payload_kg']:g} kg (visits {first} to {first + block['n_visits'] - 1}, {block['n_poses']} poses)"
+        for block in blocks
+        for first in [block["first_visit"]]
     ]
     return ", ".join([*texts, *(f"none with {payload:g} kg" for payload in payloads if payload not in used)])
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.geometry import Array
-from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf
+from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf, student_quantile
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
@@ -620,6 +620,38 @@ def length_intervals(
         dict(zip(names, sample.length_intervals(*sample.radius95(sample.zero_mean, c), c), strict=True))
         for c in confidences
     )
+
+
+# Fall of the RMS between errors of the same poses.
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Reduction of the position RMS on held-out poses, with an interval over poses."""
+
+    value: float
+    low: float
+    high: float
+    confidence: float
+
+
+def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confidence: float = 0.95) -> Gain:
+    """Return the fall of the position RMS from ``before`` to ``after`` ``(M, N)`` on the same poses.
+
+    The interval is the delta method's over groups of repeats. Both errors of a pose stay together, so that what the
+    stages share cancels.
+    """
+    squares = np.stack([np.sum(np.square(residual[:3]), axis=0) for residual in (before, after)])
+    rms = np.sqrt(squares.mean(axis=1))
+    value = float(rms[0] - rms[1])
+    # Rows that are left out leave gaps in the numbers of the groups.
+    sampling = PoseSampling(squares.shape[1], np.unique(groups, return_inverse=True)[1])
+    if sampling.n_groups < 3 or rms.min() <= 0:
+        return Gain(value, float("nan"), float("nan"), confidence)
+    influence = squares / (2 * rms[:, None])
+    gain_std = sampling.standard_error(influence[0] - influence[1])
+    half_width = student_quantile(0.5 + confidence / 2, sampling.n_groups - 1.0) * gain_std
+    return Gain(value, value - half_width, value + half_width, confidence)
 
 
 # Effective degrees of freedom of a sum of variances.

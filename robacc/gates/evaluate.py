@@ -176,9 +176,10 @@ MOST_POSES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """Outcome of one criterion, with its bounds, margin and probability."""
+class CriterionEvaluation:
+    """Outcome of one criterion, with its figure, bounds, margin and probability."""
 
+    criterion: GateCriterion
     outcome: Outcome
     why: str | None = None
     """Explanation, where the outcome needs one."""
@@ -197,9 +198,21 @@ class Decision:
     """The same number if the measured value is the true value."""
     operating_curve: tuple[tuple[float, float], ...] = ()
     """True values and the probability to pass at each, for the same number of poses."""
+    is_by_share: bool = False
+    """A largest error, decided by the share of all poses within the limit."""
+    dimension: str = "number"
+    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
+    value: float | str | None = None
+    """Number, word or grade of the result."""
+    baseline_value: float | None = None
+    n: int | None = None
+    """Number of commanded poses behind the value."""
+    instrument_ratio: float | None = None
+    """The instrument's expanded uncertainty over the limit."""
+    warnings: tuple[str, ...] = ()
 
 
-def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> Decision:
+def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> CriterionEvaluation:
     """Decide on a figure by its bounds.
 
     Args:
@@ -215,10 +228,9 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
 
     if curve is None:
         if rule != "simple":
-            return Decision(
-                "not_evaluated", f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            )
-        return Decision("pass" if meets(value) else "fail", margin=sign * (limit - value))
+            missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+            return CriterionEvaluation(criterion, "not_evaluated", missing)
+        return CriterionEvaluation(criterion, "pass" if meets(value) else "fail", margin=sign * (limit - value))
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
@@ -252,7 +264,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
-    return Decision(
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
         low,
@@ -300,24 +313,23 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 # pose beyond the limit shows that the largest error is beyond it.
 
 
-def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionEvaluation:
     """Decide on the largest error of ``n`` poses against an upper limit."""
     share, margin = criterion.share, cast("float", criterion.limit) - value
     n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
     method = f"confidence {claim} (Wilks)"
     curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
-    if margin < 0.0:
-        # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
-        return Decision("fail", lower_bound=value, margin=margin, probability=0.0, method=method, operating_curve=curve)
-    probability = 1.0 - share**n
-    outcome: Outcome = "pass"
+    # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
+    probability = 0.0 if margin < 0.0 else 1.0 - share**n
+    outcome: Outcome = "fail" if margin < 0.0 else "pass"
     why = n_to_decide = None
-    if n < n_needed and criterion.rule != "guarded_rejection":
+    if margin >= 0.0 and n < n_needed and criterion.rule != "guarded_rejection":
         outcome = "fail" if criterion.rule == "guard_band" else "inconclusive"
         why = f"{n} poses within the limit show {claim} with a confidence of only {100 * probability:.3g} %"
         n_to_decide = n_needed if outcome == "inconclusive" else None
-    return Decision(
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
         value,
@@ -327,6 +339,7 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
         poses_to_decide=n_to_decide,
         poses_if_true=n_to_decide,
         operating_curve=curve,
+        is_by_share=True,
     )
 
 
@@ -445,32 +458,6 @@ _WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "p
 
 
 @dataclass(frozen=True, slots=True)
-class CriterionEvaluation:
-    """One criterion and its decision."""
-
-    criterion: GateCriterion
-    decision: Decision
-    dimension: str
-    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
-    value: float | None = None
-    word: str | None = None
-    """Word or grade of the result, for a criterion on one."""
-    baseline_value: float | None = None
-    n: int | None = None
-    """Number of commanded poses behind the value."""
-    instrument_ratio: float | None = None
-    """The instrument's expanded uncertainty over the limit."""
-    warnings: tuple[str, ...] = ()
-    is_by_share: bool = False
-    """A largest error, decided by the share of all poses within the limit."""
-
-    @property
-    def outcome(self) -> Outcome:
-        """Return the outcome of the criterion."""
-        return self.decision.outcome
-
-
-@dataclass(frozen=True, slots=True)
 class GateOutcome:
     """Evaluation of every criterion of a gate on one result."""
 
@@ -506,8 +493,8 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         try:
             evaluations.append(_evaluate(criterion, document, baselines))
         except NoValueError as error:
-            decision = Decision("not_evaluated", str(error))
-            evaluations.append(CriterionEvaluation(criterion, decision, criterion.kind))
+            reason = str(error)
+            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", reason, dimension=criterion.kind))
     return GateOutcome(gate, tuple(evaluations))
 
 
@@ -529,28 +516,20 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
-    decision, is_by_share = _decide_figure(criterion, figure)
-    return CriterionEvaluation(
-        criterion,
-        decision,
-        figure.dimension,
-        figure.value,
-        baseline_value=baseline_value,
-        n=figure.n,
-        instrument_ratio=ratio,
-        warnings=_warnings(criterion, ratio),
-        is_by_share=is_by_share,
-    )
+    evaluation = replace(_decide_figure(criterion, figure), baseline_value=baseline_value, instrument_ratio=ratio)
+    return replace(evaluation, dimension=figure.dimension, warnings=_warnings(criterion, ratio))
 
 
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> tuple[Decision, bool]:
-    """Return the decision, and whether it is by the share of all poses within the limit of a largest error."""
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> CriterionEvaluation:
+    """Return the decision on a figure, of a largest error by the share of all poses within the limit."""
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
     if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        return decide(criterion, figure.value, figure.curve, figure.n), False
-    return decide_largest(criterion, figure.value, figure.n), True
+        evaluation = decide(criterion, figure.value, figure.curve, figure.n)
+    else:
+        evaluation = decide_largest(criterion, figure.value, figure.n)
+    return replace(evaluation, value=figure.value, n=figure.n)
 
 
 def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -559,19 +538,19 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Cri
     word = str(value).lower() if isinstance(value, bool | np.bool_) else value
     if not isinstance(word, str):
         raise NoValueError(f"the result's {criterion.key} is not a word")
-    decision = Decision("pass" if word in criterion.accepted else "fail")
-    warnings: tuple[str, ...] = ()
-    if criterion.key == "verdict" and decision.outcome == "pass":
+    outcome: Outcome = "pass" if word in criterion.accepted else "fail"
+    warnings, why = tuple[str, ...](), None
+    if criterion.key == "verdict" and outcome == "pass":
         after = document.get("after")
         if isinstance(after, Mapping) and after.get("held_out") is None:
-            decision = Decision("inconclusive", "the result has no held-out poses to confirm the verdict")
+            outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
         elif (document.get("noise") or {}).get("source") == "residual":
             warnings = (
                 "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
                 "that no structure remains, not how large the remaining error is; add a limit on "
                 "after.held_out.position.p95",
             )
-    return CriterionEvaluation(criterion, decision, "word", word=word, warnings=warnings)
+    return CriterionEvaluation(criterion, outcome, why, dimension="word", value=word, warnings=warnings)
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -588,32 +567,32 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
         names = ", ".join(steps)
         raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
     confidence = grade.get("confidence") or criterion.confidence
-    decisions: list[Decision] = []
-    n = None
+    own: list[CriterionEvaluation] = []
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
-            n = n if decisions else figure.n
-            own = replace(criterion, key=key, limit=limit, confidence=confidence)
-            decisions.append(_decide_figure(own, figure)[0])
-    outcome: Outcome = min((decision.outcome for decision in decisions), key=_WORST_FIRST.index, default="pass")
-    reasons = dict.fromkeys(decision.why for decision in decisions if decision.outcome == outcome and decision.why)
-    why = "; ".join(reasons) or None
+            own.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
+    outcome: Outcome = min((each.outcome for each in own), key=_WORST_FIRST.index, default="pass")
+    deciding = [each for each in own if each.outcome == outcome]
+    why = "; ".join(dict.fromkeys(each.why for each in deciding if each.why)) or None
     if outcome == "fail" and isinstance(grade.get("reason"), str):
         why = grade["reason"].partition(". ")[0]
-    probabilities = [decision.probability for decision in decisions if decision.probability is not None]
-    undecided = [decision for decision in decisions if decision.outcome == outcome == "inconclusive"]
-    joint = Decision(
+    probabilities = [each.probability for each in own if each.probability is not None]
+    undecided = deciding if outcome == "inconclusive" else []
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
-        probability=min(probabilities) if probabilities and len(probabilities) == len(decisions) else None,
-        method=next((decision.method for decision in decisions if decision.method), None),
-        poses_to_decide=largest_known([decision.poses_to_decide for decision in undecided]),
-        poses_if_true=largest_known([decision.poses_if_true for decision in undecided]),
+        probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
+        method=next((each.method for each in own if each.method), None),
+        poses_to_decide=largest_known([each.poses_to_decide for each in undecided]),
+        poses_if_true=largest_known([each.poses_if_true for each in undecided]),
+        dimension="grade",
+        value=str(grade.get("grade")),
+        n=own[0].n if own else None,
     )
-    return CriterionEvaluation(criterion, joint, "grade", word=str(grade.get("grade")), n=n)
 
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:

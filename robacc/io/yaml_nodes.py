@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -220,12 +220,55 @@ class YamlSection:
         """Return the value's node; report a problem where it is missing."""
         node = self.get(key)
         if node is None:
-            self.source.report(self.values.get(key, self.node), self.at(key), "is missing")
+            self.report(key, "is missing")
         return node
+
+    def report(self, key: str, message: str, fix: str | None = None) -> None:
+        """Add a problem of the value of a key, or of the mapping where the key is missing."""
+        self.source.report(self.values.get(key, self.node), self.at(key), message, fix)
+
+    def text(self, key: str, options: Collection[str] = (), *, needed: bool = False) -> str | None:
+        """Return a line of text, one of ``options`` if there are any; report another value, and a missing one."""
+        node = self.require(key) if needed else self.get(key)
+        if node is None:
+            return None
+        source, path = self.source, self.at(key)
+        return source.choice(node, path, tuple(options)) if options else source.text(node, path)
+
+    def number(self, key: str, accepts: Callable[[float], bool], expected: str, default: float = math.nan) -> float:
+        """Return a number that ``accepts`` takes; report another, and a missing one without a ``default``."""
+        node = self.require(key) if math.isnan(default) else self.get(key)
+        value = None if node is None else self.source.number(node, self.at(key))
+        if value is not None and not accepts(value):
+            self.report(key, f"found {value:g}, expected {expected}")
+            value = None
+        return default if value is None else value
+
+    def sections(self, key: str, item_name: str, known: Sequence[str], if_empty: str) -> list[YamlSection]:
+        """Return the mappings of a list; report a missing or empty one, and items that are not mappings."""
+        node = self.require(key)
+        items = () if node is None else self.source.items(node, self.at(key), item_name)
+        if isinstance(node, yaml.SequenceNode) and not items:
+            self.report(key, if_empty)
+        sections = (self.source.section(item, f"{self.at(key)}[{i}]", known) for i, item in enumerate(items))
+        return [section for section in sections if section is not None]
 
     def at(self, key: str) -> str:
         """Return the dotted name of a key."""
         return join(self.path, key)
+
+
+def top_section(root: yaml.Node, file: str, known: Sequence[str]) -> YamlSection:
+    """Return the mapping that a document is.
+
+    Raises:
+        InputError: The document is not a mapping.
+    """
+    source = Source(file)
+    section = source.section(root, "", known)
+    if section is None:
+        raise InputError(source.problems)
+    return section
 
 
 def join(path: str, key: str) -> str:

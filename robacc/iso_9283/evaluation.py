@@ -14,7 +14,6 @@ from robacc.accuracy.estimation import (
     check_confidence,
     commanded_poses,
     register,
-    registered_poses,
     too_far,
 )
 from robacc.errors import InputError, Problem, UsageError
@@ -267,7 +266,7 @@ def iso9283(
     attained = [[pose.attained for pose in file_poses] for file_poses in nominal_poses]
     if alignments:
         poses_by_file = [
-            visits_of(data, registered_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
+            visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
         nominal = _base_pose(robot.base if robot is not None else Frame())
         to_nominal = [nominal @ _base_pose(alignment.robot.base).inverse() for alignment in alignments]

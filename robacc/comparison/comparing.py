@@ -410,12 +410,12 @@ def compare(
         return from_intervals(*figures, confidence)
 
     def match(first: int, second: int) -> PoseMatch:
-        both = results[first], results[second]
-        sets = [result.errors["position"] for result in both if "position" in result.errors]
-        pair = pairing("position", first, second) if len(sets) == 2 else None
-        counts = [errors.n_groups for errors in sets] if len(sets) == 2 else [result.n_poses for result in both]
-        shared = 0 if pair is None else pair[0].n_groups
-        return PoseMatch(both[0].name, both[1].name, pair is not None, shared, counts[0], counts[1])
+        both, shared = (results[first], results[second]), 0
+        counts = [result.n_poses for result in both]
+        if all("position" in result.errors for result in both):
+            pair, counts = pairing("position", first, second), [r.errors["position"].n_groups for r in both]
+            shared = 0 if pair is None else pair[0].n_groups
+        return PoseMatch(both[0].name, both[1].name, shared > 0, shared, counts[0], counts[1])
 
     others = [i for i in range(len(results)) if i != reference]
     rows = tuple(

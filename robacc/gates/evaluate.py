@@ -11,7 +11,6 @@ import numpy as np
 
 from robacc.accuracy.error_statistics import Statistic, length_intervals
 from robacc.comparison.stored_results import (
-    ErrorSet,
     NoValueError,
     difference,
     errors_behind,
@@ -378,20 +377,13 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
         # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
-    errors = _errors_behind(document, key) if statistic in ("rms", "mean_error", "p95") else None
+    errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
     if errors is not None and errors.groups.size <= _MOST_RECOMPUTED:
         n, seed = errors.n_groups, document.get("seed") or 0
         levels = _levels(confidence)
         statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
     return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
-
-
-def _errors_behind(document: Mapping[str, Any], key: str) -> ErrorSet | None:
-    try:
-        return errors_behind(document, key.rpartition(".")[0])
-    except ValueError as error:
-        raise NoValueError(f"the result's lists do not belong together: {error}") from None
 
 
 def _levels(confidence: float) -> list[float]:
@@ -420,7 +412,9 @@ def difference_to_baseline(
         raise NoValueError(f"{key} has different units in the result and in the baseline")
     statistic, paired = key.rpartition(".")[2], criterion.paired
     is_listed = statistic in ("rms", "mean_error", "p95", "max")
-    before, after = (_errors_behind(each, key) if is_listed else None for each in (baseline, document))
+    before, after = (
+        errors_behind(each, key.rpartition(".")[0]) if is_listed else None for each in (baseline, document)
+    )
     pair = None
     if before is None or after is None:
         if paired:
@@ -453,6 +447,7 @@ COVERAGE_FACTOR = 2.0
 MOST_OF_TOLERANCE = 0.25
 """Share of the limit above which the instrument's expanded uncertainty gives a warning: four to one, as ANSI/NCSL
 Z540.3 and the practice of ISO 14253-2 ask."""
+_NOISE_KEYS = {"length": "position_m", "angle": "orientation_rad"}
 _EXIT_STATUS: dict[Outcome, int] = {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}
 _WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
 
@@ -597,13 +592,10 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
     """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
-    noise = document.get("noise")
-    if not isinstance(noise, Mapping) or noise.get("source") == "residual" or criterion.kind not in ("length", "angle"):
-        return None
-    noise_std = noise.get("position_m" if criterion.kind == "length" else "orientation_rad")
-    if not isinstance(noise_std, float) or not criterion.limit or not math.isfinite(noise_std):
-        return None
-    return COVERAGE_FACTOR * noise_std / abs(criterion.limit)
+    noise, noise_std = document.get("noise"), None
+    if isinstance(noise, Mapping) and noise.get("source") != "residual":
+        noise_std = finite_number(noise.get(_NOISE_KEYS.get(criterion.kind, "")))
+    return None if noise_std is None or not criterion.limit else COVERAGE_FACTOR * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

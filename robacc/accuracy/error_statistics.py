@@ -10,7 +10,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.geometry import Array
-from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf
+from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf, student_quantile
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
@@ -311,102 +312,113 @@ PROBABILITY = 0.95
 
 
 @dataclass(frozen=True)
-class _ErrorSample:
-    """Errors, their sampling and moments, and the assumptions that their intervals rely on."""
+class _ErrorSample(PoseSampling):
+    """Errors, the resampling of their poses, their moments, and the assumptions that their intervals rely on."""
 
-    errors: Array
+    errors: Array = field(kw_only=True)
     """``(3, N)``"""
-    sampling: PoseSampling
-    tests: AssumptionTests
-    shape: bool
-    """The errors of the commanded poses look Gaussian."""
-    zero_mean: bool
-    text: str
-    """Assumptions and rejections as a sentence."""
-    mean: Array
-    covariance: Array
-    """About zero."""
-    centred: Array
-    """``(3, N)`` errors about their mean."""
-    centred_covariance: Array
-    lengths: Array
-    """``(N,)``"""
 
     @classmethod
     def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> _ErrorSample:
-        """Check the errors and their groups, and test the assumptions; the text names those that cannot be tested."""
-        errors = np.asarray(errors, dtype=float)
-        if errors.ndim != 2 or errors.shape[0] != 3:
-            raise ValueError(f"errors must have the shape (3, N), not {errors.shape}")
+        """Return the errors with the numbers of their commanded poses."""
         if (n := errors.shape[1]) == 0:
             raise InputError("there are no poses; statistics need at least one")
-        finite = np.all(np.isfinite(errors), axis=0)
-        if not np.all(finite):
-            first = int(np.argmin(finite)) + 1
-            raise InputError(f"{int(np.sum(~finite))} errors are not finite numbers; the first is that of pose {first}")
         if groups is not None:
-            if np.shape(groups) != (n,):
-                raise ValueError(f"groups must have the shape ({n},), not {np.shape(groups)}")
             unique, index = np.unique(groups, return_inverse=True)
             # Without repetitions: the faster and exact case.
             groups = None if unique.size == n else index.astype(np.int64)
-        sampling = PoseSampling(n, groups, draws, seed, share)
-        tests = assumption_tests(np.stack([sampling.sums(part) for part in errors]) / sampling.sizes)
-        p_values = [test.p_value for test in (tests.skewness, tests.kurtosis, tests.zero_mean)]
-        shape = all(p is None or p >= SIGNIFICANCE for p in p_values[:2])
-        # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
-        zero_mean = sampling.n_groups <= 3 if p_values[2] is None else p_values[2] >= SIGNIFICANCE
-        repeated = "commanded poses were repeated, and repetitions are not independent"
-        assumptions = (
-            (shape, "the errors are not Gaussian (Mardia)"),
-            (zero_mean, "their mean is not zero (Hotelling)"),
-            (groups is None, repeated),
-        )
-        rejections = [text for holds, text in assumptions if not holds]
-        text = f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
-        if rejections:
-            text = f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
-        elif None in p_values:
-            text = "errors assumed Gaussian with zero mean; the poses are too few to test it"
-        mean = np.mean(errors, axis=1)
-        centred = errors - mean[:, None]
-        # A component that is equal in all errors becomes exactly zero, without rounding residue.
-        low, high = np.min(errors, axis=1), np.max(errors, axis=1)
+        return cls(n, groups, draws, seed, share, errors=errors)
+
+    @cached_property
+    def mean(self) -> Array:
+        """Mean error ``(3,)``."""
+        return np.asarray(np.mean(self.errors, axis=1))
+
+    @cached_property
+    def centred(self) -> Array:
+        """Errors about their mean; a component that is equal in all errors is exactly zero, without rounding."""
+        centred = self.errors - self.mean[:, None]
+        low, high = np.min(self.errors, axis=1), np.max(self.errors, axis=1)
         centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
-        moments = mean, second_moment(errors), centred, second_moment(centred)
-        lengths = np.sqrt(np.einsum("in,in->n", errors, errors))
-        return cls(errors, sampling, tests, shape, zero_mean, text, *moments, lengths)
+        return centred
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance about zero."""
+        return second_moment(self.errors)
+
+    @cached_property
+    def centred_covariance(self) -> Array:
+        """Covariance about the mean."""
+        return second_moment(self.centred)
+
+    @cached_property
+    def lengths(self) -> Array:
+        """Lengths of the errors ``(N,)``."""
+        return np.asarray(np.sqrt(np.einsum("in,in->n", self.errors, self.errors)))
+
+    @cached_property
+    def tests(self) -> AssumptionTests:
+        """Tests of the mean errors of the commanded poses."""
+        return assumption_tests(np.stack([self.sums(part) for part in self.errors]) / self.sizes)
+
+    @property
+    def shape(self) -> bool:
+        """The errors of the commanded poses look Gaussian."""
+        return all(p is None or p >= SIGNIFICANCE for p in (self.tests.skewness.p_value, self.tests.kurtosis.p_value))
+
+    @property
+    def zero_mean(self) -> bool:
+        """Nothing speaks against a mean of zero."""
+        p_value = self.tests.zero_mean.p_value
+        # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
+        return self.n_groups <= 3 if p_value is None else p_value >= SIGNIFICANCE
 
     @property
     def gaussian(self) -> bool:
         """The errors of the commanded poses look Gaussian, and no commanded pose was repeated."""
-        return self.shape and self.sampling.groups is None
+        return self.shape and self.groups is None
+
+    @property
+    def assumption(self) -> str:
+        """Assumptions and rejections as a sentence, which names assumptions that cannot be tested."""
+        assumptions = (
+            (self.shape, "the errors are not Gaussian (Mardia)"),
+            (self.zero_mean, "their mean is not zero (Hotelling)"),
+            (self.groups is None, "commanded poses were repeated, and repetitions are not independent"),
+        )
+        if rejections := [text for holds, text in assumptions if not holds]:
+            return f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
+        tests = self.tests
+        if None in (tests.skewness.p_value, tests.kurtosis.p_value, tests.zero_mean.p_value):
+            return "errors assumed Gaussian with zero mean; the poses are too few to test it"
+        return f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
 
     def mean_intervals(self, confidence: float) -> tuple[Interval, ...]:
         """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
-        dof = self.sampling.n_independent - 1.0
-        if self.sampling.too_few or not self.gaussian:
-            return tuple(self.sampling.mean_interval(part, confidence, positive=False) for part in self.errors)
+        dof = self.n_independent - 1.0
+        if self.too_few or not self.gaussian:
+            return tuple(self.mean_interval(part, confidence, positive=False) for part in self.errors)
         errors = np.sqrt(np.diag(self.centred_covariance) / dof)
         parts = zip(self.mean.tolist(), errors.tolist(), strict=True)
         return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
 
     def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:
         """Return intervals of the elements of the covariance about zero or about the mean."""
-        sampling, errors = self.sampling, self.errors if about_zero else self.centred
-        if (why := sampling.too_few) is not None:
+        errors = self.errors if about_zero else self.centred
+        if (why := self.too_few) is not None:
             return MatrixInterval(None, None, confidence, "none", why)
         # Gaussian errors have N degrees of freedom about their known mean and N - 1 about the estimated one.
         is_gaussian = self.gaussian and (self.zero_mean or not about_zero)
-        dof = sampling.n_independent - (not about_zero)
-        unbiased = self.covariance if about_zero else self.centred_covariance * sampling.n_independent / dof
+        dof = self.n_independent - (not about_zero)
+        unbiased = self.covariance if about_zero else self.centred_covariance * self.n_independent / dof
         limits, method = np.empty((2, 3, 3)), "Wishart (chi-square)"
         for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
             if not is_gaussian:
-                interval = sampling.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+                interval = self.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
             elif i == j:
                 interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
-                interval = sampling.cautious(interval, np.square(errors[i]), confidence)
+                interval = self.cautious(interval, np.square(errors[i]), confidence)
             else:
                 ends = covariance_element(unbiased[i, i], unbiased[j, j], unbiased[i, j], dof, confidence)
                 interval = Interval(*ends, None, confidence, method)
@@ -422,9 +434,9 @@ class _ErrorSample:
         sample's principal variances, of which the smallest are too small and the largest too large (D. N. Lawley,
         "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
         """
-        sampling, n = self.sampling, self.sampling.n_independent
+        n = self.n_independent
         variances, axes = principal_axes(self.covariance)
-        if (why := sampling.too_few) is not None:
+        if (why := self.too_few) is not None:
             return Ellipsoid(axes, np.sqrt(variances), (Interval.missing(confidence, why),) * 3)
         runs = [[0]]
         for k in (1, 2):
@@ -442,9 +454,9 @@ class _ErrorSample:
             squares = unbias * np.square(axes[:, k] @ self.errors)
             if self.gaussian and self.zero_mean:
                 own = chi2_interval(unbias * float(variances[k]), n, confidence, "chi-square along a principal axis")
-                single.append(sampling.cautious(own, squares, confidence))
+                single.append(self.cautious(own, squares, confidence))
             else:
-                single.append(sampling.mean_interval(squares, confidence, positive=True))
+                single.append(self.mean_interval(squares, confidence, positive=True))
         intervals: list[Interval] = []
         for run in runs:
             first, last = single[run[0]], single[run[-1]]
@@ -462,10 +474,10 @@ class _ErrorSample:
         Gaussian, the interval comes from resampling the poses' first-order influence on the squared radius; if frames
         were fitted, it is the wider of both.
         """
-        sampling, n = self.sampling, self.sampling.n_independent
+        n = self.n_independent
         fewest = 3 if about_zero else 4
         if n < fewest:
-            why = f"{sampling.described}: scatter in three directions needs at least {fewest}"
+            why = f"{self.described}: scatter in three directions needs at least {fewest}"
             return EstimateOrReason.missing(confidence, why), None
         variances, axes = principal_axes(self.covariance if about_zero else self.centred_covariance)
         along = np.zeros(3) if about_zero else axes.T @ self.mean
@@ -481,15 +493,15 @@ class _ErrorSample:
             weighted = by_covariance * shrunk
             variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ shrunk)) / n
             interval = chi2_interval(square, 2.0 * square**2 / variance, confidence, _METHOD)
-        if interval is None or sampling.share != 1.0:
+        if interval is None or self.share != 1.0:
             by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
-            influence = np.empty(sampling.n)
+            influence = np.empty(self.n)
             for start in range(0, influence.size, BLOCK):
                 principal = axes.T @ self.errors[:, start : start + BLOCK] - along[:, None]
                 quadratic = np.einsum("in,in->n", principal, by_covariance @ principal)
                 influence[start : start + BLOCK] = quadratic + by_mean @ principal
             influence += radius**2 - float(np.diag(by_covariance) @ variances)
-            resampled = sampling.mean_interval(influence, confidence, positive=True)
+            resampled = self.mean_interval(influence, confidence, positive=True)
             interval = resampled if interval is None else interval.wider(resampled)
         return EstimateOrReason(radius, interval.root()), (along, shrunk)
 
@@ -501,13 +513,13 @@ class _ErrorSample:
         ``radius`` and ``shape`` are those of the Gaussian about zero if its mean is assumed to be zero, else about the
         mean.
         """
-        sampling, squares = self.sampling, np.square(self.lengths)
-        if self.gaussian and self.zero_mean and sampling.too_few is None:
-            own = satterthwaite(self.covariance, sampling.n_independent, confidence)
-            rms = sampling.cautious(own, squares, confidence)
+        squares = np.square(self.lengths)
+        if self.gaussian and self.zero_mean and self.too_few is None:
+            own = satterthwaite(self.covariance, self.n_independent, confidence)
+            rms = self.cautious(own, squares, confidence)
         else:
-            rms = sampling.mean_interval(squares, confidence, positive=True)
-        mean = sampling.mean_interval(self.lengths, confidence, positive=True)
+            rms = self.mean_interval(squares, confidence, positive=True)
+        mean = self.mean_interval(self.lengths, confidence, positive=True)
         return rms.root(), mean, self._p95_interval(radius, shape, confidence)
 
     def _p95_interval(self, radius: EstimateOrReason, shape: Shape, confidence: float) -> Interval:
@@ -516,13 +528,13 @@ class _ErrorSample:
         Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only,
         not its scale; see :mod:`robacc.statistics.lengths`.
         """
-        sampling, lengths = self.sampling, self.lengths
-        n = int(sampling.n_independent)
+        lengths = self.lengths
+        n = int(self.n_independent)
         levels = percentile_levels(n, PROBABILITY, confidence)
         # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
         by_model = levels[1] is None and self.shape and n >= FEWEST_FOR_MODEL
         if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
-            return Interval.missing(confidence, f"{sampling.described}: too few for a 95th percentile")
+            return Interval.missing(confidence, f"{self.described}: too few for a 95th percentile")
         if by_model and shape is None:
             return radius.interval
         # Lengths beyond the sample: scaled to the fitted Gaussian, shaped like the sample's squares.
@@ -534,11 +546,11 @@ class _ErrorSample:
             curve = dataclasses.replace(curve, model=model)
             return dataclasses.replace(model.interval(confidence, _BY_SHAPE), curve=curve)
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
-        limits = iter(interpolated(lengths, [level * (sampling.n + 1) - 1.0 for level in levels if level is not None]))
+        limits = iter(interpolated(lengths, [level * (self.n + 1) - 1.0 for level in levels if level is not None]))
         lower, upper, bound = (None if level is None else next(limits) for level in levels)
-        too_few = f"{sampling.described}: too few for an upper limit without assuming a distribution"
-        method = f"order statistics of {sampling.described}"
-        if sampling.groups is not None:
+        too_few = f"{self.described}: too few for an upper limit without assuming a distribution"
+        method = f"order statistics of {self.described}"
+        if self.groups is not None:
             method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
         return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
 
@@ -566,17 +578,15 @@ def error_statistics(
         seed: Seed of the resampling; the same seed gives the same limits.
 
     Raises:
-        InputError: There are no errors, or some are not finite.
-        ValueError: The shape of ``errors`` or ``groups`` is wrong.
+        InputError: There are no errors.
     """
     sample = _ErrorSample.of(errors, groups, share, bootstrap, seed)
-    sampling = sample.sampling
     about_zero, about_mean = (sample.radius95(zero, confidence) for zero in (True, False))
     return ErrorStatistics(
         unit=unit,
-        n=sampling.n,
-        n_poses=sampling.n_groups,
-        n_independent=sampling.n_independent,
+        n=sample.n,
+        n_poses=sample.n_groups,
+        n_independent=sample.n_independent,
         confidence=confidence,
         mean=sample.mean,
         covariance=sample.covariance,
@@ -585,7 +595,7 @@ def error_statistics(
         mean_error=float(np.mean(sample.lengths)),
         p95=quantiles(sample.lengths, [PROBABILITY])[0],
         max=float(np.max(sample.lengths)),
-        share_below_max=(1.0 - confidence) ** (1.0 / sampling.n_independent),  # Wilks, as for a gate's largest error
+        share_below_max=(1.0 - confidence) ** (1.0 / sample.n_independent),  # Wilks, as for a gate's largest error
         intervals=Intervals(
             sample.mean_intervals(confidence),
             sample.matrix_interval(True, confidence),
@@ -596,8 +606,8 @@ def error_statistics(
         radius95_zero_mean=about_zero[0],
         radius95_fitted_mean=about_mean[0],
         tests=sample.tests,
-        structure=pose_structure(sample.errors, sampling.groups),
-        assumption=sample.text,
+        structure=pose_structure(sample.errors, sample.groups),
+        assumption=sample.assumption,
     )
 
 
@@ -620,6 +630,38 @@ def length_intervals(
         dict(zip(names, sample.length_intervals(*sample.radius95(sample.zero_mean, c), c), strict=True))
         for c in confidences
     )
+
+
+# Fall of the RMS between errors of the same poses.
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """Reduction of the position RMS on held-out poses, with an interval over poses."""
+
+    value: float
+    low: float
+    high: float
+    confidence: float
+
+
+def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confidence: float = 0.95) -> Gain:
+    """Return the fall of the position RMS from ``before`` to ``after`` ``(M, N)`` on the same poses.
+
+    The interval is the delta method's over groups of repeats. Both errors of a pose stay together, so that what the
+    stages share cancels.
+    """
+    squares = np.stack([np.sum(np.square(residual[:3]), axis=0) for residual in (before, after)])
+    rms = np.sqrt(squares.mean(axis=1))
+    value = float(rms[0] - rms[1])
+    # Rows that are left out leave gaps in the numbers of the groups.
+    sampling = PoseSampling(squares.shape[1], np.unique(groups, return_inverse=True)[1])
+    if sampling.n_groups < 3 or rms.min() <= 0:
+        return Gain(value, float("nan"), float("nan"), confidence)
+    influence = squares / (2 * rms[:, None])
+    gain_std = sampling.standard_error(influence[0] - influence[1])
+    half_width = student_quantile(0.5 + confidence / 2, sampling.n_groups - 1.0) * gain_std
+    return Gain(value, value - half_width, value + half_width, confidence)
 
 
 # Effective degrees of freedom of a sum of variances.

@@ -14,7 +14,7 @@ commanded target, "base" in those of the measuring frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
@@ -86,13 +86,6 @@ class Commanded:
     block: Callable[[slice], tuple[Array, Array | None]]
     """Positions ``(3, n)`` in the measuring frame, m, and rotations ``(3, 3, n)`` of a slice of the poses."""
 
-    @classmethod
-    def at(cls, position: Array, rotation: Array | None, source: CommandSource) -> Commanded:
-        """Return the commanded poses of given positions ``(3, N)`` and rotations ``(3, 3, N)``."""
-        return cls(
-            source, rotation is not None, lambda b: (position[:, b], None if rotation is None else rotation[..., b])
-        )
-
 
 @dataclass(frozen=True, slots=True)
 class PoseErrors:
@@ -104,56 +97,62 @@ class PoseErrors:
     rotation: Array | None
     """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is unknown."""
 
-    def metrics(self) -> PoseMetrics:
-        """Return RMS, mean, 95th percentile and maximum of the lengths."""
-        return pose_metrics(self.position if self.rotation is None else np.vstack((self.position, self.rotation)))
+    @property
+    def mean(self) -> Array:
+        """Mean position error ``(3,)``, m."""
+        return np.asarray(self.position.mean(axis=1))
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance of the position errors ``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee, m²."""
+        return np.asarray(self.position @ self.position.T / self.position.shape[1])
+
+    @property
+    def centred(self) -> Array:
+        """Covariance of the position errors ``(3, 3)`` about the mean, divisor N, m²."""
+        return np.asarray(self.covariance - np.outer(self.mean, self.mean))
 
 
-def commanded_poses(data: Measurements, robot: Robot | None) -> Commanded:
-    """Return the commanded poses: predicted by ``robot`` if given, else from the file.
+def commanded_poses(data: Measurements, robot: Robot | None, alignment: Alignment | None = None) -> Commanded:
+    """Return the commanded poses after an ``alignment``, or predicted by ``robot`` if given, or else from the file.
 
     Raises:
         UsageError: There are neither a robot nor commanded poses.
         InputError: There is a robot, but the data have no joint variables.
     """
-    if robot is not None:
-        if data.q is None:
+    position, rotation, q = data.commanded_position, data.commanded_rotation, data.q
+    if alignment is not None:
+        position = alignment.commanded.translation
+        rotation = None if robot is None and rotation is None else alignment.commanded.rotation
+    elif robot is not None:
+        if q is None:
             fix = "add the commanded joints q1, q2, …"
-            if data.commanded_position is not None:
+            if position is not None:
                 fix += ", or omit `robot` to use the cmd_ columns of the file"
             raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
-        return _predicted(robot, data, data.q)
-    if data.commanded_position is None:
-        ways = "`robot`" if data.q is not None else "`commanded`, a robot program or a table of joints or poses"
+        if not robot.effects and not robot.targets and len(q) == len(robot.variables):
+            # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
+            from robacc.robots.arm import build_chain
+
+            chain = build_chain(robot)
+
+            def predicted(part: slice) -> tuple[Array, Array]:
+                poses = chain.forward(q[:, part])
+                return poses.translation, poses.rotation
+
+            return Commanded("robot", True, predicted)
+        from robacc.modelling.model import predict
+
+        poses = predict(robot, data)
+        position, rotation = poses.translation, poses.rotation
+    if position is None:
+        ways = "`robot`" if q is not None else "`commanded`, a robot program or a table of joints or poses"
         raise UsageError(f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z")
-    return Commanded.at(data.commanded_position, data.commanded_rotation, "file")
 
+    def given(part: slice) -> tuple[Array, Array | None]:
+        return position[:, part], None if rotation is None else rotation[..., part]
 
-def registered_poses(data: Measurements, robot: Robot | None, alignment: Alignment | None) -> Commanded:
-    """Return the commanded poses after an alignment, or those of :func:`commanded_poses` without."""
-    if alignment is None:
-        return commanded_poses(data, robot)
-    oriented = robot is not None or data.commanded_rotation is not None
-    poses = alignment.commanded
-    return Commanded.at(poses.translation, poses.rotation if oriented else None, "file" if robot is None else "robot")
-
-
-def _predicted(robot: Robot, data: Measurements, q: Array) -> Commanded:
-    if not robot.effects and not robot.targets and len(q) == len(robot.variables):
-        # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
-        from robacc.robots.arm import build_chain
-
-        chain = build_chain(robot)
-
-        def block(part: slice) -> tuple[Array, Array]:
-            poses = chain.forward(q[:, part])
-            return poses.translation, poses.rotation
-
-        return Commanded("robot", True, block)
-    from robacc.modelling.model import predict
-
-    poses = predict(robot, data)
-    return Commanded.at(poses.translation, poses.rotation, "robot")
+    return Commanded("file" if robot is None else "robot", rotation is not None, given)
 
 
 def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:
@@ -185,33 +184,14 @@ def lengths(errors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("in,in->n", errors, errors)))
 
 
-@dataclass(frozen=True, slots=True)
-class FrameStatistics:
-    """Position errors in one frame, their mean and covariance.
+def position_errors(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, PoseErrors]:
+    """Return the position errors in the measuring frame, and in the tool's where a commanded orientation is known.
 
     A cloud that is round in one frame may be long in the other: errors of the tool turn with the tool, errors of the
     base stay fixed in the room.
     """
-
-    errors: Array
-    """``(3, N)`` m"""
-    mean: Array
-    """``(3,)`` m"""
-    covariance: Array
-    """``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee (1985), m²."""
-    centred: Array
-    """``(3, 3)`` about the mean, divisor N, m²."""
-
-
-def position_statistics(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, FrameStatistics]:
-    """Return the statistics in the measuring frame, and in the tool's where a commanded orientation is known."""
     frames: tuple[ErrorFrame, ...] = ("tool", "base") if commanded.oriented else ("base",)
-    statistics = {}
-    for frame in frames:
-        errors = pose_errors(data, commanded, frame).position
-        mean, covariance = errors.mean(axis=1), errors @ errors.T / data.n
-        statistics[frame] = FrameStatistics(errors, mean, covariance, covariance - np.outer(mean, mean))
-    return statistics
+    return {frame: pose_errors(replace(data, rotation=None), commanded, frame) for frame in frames}
 
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.
@@ -401,8 +381,9 @@ def estimate(
     needed = frames_to_register(data, robot, _usual(errors.position)) if align is None and _moves(data) else ()
     alignment, unaligned = None, None
     if frames := align or needed:
-        alignment, unaligned = register(data, robot, frames, held_out=True), errors.metrics()
-        commanded = registered_poses(data, robot, alignment)
+        turned = errors.position if errors.rotation is None else np.vstack((errors.position, errors.rotation))
+        alignment, unaligned = register(data, robot, frames, held_out=True), pose_metrics(turned)
+        commanded = commanded_poses(data, robot, alignment)
         errors = pose_errors(data, commanded, chosen)
     repetitions, share = data.repetitions(), 1.0 if alignment is None else alignment.share
     groups = None if repetitions is None else repetitions.repeated

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast, get_args
@@ -26,6 +26,7 @@ Quantity = Literal["position", "orientation"]
 VERSION = "1"
 _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
 _STEP_KEYS = ("grade", "position", "orientation")
+_WIDER = "list the best grade first"
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,9 +56,13 @@ class Scale:
     otherwise: str
     """Name for errors that meet no step."""
 
+    def step_name(self, rank: int) -> str | None:
+        """Return the grade of step ``rank``, 0 for the best; None beyond the last step."""
+        return self.steps[rank].grade if rank < len(self.steps) else None
+
     def name_of(self, rank: int) -> str:
-        """Return the grade of step ``rank``, 0 for the best; beyond the last step, the name for errors outside all."""
-        return self.steps[rank].grade if rank < len(self.steps) else self.otherwise
+        """Return the grade of step ``rank``; beyond the last step, the name for errors outside all."""
+        return self.step_name(rank) or self.otherwise
 
     def rank_of(self, quantity: Quantity, value: float | None) -> int:
         """Return the rank of the best step that a value in m or rad meets; an unknown value meets free steps only."""
@@ -74,7 +79,8 @@ def default_scale() -> Scale:
     # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
     path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
     text = path.read_text(encoding="utf-8")
-    return _scale_of(yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader)), path.name)
+    root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return _scale_of(cast("yaml.Node", root), path.name)
 
 
 def load_scale(text: str, file: str) -> Scale:
@@ -87,66 +93,38 @@ def load_scale(text: str, file: str) -> Scale:
     Raises:
         InputError: With every problem, its line and key.
     """
-    from robacc.io.yaml_nodes import compose
-
-    return _scale_of(compose(text, file), file)
+    return _scale_of(text, file)
 
 
-def _scale_of(root: yaml.Node | None, file: str) -> Scale:
+def _scale_of(document: str | yaml.Node, file: str) -> Scale:
     """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
-    from robacc.io.yaml_nodes import Source
+    from robacc.io.yaml_nodes import top_section
 
-    source, scale = Source(file), None
-    if root is not None and (top := source.section(root, "", _KEYS)) is not None:
-        _text(top, "robacc", (VERSION,))
-        confidence = _positive(top, "confidence")
-        if confidence < 0.5 or confidence >= 1.0:
-            message = f"found {confidence:g}, expected at least 0.5 and less than 1"
-            source.report(top.values["confidence"], "confidence", message)
-        if (node := top.get("units")) is None:
-            source.report(top.node, "units", "is missing", "add it, for example units: {length: mm, angle: deg}")
-        section = None if node is None else source.section(node, "units", tuple(UNITS))
-        factors = [
-            1.0 if section is None else sizes.get(_text(section, key, sizes), 1.0) for key, sizes in UNITS.items()
-        ]
-        steps = tuple(_read_steps(top, *factors))
-        otherwise = _text(top, "otherwise")
-        if otherwise in [step.grade for step in steps]:
-            message = f"{otherwise!r} is also the grade of a step"
-            source.report(top.values["otherwise"], "otherwise", message, "choose another name")
-        statistic = cast("Statistic", _text(top, "statistic", get_args(Statistic)))
-        scale = Scale(_text(top, "name"), statistic, confidence, steps, otherwise)
-    source.finish()
-    assert scale is not None  # else there is a problem
-    return scale
-
-
-def _read_steps(top: YamlSection, length: float, angle: float) -> list[GradeStep]:
-    """Read the steps, with limits in units of ``length`` m and ``angle`` rad; report those that contradict others."""
-    source, node = top.source, top.require("steps")
-    items = () if node is None else source.items(node, "steps", "steps")
-    if not items and not source.problems:
-        source.report(node, "steps", "a scale needs at least one step")
+    top = top_section(document, file, _KEYS)
+    top.text("robacc", (VERSION,), needed=True)
+    confidence = top.number("confidence", lambda level: 0.5 <= level < 1.0, "at least 0.5 and less than 1")
+    if (node := top.get("units")) is None:
+        top.source.report(top.node, "units", "is missing", "add it, for example units: {length: mm, angle: deg}")
+    units = None if node is None else top.source.section(node, "units", tuple(UNITS))
+    length, angle = (
+        1.0 if units is None else sizes.get(units.text(key, sizes, needed=True) or "", 1.0)
+        for key, sizes in UNITS.items()
+    )
     steps: list[GradeStep] = []
-    for index, item in enumerate(items):
-        section = source.section(item, f"steps[{index}]", _STEP_KEYS)
-        if section is None:
-            continue
+    for section in top.sections("steps", "steps", _STEP_KEYS, "a scale needs at least one step"):
         orientation = None if section.get("orientation") is None else _positive(section, "orientation") * angle
-        step = GradeStep(_text(section, "grade"), _positive(section, "position") * length, orientation)
-        if step.grade and step.grade in [earlier.grade for earlier in steps]:
-            source.report(item, section.at("grade"), f"the grade {step.grade!r} is listed twice")
+        position, name = _positive(section, "position") * length, section.text("grade", needed=True) or ""
         better = steps[-1] if steps else GradeStep("", -math.inf, 0.0)
-        has_limit, wider = better.orientation is not None, "list the best grade first"
         contradictions = (
+            (bool(name) and name in [s.grade for s in steps], "grade", f"the grade {name!r} is listed twice", None),
             (
-                step.position <= better.position,
+                position <= better.position,
                 "position",
                 f"the limit is not wider than that of grade {better.grade}",
-                wider,
+                _WIDER,
             ),
             (
-                orientation is not None and not has_limit,
+                orientation is not None and better.orientation is None,
                 "orientation",
                 f"the better grade {better.grade} has no limit of orientation",
                 None,
@@ -155,31 +133,24 @@ def _read_steps(top: YamlSection, length: float, angle: float) -> list[GradeStep
                 orientation is not None and orientation < (better.orientation or 0.0),
                 "orientation",
                 f"the limit is narrower than that of grade {better.grade}",
-                wider,
+                _WIDER,
             ),
         )
         for applies, key, message, fix in contradictions:
             if applies:
-                source.report(item, section.at(key), message, fix)
-        steps.append(step)
-    return steps
-
-
-def _text(section: YamlSection, key: str, options: Iterable[str] = ()) -> str:
-    """Return a word, one of ``options`` if there are any; report another value and return an empty text."""
-    if (node := section.require(key)) is None:
-        return ""
-    source, path = section.source, section.at(key)
-    return (source.choice(node, path, tuple(options)) if options else source.text(node, path)) or ""
+                section.report(key, message, fix)
+        steps.append(GradeStep(name, position, orientation))
+    otherwise = top.text("otherwise", needed=True) or ""
+    if otherwise in [step.grade for step in steps]:
+        top.report("otherwise", f"{otherwise!r} is also the grade of a step", "choose another name")
+    statistic = cast("Statistic", top.text("statistic", get_args(Statistic), needed=True))
+    scale = Scale(top.text("name", needed=True) or "", statistic, confidence, tuple(steps), otherwise)
+    top.source.finish()
+    return scale
 
 
 def _positive(section: YamlSection, key: str) -> float:
-    """Return a number above zero; report another value and return NaN."""
-    node = section.require(key)
-    value = None if node is None else section.source.number(node, section.at(key))
-    if value is not None and value <= 0.0:
-        section.source.report(node, section.at(key), f"found {value:g}, expected a number greater than zero")
-    return value if value is not None and value > 0.0 else math.nan
+    return section.number(key, lambda value: value > 0.0, "a number greater than zero")
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +230,7 @@ class Grade:
     @property
     def demonstrated_grade(self) -> str | None:
         """Best grade whose limits all upper bounds meet; None where there is none."""
-        return _step_name(self.scale, self.confirmed_rank)
+        return self.scale.step_name(self.confirmed_rank)
 
     @property
     def limited_by(self) -> tuple[Quantity, ...]:
@@ -368,10 +339,6 @@ class Grade:
         return f"{text}, beyond the limit of {last.grade}, {_amount(last.limit(name) or math.inf, quantity.unit)}"
 
 
-def _step_name(scale: Scale, rank: int) -> str | None:
-    return scale.steps[rank].grade if rank < len(scale.steps) else None
-
-
 def _within(interval: Interval, limit: float | None) -> float | None:
     """Return the probability that the true value is within a limit; None where it is unknown."""
     if limit is None:
@@ -429,7 +396,7 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
             n_poses=graded[name].n_poses,
             limit=scale.steps[rank].limit(name) if rank < len(scale.steps) else None,
             grade=scale.name_of(ranks[name]),
-            demonstrated_grade=_step_name(scale, confirmed[name]),
+            demonstrated_grade=scale.step_name(confirmed[name]),
         )
         for name in graded
     }

@@ -13,8 +13,7 @@ from robacc.accuracy.estimation import (
     commanded_poses,
     estimate as estimate_errors,
     moved_warning,
-    position_statistics,
-    registered_poses,
+    position_errors,
 )
 from robacc.api.inputs import (
     STDIN,
@@ -86,8 +85,8 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        by_frame = position_statistics(self.data, registered_poses(self.data, self.robot, self.alignment))
-        poses = pose_document(self.data, self.data.position - by_frame["base"].errors)
+        by_frame = position_errors(self.data, commanded_poses(self.data, self.robot, self.alignment))
+        poses = pose_document(self.data, self.data.position - by_frame["base"].position)
         return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
 
     def draw(self, stream: TextIO, full: bool = False, poses: str | None = None, robot: str | None = None) -> None:

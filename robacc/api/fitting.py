@@ -409,12 +409,9 @@ def _made(kind: Callable[..., Made], result: Judged, inputs: FitInputs, options:
 
     Corrections and predictions read these records. The warnings have those about the use of a model.
     """
-    held_out = None
-    if inputs.holdout is not None and result.holdout is not None:
-        residual = result.holdout.held_out_after
-        held_out = (inputs.holdout, result.holdout.after if residual is None else residual)
-    elif result.residuals.held_out_after is not None:
-        held_out = (inputs.data, result.residuals.held_out_after)
+    residual = result.after.held_out_residual
+    poses = inputs.data if inputs.holdout is None else inputs.holdout
+    held_out = None if residual is None else (poses, residual)
     fit = result.fit
     record = fit_record(fit, result.robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
     robot = replace(result.robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())

@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.accuracy.error_statistics import Unit, error_statistics
-from robacc.accuracy.grade import Scale, default_scale, grade
+from robacc.accuracy.grade import Quantity, Scale, default_scale, grade
 from robacc.comparison.stored_results import (
     FITS,
     NO_TEST_OF_MAXIMUM,
@@ -72,7 +72,7 @@ def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
 
 Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
 """Verdicts as results store them."""
-_UNITS: dict[str, Unit] = {"position": "m", "orientation": "rad"}
+_UNITS: dict[Quantity, Unit] = {"position": "m", "orientation": "rad"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,11 +106,10 @@ def common_scale(results: Sequence[ComparedResult]) -> Scale:
     if len(names) > 1 or len(scales) > 1:
         conflict = " and ".join(sorted(names)) if len(names) > 1 else f"different scales with the name {min(names)}"
         raise UsageError(f"the results were graded on {conflict}; choose the scale with `scale`")
-    if not scales:
-        scales = {default_scale()}
-        if not names <= {scale.name for scale in scales}:
-            raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
-    return scales.pop()
+    scale = scales.pop() if scales else default_scale()
+    if not names <= {scale.name}:
+        raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
+    return scale
 
 
 def grade_statuses(
@@ -166,16 +165,14 @@ def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int
 def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
     """Return the status by the figures alone, for a prediction or a result without errors; they confirm nothing."""
     statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
-    position, orientation = (result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS)
-    if position is None:
+    known = {quantity: result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS}
+    if (position := known["position"]) is None:
         raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
-    own_rank = scale.rank_of("position", position.value)
-    if orientation is not None:
-        own_rank = max(own_rank, scale.rank_of("orientation", orientation.value))
+    own_rank = max(scale.rank_of(name, figure.value) for name, figure in known.items() if figure is not None)
     measured = "the result does not list the error of every pose"
     why = measured if result.measured else "predicted from tolerances, not measured"
     verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
-    return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, orientation, None, why)
+    return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, known["orientation"], None, why)
 
 
 # Warnings of a comparison, where results were made differently, and notes on what its figures do not say.
@@ -410,12 +407,12 @@ def compare(
         return from_intervals(*figures, confidence)
 
     def match(first: int, second: int) -> PoseMatch:
-        both = results[first], results[second]
-        sets = [result.errors["position"] for result in both if "position" in result.errors]
-        pair = pairing("position", first, second) if len(sets) == 2 else None
-        counts = [errors.n_groups for errors in sets] if len(sets) == 2 else [result.n_poses for result in both]
-        shared = 0 if pair is None else pair[0].n_groups
-        return PoseMatch(both[0].name, both[1].name, pair is not None, shared, counts[0], counts[1])
+        both, shared = (results[first], results[second]), 0
+        counts = [result.n_poses for result in both]
+        if all("position" in result.errors for result in both):
+            pair, counts = pairing("position", first, second), [r.errors["position"].n_groups for r in both]
+            shared = 0 if pair is None else pair[0].n_groups
+        return PoseMatch(both[0].name, both[1].name, shared > 0, shared, counts[0], counts[1])
 
     others = [i for i in range(len(results)) if i != reference]
     rows = tuple(

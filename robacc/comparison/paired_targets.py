@@ -20,8 +20,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
-from robacc.accuracy.stages import Gain, paired_gain
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length

@@ -35,9 +35,10 @@ Document = Mapping[str, Any]
 _LARGEST = 1e9
 """m or rad: every joint, position and error is smaller; the square of a much larger number overflows."""
 UNITS = ("m", "rad")
+_APART = "the result's lists do not belong together"
 
 
-class NoValueError(Exception):
+class NoValueError(ValueError):
     """Reason why a result has no value for a key."""
 
 
@@ -83,16 +84,13 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
         stored, value = [value], value.get("value")
     if (number := finite_number(value)) is None:
         raise NoValueError(f"the result's {key} is not a number")
-    return number, next((_interval(entry) for entry in stored if isinstance(entry, Mapping)), None), holder, name
-
-
-def _interval(stored: Document) -> Interval:
-    """Return the interval that a result stores, under the names of an interval or of a gain."""
-    lower, upper = stored.get("lower", stored.get("low")), stored.get("upper", stored.get("high"))
-    method = stored.get("method") or "interval stored in the result"
-    return Interval(
-        lower, upper, stored.get("upper_bound"), stored.get("confidence") or 0.95, method, stored.get("why")
-    )
+    interval = None
+    if (found := next((entry for entry in stored if isinstance(entry, Mapping)), None)) is not None:
+        # Under the names of an interval or of a gain.
+        ends = found.get("lower", found.get("low")), found.get("upper", found.get("high")), found.get("upper_bound")
+        method = found.get("method") or "interval stored in the result"
+        interval = Interval(*ends, found.get("confidence") or 0.95, method, found.get("why"))
+    return number, interval, holder, name
 
 
 def finite_number(value: Any) -> float | None:
@@ -174,7 +172,7 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
         place: ``position`` of an estimate, ``after.held_out.position`` of a fit …; its metrics count outliers.
 
     Raises:
-        ValueError: The lists of the document do not belong together.
+        NoValueError: The lists of the document do not belong together.
     """
     *stage, quantity = place.split(".")
     if quantity not in _QUANTITIES or stage[1:] not in ([], ["fitted"], ["held_out"]):
@@ -205,16 +203,16 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
     """Return ``(n,)`` values, or ``(width, n)`` numbers from a list of rows; None if there are none.
 
     Raises:
-        ValueError: The number of rows differs from ``n``, the rows differ in length, or a number is too large.
+        NoValueError: The number of rows differs from ``n``, the rows differ in length, or a number is too large.
     """
     rows = _at(document, path)
     if rows is None:
         return None
     array = np.array(rows, dtype=None if width is None else float)
     if array.shape != (n,) + (() if width is None else (width or array.shape[-1],)):
-        raise ValueError(f"{path}: expected {n} rows")
+        raise NoValueError(f"{_APART}: {path}: expected {n} rows")
     if width is not None and not np.all(np.abs(array) < _LARGEST):
-        raise ValueError(f"{path}: expected numbers below {_LARGEST:g}")
+        raise NoValueError(f"{_APART}: {path}: expected numbers below {_LARGEST:g}")
     return array.T
 
 

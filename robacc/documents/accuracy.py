@@ -73,7 +73,7 @@ _FRAME = part(
         "mean_m": Key(vector3, "Mean error, m."),
         "covariance_m2": Key(matrix3, "Covariance about zero, m²."),
         "centred_covariance_m2": Key(matrix3, "Covariance about the mean, m².", "centred"),
-        "errors_m": Key(rows3, "Position error of each row, m.", lambda frame: rounded(frame.errors)),
+        "errors_m": Key(rows3, "Position error of each row, m.", lambda frame: rounded(frame.position)),
     }
 )
 """Position errors in the axes of a frame."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +51,10 @@ from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
-    from robacc.accuracy.stages import Stage
     from robacc.effects.request import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
-    from robacc.tracing.calibrating import Judged
+    from robacc.tracing.calibrating import Judged, Stage
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
@@ -774,25 +773,25 @@ TRACE = part(
 
 # Stages of a fit: the metrics of each stage with their intervals.
 
-ErrorRows = tuple[Array, NDArray[np.bool_], NDArray[np.int64]]
-"""Residuals ``(3 or 6, N)`` m, rad; mask ``(N,)`` of the rows that are not outliers; number ``(N,)`` of each row's
-commanded pose: intervals are over poses, repetitions staying together."""
+_STAGES = ("nominal_unregistered", "nominal", "before", "after")
 
 
-def _stage(stage: Stage, rows: Mapping[str, ErrorRows | None], seed: int) -> Document:
-    """Return the metrics of one stage on the sets of poses ``rows``: ``fitted``, and ``held_out`` if there are any.
+def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
+    """Return the metrics of one stage, with intervals over the commanded poses ``groups``, repetitions together.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
     figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
     for name in figures:
-        metrics, own = getattr(stage, name), rows[name.removesuffix("_inliers")]
-        if metrics is not None and own is not None:
-            errors, used, groups = own
+        metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]
+        if metrics is not None:
+            is_fitted = name.startswith("fitted")
+            errors = stage.residual if is_fitted else cast("Array", stage.held_out_residual)
+            used = stage.inliers if is_fitted else stage.held_out_inliers_mask
             shown = used | (not name.endswith("inliers"))
             figures[name] = {
-                "position": _figures(metrics.position, errors[:3, shown], groups[shown], "m", seed),
-                "orientation": _figures(metrics.orientation, errors[3:, shown], groups[shown], "rad", seed),
+                "position": _figures(metrics.position, errors[:3, shown], own[shown], "m", seed),
+                "orientation": _figures(metrics.orientation, errors[3:, shown], own[shown], "rad", seed),
             }
     return STAGE.write(figures)
 
@@ -833,33 +832,22 @@ def fit_document(
         seed: Seed of the resampling behind intervals.
         baseline: The declared effects.
     """
-    residuals, holdout, inliers = result.residuals, result.holdout, result.fit.inliers
-    of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
-    inner = residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after
-    of_held_out: tuple[Array | None, ...] = (residuals.unregistered, *inner)
-    fitted = held_out = (inliers, places(data))
-    poses_apart = None
-    if holdout is not None and apart is not None:
-        of_held_out = holdout.unregistered, holdout.nominal, holdout.before, holdout.after
-        held_out = np.ones(apart.n, dtype=bool), places(apart)
-        poses_apart = pose_document(apart, apart.position - holdout.nominal[:3], holdout)
-    stages = {
-        name: _stage(
-            getattr(result, name),
-            {"fitted": (own, *fitted), "held_out": None if other is None else (other, *held_out)},
-            seed,
-        )
-        for name, own, other in zip(
-            ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
-        )
-    }
+    stages: dict[str, Stage] = {name: getattr(result, name) for name in _STAGES}
+    held_out = {name: stage.held_out_residual for name, stage in stages.items()}
+    fitted: dict[str, Any] = {name: stage.residual for name, stage in stages.items()}
+    groups, poses_apart = dict.fromkeys(("fitted", "held_out"), places(data)), None
+    if apart is None:
+        fitted |= {f"held_out_{name}": residual for name, residual in held_out.items()}
+    elif (nominal := held_out["nominal"]) is not None:
+        groups["held_out"] = places(apart)
+        poses_apart = pose_document(apart, apart.position - nominal[:3], held_out)
     return kind.write(
         result,
-        **stages,
+        **{name: _stage(stage, groups, seed) for name, stage in stages.items()},
         n_poses=data.n,
         outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
         robot=robot_document(robot, data.q, result.fit.model.arm.robot),
-        poses=pose_document(data, data.position - residuals.nominal[:3], residuals, inliers),
+        poses=pose_document(data, data.position - fitted["nominal"][:3], fitted, result.fit.inliers),
         poses_apart=poses_apart,
         declared=baseline,
         leverage=[{"line": data.line(i), "share": share} for i, share in getattr(result, "leverage", ())],

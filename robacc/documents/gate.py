@@ -58,7 +58,7 @@ GATE_RESULT = part(
                         "name": Key(text, "Name of the criterion.", "criterion.name"),
                         "key": Key(text, "Key of the figure, as in position.p95.", "criterion.key"),
                         "outcome": Key(OUTCOME),
-                        "why": Key(text | None, "Explanation of the outcome, if it needs one.", "decision.why"),
+                        "why": Key(text | None, "Explanation of the outcome, if it needs one.", "why"),
                         "unit": Key(
                             text,
                             "Unit of value, limit, bounds and margin: m, rad or 1.",
@@ -67,7 +67,6 @@ GATE_RESULT = part(
                         "value": Key(
                             Kind({"type": ["number", "string"]}) | None,
                             "Value of the result: a number, a grade or a word.",
-                            lambda evaluation: evaluation.value if evaluation.word is None else evaluation.word,
                         ),
                         "limit": Key(
                             anything,
@@ -97,19 +96,13 @@ GATE_RESULT = part(
                             "Share of all poses that must lie within the limit of a largest error; otherwise null.",
                             lambda evaluation: evaluation.criterion.share if evaluation.is_by_share else None,
                         ),
-                        "lower_bound": Key(
-                            number | None, "One-sided lower bound at the confidence.", "decision.lower_bound"
-                        ),
-                        "upper_bound": Key(
-                            number | None, "One-sided upper bound at the confidence.", "decision.upper_bound"
-                        ),
-                        "margin": Key(
-                            number | None, "Distance to the limit; negative beyond the limit.", "decision.margin"
-                        ),
+                        "lower_bound": Key(number | None, "One-sided lower bound at the confidence.", "lower_bound"),
+                        "upper_bound": Key(number | None, "One-sided upper bound at the confidence.", "upper_bound"),
+                        "margin": Key(number | None, "Distance to the limit; negative beyond the limit.", "margin"),
                         "conformity_probability": Key(
-                            share | None, "Confidence that the true value meets the limit.", "decision.probability"
+                            share | None, "Confidence that the true value meets the limit.", "probability"
                         ),
-                        "method": Key(text | None, "Method of the bounds.", "decision.method"),
+                        "method": Key(text | None, "Method of the bounds.", "method"),
                         "n_poses": Key(count | None, "Number of commanded poses behind the value.", "n"),
                         "poses_to_decide": Key(
                             count | None,
@@ -117,12 +110,12 @@ GATE_RESULT = part(
                                 "Total number of poses (of visits for ISO 9283) that would decide an inconclusive "
                                 "criterion."
                             ),
-                            "decision.poses_to_decide",
+                            "poses_to_decide",
                         ),
                         "poses_to_decide_if_value_is_true": Key(
                             count | None,
                             "The same number if the measured value is the true value.",
-                            "decision.poses_if_true",
+                            "poses_if_true",
                         ),
                         "baseline": Key(
                             part(
@@ -152,7 +145,7 @@ GATE_RESULT = part(
                         "operating_curve": Key(
                             array(array(number, 2)),
                             "Pairs of a true value and the probability to pass at that value.",
-                            "decision.operating_curve",
+                            "operating_curve",
                         ),
                     }
                 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +36,6 @@ from robacc.robots.arm import Arm, skeleton, typical_pose
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from robacc.accuracy.stages import Residuals
     from robacc.fitting.parameters import ParameterCovariance
     from robacc.geometry import Array
     from robacc.measurements import Measurements
@@ -434,13 +433,14 @@ _POSES = {
     "payload_kg": Key(array(number) | None, "Payload, kg.", "payload"),
     "used": Key(array(flag) | None, "True for rows in the fit; null if the fit uses all rows."),
 }
+Residuals = Mapping[str, Any]
 _ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
 POSES = part(_POSES, "poses", _ABOUT_POSES)
 
 
 def _errors(stage: str, axes: slice) -> Callable[[Residuals], Any]:
     """Return a source: the rows ``axes`` of the residuals of a stage."""
-    return lambda residuals: None if getattr(residuals, stage) is None else rounded(getattr(residuals, stage)[axes])
+    return lambda residuals: None if residuals.get(stage) is None else rounded(residuals[stage][axes])
 
 
 _STAGE_ERRORS = {
@@ -449,7 +449,7 @@ _STAGE_ERRORS = {
             key: Key(
                 rows3 | None,
                 f"Errors of {about}, {unit}; null if there are none.",
-                _errors(key.removeprefix("nominal_"), axes),
+                _errors(key, axes),
             )
             for key, about in (
                 ("nominal_unregistered", "the nominal model as it stands in the robot file"),
@@ -487,7 +487,7 @@ def pose_document(
     Args:
         data: The measured rows.
         commanded: ``(3, N)`` commanded position of the target in the measuring frame, m.
-        residuals: Residuals of a fit, if there is a fit.
+        residuals: Residuals ``(3 or 6, N)`` of each stage of a fit, by its key, if there is a fit.
         used: ``(N,)`` rows without outliers.
     """
     given: dict[str, Callable[[], Any]] = {"commanded_m": lambda: rounded(commanded), "used": lambda: used}
@@ -496,7 +496,7 @@ def pose_document(
         return Later(columns)
     for unit, errors in _STAGE_ERRORS.items():
         sources = {key: partial(entry.value, key, residuals) for key, entry in (errors.keys or {}).items()}
-        stages = Later(sources) if unit == "m" or len(residuals.nominal) > 3 else None
+        stages = Later(sources) if unit == "m" or len(residuals["nominal"]) > 3 else None
         columns[f"errors_{unit}"] = partial(lambda stages: stages, stages)
     return Later(columns)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from robacc.accuracy.error_statistics import Statistic, length_intervals
 from robacc.comparison.stored_results import (
-    ErrorSet,
     NoValueError,
     difference,
     errors_behind,
@@ -176,9 +175,10 @@ MOST_POSES = 10_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
-    """Outcome of one criterion, with its bounds, margin and probability."""
+class CriterionEvaluation:
+    """Outcome of one criterion, with its figure, bounds, margin and probability."""
 
+    criterion: GateCriterion
     outcome: Outcome
     why: str | None = None
     """Explanation, where the outcome needs one."""
@@ -197,9 +197,21 @@ class Decision:
     """The same number if the measured value is the true value."""
     operating_curve: tuple[tuple[float, float], ...] = ()
     """True values and the probability to pass at each, for the same number of poses."""
+    is_by_share: bool = False
+    """A largest error, decided by the share of all poses within the limit."""
+    dimension: str = "number"
+    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
+    value: float | str | None = None
+    """Number, word or grade of the result."""
+    baseline_value: float | None = None
+    n: int | None = None
+    """Number of commanded poses behind the value."""
+    instrument_ratio: float | None = None
+    """The instrument's expanded uncertainty over the limit."""
+    warnings: tuple[str, ...] = ()
 
 
-def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> Decision:
+def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> CriterionEvaluation:
     """Decide on a figure by its bounds.
 
     Args:
@@ -215,10 +227,9 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
 
     if curve is None:
         if rule != "simple":
-            return Decision(
-                "not_evaluated", f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            )
-        return Decision("pass" if meets(value) else "fail", margin=sign * (limit - value))
+            missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+            return CriterionEvaluation(criterion, "not_evaluated", missing)
+        return CriterionEvaluation(criterion, "pass" if meets(value) else "fail", margin=sign * (limit - value))
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
@@ -252,7 +263,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
-    return Decision(
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
         low,
@@ -300,24 +312,23 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 # pose beyond the limit shows that the largest error is beyond it.
 
 
-def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionEvaluation:
     """Decide on the largest error of ``n`` poses against an upper limit."""
     share, margin = criterion.share, cast("float", criterion.limit) - value
     n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
     method = f"confidence {claim} (Wilks)"
     curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
-    if margin < 0.0:
-        # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
-        return Decision("fail", lower_bound=value, margin=margin, probability=0.0, method=method, operating_curve=curve)
-    probability = 1.0 - share**n
-    outcome: Outcome = "pass"
+    # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
+    probability = 0.0 if margin < 0.0 else 1.0 - share**n
+    outcome: Outcome = "fail" if margin < 0.0 else "pass"
     why = n_to_decide = None
-    if n < n_needed and criterion.rule != "guarded_rejection":
+    if margin >= 0.0 and n < n_needed and criterion.rule != "guarded_rejection":
         outcome = "fail" if criterion.rule == "guard_band" else "inconclusive"
         why = f"{n} poses within the limit show {claim} with a confidence of only {100 * probability:.3g} %"
         n_to_decide = n_needed if outcome == "inconclusive" else None
-    return Decision(
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
         value,
@@ -327,6 +338,7 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> Decision:
         poses_to_decide=n_to_decide,
         poses_if_true=n_to_decide,
         operating_curve=curve,
+        is_by_share=True,
     )
 
 
@@ -365,20 +377,13 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
         # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
-    errors = _errors_behind(document, key) if statistic in ("rms", "mean_error", "p95") else None
+    errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
     if errors is not None and errors.groups.size <= _MOST_RECOMPUTED:
         n, seed = errors.n_groups, document.get("seed") or 0
         levels = _levels(confidence)
         statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
     return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
-
-
-def _errors_behind(document: Mapping[str, Any], key: str) -> ErrorSet | None:
-    try:
-        return errors_behind(document, key.rpartition(".")[0])
-    except ValueError as error:
-        raise NoValueError(f"the result's lists do not belong together: {error}") from None
 
 
 def _levels(confidence: float) -> list[float]:
@@ -407,7 +412,9 @@ def difference_to_baseline(
         raise NoValueError(f"{key} has different units in the result and in the baseline")
     statistic, paired = key.rpartition(".")[2], criterion.paired
     is_listed = statistic in ("rms", "mean_error", "p95", "max")
-    before, after = (_errors_behind(each, key) if is_listed else None for each in (baseline, document))
+    before, after = (
+        errors_behind(each, key.rpartition(".")[0]) if is_listed else None for each in (baseline, document)
+    )
     pair = None
     if before is None or after is None:
         if paired:
@@ -440,34 +447,9 @@ COVERAGE_FACTOR = 2.0
 MOST_OF_TOLERANCE = 0.25
 """Share of the limit above which the instrument's expanded uncertainty gives a warning: four to one, as ANSI/NCSL
 Z540.3 and the practice of ISO 14253-2 ask."""
+_NOISE_KEYS = {"length": "position_m", "angle": "orientation_rad"}
 _EXIT_STATUS: dict[Outcome, int] = {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}
 _WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
-
-
-@dataclass(frozen=True, slots=True)
-class CriterionEvaluation:
-    """One criterion and its decision."""
-
-    criterion: GateCriterion
-    decision: Decision
-    dimension: str
-    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
-    value: float | None = None
-    word: str | None = None
-    """Word or grade of the result, for a criterion on one."""
-    baseline_value: float | None = None
-    n: int | None = None
-    """Number of commanded poses behind the value."""
-    instrument_ratio: float | None = None
-    """The instrument's expanded uncertainty over the limit."""
-    warnings: tuple[str, ...] = ()
-    is_by_share: bool = False
-    """A largest error, decided by the share of all poses within the limit."""
-
-    @property
-    def outcome(self) -> Outcome:
-        """Return the outcome of the criterion."""
-        return self.decision.outcome
 
 
 @dataclass(frozen=True, slots=True)
@@ -506,8 +488,8 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         try:
             evaluations.append(_evaluate(criterion, document, baselines))
         except NoValueError as error:
-            decision = Decision("not_evaluated", str(error))
-            evaluations.append(CriterionEvaluation(criterion, decision, criterion.kind))
+            reason = str(error)
+            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", reason, dimension=criterion.kind))
     return GateOutcome(gate, tuple(evaluations))
 
 
@@ -529,28 +511,20 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
-    decision, is_by_share = _decide_figure(criterion, figure)
-    return CriterionEvaluation(
-        criterion,
-        decision,
-        figure.dimension,
-        figure.value,
-        baseline_value=baseline_value,
-        n=figure.n,
-        instrument_ratio=ratio,
-        warnings=_warnings(criterion, ratio),
-        is_by_share=is_by_share,
-    )
+    evaluation = replace(_decide_figure(criterion, figure), baseline_value=baseline_value, instrument_ratio=ratio)
+    return replace(evaluation, dimension=figure.dimension, warnings=_warnings(criterion, ratio))
 
 
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> tuple[Decision, bool]:
-    """Return the decision, and whether it is by the share of all poses within the limit of a largest error."""
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> CriterionEvaluation:
+    """Return the decision on a figure, of a largest error by the share of all poses within the limit."""
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
     if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        return decide(criterion, figure.value, figure.curve, figure.n), False
-    return decide_largest(criterion, figure.value, figure.n), True
+        evaluation = decide(criterion, figure.value, figure.curve, figure.n)
+    else:
+        evaluation = decide_largest(criterion, figure.value, figure.n)
+    return replace(evaluation, value=figure.value, n=figure.n)
 
 
 def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -559,19 +533,19 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Cri
     word = str(value).lower() if isinstance(value, bool | np.bool_) else value
     if not isinstance(word, str):
         raise NoValueError(f"the result's {criterion.key} is not a word")
-    decision = Decision("pass" if word in criterion.accepted else "fail")
-    warnings: tuple[str, ...] = ()
-    if criterion.key == "verdict" and decision.outcome == "pass":
+    outcome: Outcome = "pass" if word in criterion.accepted else "fail"
+    warnings, why = tuple[str, ...](), None
+    if criterion.key == "verdict" and outcome == "pass":
         after = document.get("after")
         if isinstance(after, Mapping) and after.get("held_out") is None:
-            decision = Decision("inconclusive", "the result has no held-out poses to confirm the verdict")
+            outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
         elif (document.get("noise") or {}).get("source") == "residual":
             warnings = (
                 "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
                 "that no structure remains, not how large the remaining error is; add a limit on "
                 "after.held_out.position.p95",
             )
-    return CriterionEvaluation(criterion, decision, "word", word=word, warnings=warnings)
+    return CriterionEvaluation(criterion, outcome, why, dimension="word", value=word, warnings=warnings)
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
@@ -588,43 +562,40 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
         names = ", ".join(steps)
         raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
     confidence = grade.get("confidence") or criterion.confidence
-    decisions: list[Decision] = []
-    n = None
+    own: list[CriterionEvaluation] = []
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
-            n = n if decisions else figure.n
-            own = replace(criterion, key=key, limit=limit, confidence=confidence)
-            decisions.append(_decide_figure(own, figure)[0])
-    outcome: Outcome = min((decision.outcome for decision in decisions), key=_WORST_FIRST.index, default="pass")
-    reasons = dict.fromkeys(decision.why for decision in decisions if decision.outcome == outcome and decision.why)
-    why = "; ".join(reasons) or None
+            own.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
+    outcome: Outcome = min((each.outcome for each in own), key=_WORST_FIRST.index, default="pass")
+    deciding = [each for each in own if each.outcome == outcome]
+    why = "; ".join(dict.fromkeys(each.why for each in deciding if each.why)) or None
     if outcome == "fail" and isinstance(grade.get("reason"), str):
         why = grade["reason"].partition(". ")[0]
-    probabilities = [decision.probability for decision in decisions if decision.probability is not None]
-    undecided = [decision for decision in decisions if decision.outcome == outcome == "inconclusive"]
-    joint = Decision(
+    probabilities = [each.probability for each in own if each.probability is not None]
+    undecided = deciding if outcome == "inconclusive" else []
+    return CriterionEvaluation(
+        criterion,
         outcome,
         why,
-        probability=min(probabilities) if probabilities and len(probabilities) == len(decisions) else None,
-        method=next((decision.method for decision in decisions if decision.method), None),
-        poses_to_decide=largest_known([decision.poses_to_decide for decision in undecided]),
-        poses_if_true=largest_known([decision.poses_if_true for decision in undecided]),
+        probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
+        method=next((each.method for each in own if each.method), None),
+        poses_to_decide=largest_known([each.poses_to_decide for each in undecided]),
+        poses_if_true=largest_known([each.poses_if_true for each in undecided]),
+        dimension="grade",
+        value=str(grade.get("grade")),
+        n=own[0].n if own else None,
     )
-    return CriterionEvaluation(criterion, joint, "grade", word=str(grade.get("grade")), n=n)
 
 
 def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
     """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
-    noise = document.get("noise")
-    if not isinstance(noise, Mapping) or noise.get("source") == "residual" or criterion.kind not in ("length", "angle"):
-        return None
-    noise_std = noise.get("position_m" if criterion.kind == "length" else "orientation_rad")
-    if not isinstance(noise_std, float) or not criterion.limit or not math.isfinite(noise_std):
-        return None
-    return COVERAGE_FACTOR * noise_std / abs(criterion.limit)
+    noise, noise_std = document.get("noise"), None
+    if isinstance(noise, Mapping) and noise.get("source") != "residual":
+        noise_std = finite_number(noise.get(_NOISE_KEYS.get(criterion.kind, "")))
+    return None if noise_std is None or not criterion.limit else COVERAGE_FACTOR * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Literal, cast
 
-from robacc.errors import InputError, Problem
 from robacc.quantities import UNITS, Dimension, parse_quantity
 
 if TYPE_CHECKING:
@@ -156,33 +155,23 @@ def load_gate(text: str, file: str) -> Gate:
     Raises:
         InputError: Every problem, each with its line and key.
     """
-    from robacc.io.yaml_nodes import Source, compose
+    from robacc.io.yaml_nodes import top_section
 
-    source = Source(file)
-    top = source.section(compose(text, file), "", _TOP)
-    if top is None:
-        source.finish()
-        raise InputError(Problem("expected a gate", file))
-    if (version := top.require("robacc_gate")) is not None:
-        source.choice(version, "robacc_gate", (VERSION,))
-    name = top.require("name")
-    gate_name = None if name is None else source.text(name, "name")
-    confidence = _between(top, "confidence", DEFAULT_CONFIDENCE)
+    top = top_section(text, file, _TOP)
+    top.text("robacc_gate", (VERSION,), needed=True)
+    name, confidence = top.text("name", needed=True), _between(top, "confidence", DEFAULT_CONFIDENCE)
     criteria: list[GateCriterion] = []
-    nodes = top.require("criteria")
-    items = () if nodes is None else source.items(nodes, "criteria", "criteria")
-    if nodes is not None and not items and not source.problems:
-        source.report(nodes, "criteria", "the list is empty; a gate needs at least one criterion")
-    for index, node in enumerate(items):
-        section = source.section(node, f"criteria[{index}]", _KEYS)
-        criterion = None if section is None else _criterion(section, confidence)
+    for section in top.sections(
+        "criteria", "criteria", _KEYS, "the list is empty; a gate needs at least one criterion"
+    ):
+        criterion = _criterion(section, confidence)
         if criterion is None:
             continue
         if criterion.name in [earlier.name for earlier in criteria]:
-            source.report(node, f"criteria[{index}].name", f"two criteria have the name {criterion.name!r}")
+            section.report("name", f"two criteria have the name {criterion.name!r}")
         criteria.append(criterion)
-    source.finish()
-    return Gate(gate_name or "", tuple(criteria))
+    top.source.finish()
+    return Gate(name or "", tuple(criteria))
 
 
 def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion | None:
@@ -190,25 +179,14 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     from yaml import ScalarNode, SequenceNode
 
     source, n_problems = section.source, len(section.source.problems)
-
-    def report(name: str, message: str, fix: str | None = None) -> None:
-        source.report(section.values.get(name, section.node), section.at(name), message, fix)
-
-    def text(name: str, options: tuple[str, ...] = ()) -> str | None:
-        if (node := section.get(name)) is None:
-            return None
-        return source.choice(node, section.at(name), options) if options else source.text(node, section.at(name))
-
-    key = None if section.require("key") is None else text("key")
-    reason = section.require("reason")
+    key, reason = section.text("key", needed=True), section.require("reason")
     if reason is not None and not isinstance(reason, ScalarNode):
-        report("reason", "expected text: the reason for the limit")
-    if key is None:
+        section.report("reason", "expected text: the reason for the limit")
+    if key is not None and not is_known(key):
+        section.report("key", f"no result has the key {key!r}", nearest_key(key))
+    if key is None or not is_known(key):
         return None
-    if not is_known(key):
-        report("key", f"no result has the key {key!r}", nearest_key(key))
-        return None
-    baseline, kind = text("baseline"), KEYS.get(key)
+    baseline, kind = section.text("baseline"), KEYS.get(key)
     given = [name for name in ("limit", "at_least", *_SETTING.values(), "share", "paired") if section.get(name)]
     limits = [name for name in given if name in ("limit", "at_least")]
     accepted: tuple[str, ...] = ()
@@ -224,7 +202,7 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
         limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
     kind = kind or "number"
     default: Rule = "simple" if kind in ("word", "number") else "bound"
-    rule = cast("Rule", text("rule", tuple(RULES)) or ("guarded_rejection" if baseline is not None else default))
+    rule = cast("Rule", section.text("rule", RULES) or ("guarded_rejection" if baseline is not None else default))
     setting = _SETTING.get(rule, "")
     words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
     missing = "is missing; give a maximum (limit) or a minimum (at_least)"
@@ -278,15 +256,15 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     )
     for applies, name, message, fix in mistakes:
         if applies:
-            report(name, message, fix)
+            section.report(name, message, fix)
     confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
     if rule in ("guard_band", "guarded_rejection"):
         confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)
-    share, paired = _between(section, "share", DEFAULT_SHARE), text("paired", ("true", "false"))
+    share, paired = _between(section, "share", DEFAULT_SHARE), section.text("paired", ("true", "false"))
     if len(source.problems) > n_problems or reason is None:
         return None
     return GateCriterion(
-        name=text("name") or key,
+        name=section.text("name") or key,
         key=key,
         kind=kind,
         limit=limit,
@@ -303,8 +281,7 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
 
 def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> tuple[float | None, Kind | None]:
     """Return the limit under ``name`` in m, rad or as a bare number, and its kind; report one that does not fit."""
-    node, path, kind = section.values[name], section.at(name), KEYS.get(key)
-    text = section.source.text(node, path)
+    text, kind = section.text(name), KEYS.get(key)
     if text is None:
         return None, kind
     expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
@@ -313,16 +290,12 @@ def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> t
         units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
         wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
         example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
-        section.source.report(node, path, f"expected {wanted}, found {text!r}", example)
+        section.report(name, f"expected {wanted}, found {text!r}", example)
     elif limit < 0 and baseline is None and expected is not None and key != "gain":
-        section.source.report(node, path, f"{key} is never negative, so no result can meet {text!r}")
+        section.report(name, f"{key} is never negative, so no result can meet {text!r}")
     return limit, kind or dimension
 
 
 def _between(section: YamlSection, key: str, default: float, low: float = 0.5, high: float = 1.0) -> float:
     """Return a number in the open interval from ``low`` to ``high``; ``default`` if the key is missing."""
-    node = section.get(key)
-    value = default if node is None else section.source.number(node, section.at(key))
-    if node is not None and value is not None and not low < value < high:
-        section.source.report(node, section.at(key), f"found {value:g}, expected a number between {low:g} and {high:g}")
-    return default if value is None else value
+    return section.number(key, lambda value: low < value < high, f"a number between {low:g} and {high:g}", default)

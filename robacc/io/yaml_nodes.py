@@ -6,7 +6,7 @@ import contextlib
 import difflib
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, cast
 
@@ -83,14 +83,14 @@ def compose(text: str, file: str) -> yaml.Node:
     return node
 
 
-def top_section(text: str, file: str, known: Sequence[str]) -> YamlSection:
-    """Return the whole document, a mapping with the keys ``known``.
+def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> YamlSection:
+    """Return the whole of a document, or of its text: a mapping with the keys ``known``.
 
     Raises:
         InputError: The text is no such document.
     """
     source = Source(file)
-    top = source.section(compose(text, file), "", known)
+    top = source.section(compose(document, file) if isinstance(document, str) else document, "", known)
     if top is None:
         source.finish()
     return cast(YamlSection, top)
@@ -236,8 +236,34 @@ class YamlSection:
         return node
 
     def report(self, key: str, message: str, fix: str | None = None) -> None:
-        """Add a problem of a key's value, or of the section where it has no such key."""
+        """Add a problem of the value of a key, or of the mapping where the key is missing."""
         self.source.report(self.values.get(key, self.node), self.at(key), message, fix)
+
+    def text(self, key: str, options: Collection[str] = (), *, needed: bool = False) -> str | None:
+        """Return a line of text, one of ``options`` if there are any; report another value, and a missing one."""
+        node = self.require(key) if needed else self.get(key)
+        if node is None:
+            return None
+        source, path = self.source, self.at(key)
+        return source.choice(node, path, tuple(options)) if options else source.text(node, path)
+
+    def number(self, key: str, accepts: Callable[[float], bool], expected: str, default: float = math.nan) -> float:
+        """Return a number that ``accepts`` takes; report another, and a missing one without a ``default``."""
+        node = self.require(key) if math.isnan(default) else self.get(key)
+        value = None if node is None else self.source.number(node, self.at(key))
+        if value is not None and not accepts(value):
+            self.report(key, f"found {value:g}, expected {expected}")
+            value = None
+        return default if value is None else value
+
+    def sections(self, key: str, item_name: str, known: Sequence[str], if_empty: str) -> list[YamlSection]:
+        """Return the mappings of a list; report a missing or empty one, and items that are not mappings."""
+        node = self.require(key)
+        items = () if node is None else self.source.items(node, self.at(key), item_name)
+        if isinstance(node, yaml.SequenceNode) and not items:
+            self.report(key, if_empty)
+        sections = (self.source.section(item, f"{self.at(key)}[{i}]", known) for i, item in enumerate(items))
+        return [section for section in sections if section is not None]
 
     def at(self, key: str) -> str:
         """Return the dotted name of a key."""

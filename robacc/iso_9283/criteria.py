@@ -536,16 +536,12 @@ def separation(
     """
     pairs = list(combinations(range(len(groups)), 2))
     covariance, dof = _pooled(groups)
-    distances = []
-    for h, k in pairs:
-        factor = 1.0 / groups[h].shape[1] + 1.0 / groups[k].shape[1]
-        distances.append(distance(groups[h].mean(axis=1) - groups[k].mean(axis=1), covariance * factor, dof))
+    means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
+    distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    angles = (
-        None
-        if group_angles is None
-        else _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
-    )
+    angles = None
+    if group_angles is not None:
+        angles = _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
     return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
@@ -559,13 +555,12 @@ def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
 def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array]) -> tuple[IntervalEstimate, ...]:
     """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all ``groups``."""
     covariance, dof = _pooled(groups)
+    shares = [1.0 / one.shape[1] + 1.0 / other.shape[1] for one, other in pairs]
     angles = []
     for axis, variance in enumerate(np.diag(covariance).tolist()):
-        changes = []
-        for one, other in pairs:
-            error = (variance * (1.0 / one.shape[1] + 1.0 / other.shape[1])) ** 0.5
-            changes.append(student(float(one[axis].mean() - other[axis].mean()), error, dof))
-        angles.append(largest_magnitude(changes))
+        means = [float(one[axis].mean() - other[axis].mean()) for one, other in pairs]
+        errors = [(variance * share) ** 0.5 for share in shares]
+        angles.append(largest_magnitude([student(*entry, dof) for entry in zip(means, errors, strict=True)]))
     return tuple(angles)
 
 

@@ -14,7 +14,6 @@ from robacc.accuracy.estimation import (
     check_confidence,
     commanded_poses,
     register,
-    registered_poses,
     too_far,
 )
 from robacc.errors import InputError, Problem, UsageError
@@ -267,7 +266,7 @@ def iso9283(
     attained = [[pose.attained for pose in file_poses] for file_poses in nominal_poses]
     if alignments:
         poses_by_file = [
-            visits_of(data, registered_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
+            visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
         nominal = _base_pose(robot.base if robot is not None else Frame())
         to_nominal = [nominal @ _base_pose(alignment.robot.base).inverse() for alignment in alignments]
@@ -363,16 +362,13 @@ def _notes(
 
 def _heavy_tails(poses: Sequence[CommandedPose]) -> str:
     """Return a note if the scatter of the visits, sphered for each pose, has longer tails than a Gaussian."""
-    sphered = [np.zeros((3, 0))]
+    sphered = []
     for pose in poses:
         values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
         if values[0] > 1e-12 * values[-1]:
-            residuals = pose.attained - pose.attained.mean(axis=1, keepdims=True)
-            sphered.append((axes / np.sqrt(values)).T @ residuals)
-    if len(sphered) == 1:
-        return ""
-    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis
-    if test.p_value is None or test.p_value > _HEAVY_TAIL_P_VALUE or test.statistic is None or test.statistic < 0.0:
+            sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
+    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
+    if test is None or test.p_value is None or test.p_value > _HEAVY_TAIL_P_VALUE:
         return ""
     return (
         f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "

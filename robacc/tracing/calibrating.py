@@ -5,11 +5,14 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robacc.accuracy.stages import BeforeAfter, Stage, before_and_after, default_frames, paired_gain
+from robacc.accuracy.error_statistics import Gain, paired_gain
+from robacc.accuracy.estimation import PoseMetrics, pose_metrics
 from robacc.chain import BLOCK
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
@@ -17,6 +20,7 @@ from robacc.diagnostics.recorded import Rounding, evident_rounding, read_back_wa
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.request import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure
+from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
 from robacc.fitting.masses import DeflectionChoice, choose_form, mass_warning, with_mass_uncertainty
@@ -48,7 +52,7 @@ from robacc.fitting.warnings import (
 )
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
+from robacc.modelling.model import Model, predict, residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 from robacc.tracing.search import search
@@ -126,6 +130,73 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
     return tuple(sorted(listed, key=lambda cause: -cause.left))
 
 
+# Stages of a fit to the same poses: nominal, before and after, fitted and held out.
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Residuals of one model: nominal, before or after, m and rad in the measuring frame, and their metrics.
+
+    Outliers count; metrics without them stand beside.
+    """
+
+    residual: Array
+    """``(3 or 6, N)`` at the calibration poses."""
+    inliers: NDArray[np.bool_]
+    """``(N,)`` poses that are no outliers of the fit after."""
+    held_out_residual: Array | None
+    """``(3 or 6, M)`` at the validation poses, or at the calibration poses by models fitted without the pose; None
+    where no pose was held out."""
+    held_out_inliers_mask: NDArray[np.bool_]
+    """``(M,)``"""
+
+    @cached_property
+    def fitted(self) -> PoseMetrics:
+        """Metrics at the calibration poses."""
+        return pose_metrics(self.residual)
+
+    @cached_property
+    def held_out(self) -> PoseMetrics | None:
+        """Metrics at held-out poses; None where no pose was held out."""
+        return None if self.held_out_residual is None else pose_metrics(self.held_out_residual)
+
+    @cached_property
+    def fitted_inliers(self) -> PoseMetrics | None:
+        """Metrics without the outliers; None if there are none."""
+        return _without_outliers(self.residual, self.inliers)
+
+    @cached_property
+    def held_out_inliers(self) -> PoseMetrics | None:
+        """Metrics at held-out poses without the outliers; None if there are none."""
+        return _without_outliers(self.held_out_residual, self.held_out_inliers_mask)
+
+
+def _without_outliers(residual: Array | None, inliers: NDArray[np.bool_]) -> PoseMetrics | None:
+    return None if residual is None or inliers.all() else pose_metrics(residual[:, inliers])
+
+
+def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> tuple[Array, Array | None]:
+    """Return residuals ``(M, N)`` of the nominal model with base and tool fitted to the poses, as far as these allow.
+
+    The second element are residuals of held-out poses: of each fold, or of the validation poses; None where no pose
+    is held out.
+
+    Coordinates of the frames that the poses do not determine keep their nominal values. If the poses are too few, the
+    model is not registered.
+    """
+    try:
+        registered = fit(Model.of(robot, default_frames(robot, data)), data, Options(tolerance=1e-6))
+    except InputError:
+        return residuals(data, predict(robot, data)), None
+    return registered.residual, how.residuals(registered)[0]
+
+
+def default_frames(robot: Robot, data: Measurements) -> list[Effect]:
+    """Return the frames with which the nominal model is registered."""
+    arm = Arm.of(robot)
+    return [effect_class(name).default(arm, data) for name in ALIGNABLE]
+
+
 Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""
 _OVERFIT_RATIO = 1.5
@@ -137,9 +208,18 @@ _SMALL = 0.7
 
 
 @dataclass(frozen=True)
-class Judged(BeforeAfter):
+class Judged:
     """A fitted robot with its error before and after."""
 
+    nominal_unregistered: Stage
+    """Stage of the nominal model as it stands in the robot file."""
+    nominal: Stage
+    """Stage of the nominal model, registered: base and tool frames fitted as far as the poses allow."""
+    before: Stage
+    """Baseline: `calibrate` fits base and tool in it if they are among its effects, `trace` the declared effects."""
+    after: Stage
+    gain: Gain | None
+    """None where no pose was held out."""
     robot: Robot
     """The robot file with the fit written into it."""
     fit: Fit
@@ -185,28 +265,47 @@ def judge(
     without_findings = before if found else fit
     (held_out_after,) = how.residuals(fit)
     held_out_before = held_out_after if before is fit else how.residuals(before)[0]
-    ends = None if held_out_before is None or held_out_after is None else (held_out_before, held_out_after)
-    stages = before_and_after(dataclasses.replace(robot, gravity=gravity), data, before, fit, ends, how, is_nominal)
-    nominal = stages.nominal if any(each.traits.is_frame for each in fit.model.free) else stages.nominal_unregistered
+    stated, poses, judged, gain = dataclasses.replace(robot, gravity=gravity), how.validation, fit.inliers, None
+    unregistered = residuals(data, predict(stated, data))
+    if is_nominal:
+        registered, held_out_nominal = before.residual, held_out_before
+    else:
+        registered, held_out_nominal = registered_residuals(stated, data, how)
+    held_out: tuple[Array | None, ...] = (None,) * 4
+    if held_out_before is not None and held_out_after is not None:
+        raw, groups = unregistered, places(data)
+        if poses is not None:
+            raw, groups, judged = residuals(poses, predict(stated, poses)), places(poses), np.ones(poses.n, dtype=bool)
+        if held_out_nominal is None:
+            held_out_nominal = registered if poses is None else raw
+        held_out = raw, held_out_nominal, held_out_before, held_out_after
+        gain = paired_gain(held_out_before[:, judged], held_out_after[:, judged], groups[judged])
+    fitted = unregistered, registered, before.residual, fit.residual
+    stages = [Stage(own, fit.inliers, apart, judged) for own, apart in zip(fitted, held_out, strict=True)]
+    basis = stages[any(each.traits.is_frame for each in fit.model.free)]
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
-        **vars(stages),
+        nominal_unregistered=stages[0],
+        nominal=stages[1],
+        before=stages[2],
+        after=stages[3],
+        gain=gain,
         robot=apply_fit(fit),
         fit=fit,
         noise=noise,
         repeatability=structure.repeatability,
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
-        causes=causes(fit, data, (nominal.fitted_inliers or nominal.fitted).position.rms, found),
+        causes=causes(fit, data, (basis.fitted_inliers or basis.fitted).position.rms, found),
         deflection=deflection,
         rounding=rounding,
         directional=structure.directional,
-        n_folds=0 if ends is None else how.folds,
+        n_folds=0 if gain is None else how.folds,
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, without_findings, noise, rounding, stages.after, data, how.validation),
+            *_warnings(fit, without_findings, noise, rounding, stages[-1], data, how.validation),
         ),
     )
 
@@ -288,10 +387,10 @@ def with_directional_weights(
     if (noise := result.directional) is None:
         return result
 
-    before = _held_out(result)
+    before = result.after.held_out_residual
     if before is not None and data.position_variance is None:
         weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
-        after, rows = _held_out(weighted), places(data if holdout is None else holdout)
+        after, rows = weighted.after.held_out_residual, places(data if holdout is None else holdout)
         if after is not None and not paired_gain(before, after, rows).high < 0.0:
             sizes = ", ".join(f"{1e3 * std:.3g}" for std in noise.std)
             message = (
@@ -304,11 +403,6 @@ def with_directional_weights(
         "if it is noise, state it in the columns sigma_x, sigma_y, sigma_z, and the fit allows for it"
     )
     return dataclasses.replace(result, warnings=(*result.warnings, warning))
-
-
-def _held_out(judged: Judged) -> Array | None:
-    """Return the residuals of held-out poses after the fit."""
-    return judged.residuals.held_out_after if judged.holdout is None else judged.holdout.after
 
 
 # Calibration: fit of the effects that a request names.

@@ -12,7 +12,6 @@ from typing import Literal
 import numpy as np
 
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
-from robacc.accuracy.stages import Stage
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import Rounding, memory_of_play, unlogged_loads
@@ -42,7 +41,7 @@ from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.calibrating import Judged, Progress, judge, with_directional_weights
+from robacc.tracing.calibrating import Judged, Progress, Stage, judge, with_directional_weights
 from robacc.tracing.search import (
     Alternative,
     DetectionLimit,
@@ -211,7 +210,7 @@ def describe_finding(
         after = _rms(held_out)
         # Without a frame nothing else can be fitted.
         if without is not None and not effect.traits.is_frame:
-            before = _rms(pose_metrics(without[:, slice(None) if judged.holdout is not None else final.inliers]))
+            before = _rms(pose_metrics(without[:, judged.after.held_out_inliers_mask]))
     coefficients = tuple(judged.parameters[i] for i in columns)
     change = between = None
     if identified.places is not None:

@@ -257,9 +257,6 @@ BROKEN = np.where(
     ("errors", "groups", "kind", "message"),
     [
         (np.zeros((3, 0)), None, InputError, "there are no poses; statistics need at least one"),
-        (BROKEN, None, InputError, "2 errors are not finite numbers; the first is that of pose 4"),
-        (gaussian(5).T, None, ValueError, r"errors must have the shape \(3, N\), not \(5, 3\)"),
-        (gaussian(5), np.arange(4), ValueError, r"groups must have the shape \(5,\), not \(4,\)"),
     ],
 )
 def test_errors_that_have_no_statistics(

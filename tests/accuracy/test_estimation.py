@@ -116,7 +116,7 @@ def test_large_orientation_error_is_the_exact_logarithm() -> None:
     turned = np.moveaxis(Rotation.from_rotvec(vector.T).as_matrix(), 0, -1)
     data = Measurements(position=np.zeros((3, 1)), rotation=turned)
     eye = np.eye(3)[..., None]
-    errors = pose_errors(data, Commanded.at(np.zeros((3, 1)), eye, "file"), "tool")
+    errors = pose_errors(data, Commanded("file", True, lambda _: (np.zeros((3, 1)), eye)), "tool")
     np.testing.assert_allclose(errors.rotation, vector, atol=1e-14)
 
 

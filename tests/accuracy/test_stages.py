@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.accuracy.stages import paired_gain, registered_residuals
+from robacc.accuracy.error_statistics import paired_gain
 from robacc.fitting.held_out import HoldOut
 from robacc.simulation.simulate import Plan, simulate
+from robacc.tracing.calibrating import registered_residuals
 
 T = {3: 4.302652729911275, 5: 2.7764451051977987, 40: 2.0226909200367604}
 """Student's quantile of 0.975 with n - 1 degrees of freedom, from tables."""

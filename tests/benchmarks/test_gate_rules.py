@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.error_statistics import satterthwaite, second_moment
-from robacc.gates.evaluate import LEVELS, BoundCurve, Decision, decide, decide_largest
+from robacc.gates.evaluate import LEVELS, BoundCurve, CriterionEvaluation, decide, decide_largest
 from robacc.gates.gate_file import RULES, GateCriterion, Rule
 
 LIMIT, POSES, ARMS = 1.0, 60, 1000
@@ -29,13 +29,13 @@ def measured(rng: np.random.Generator, truth: float) -> tuple[float, BoundCurve]
     return float(np.sqrt(np.trace(covariance))), curve
 
 
-def outcomes(truth: float) -> dict[Rule, list[Decision]]:
+def outcomes(truth: float) -> dict[Rule, list[CriterionEvaluation]]:
     rng = np.random.default_rng(int(1000 * truth))
     arms = [measured(rng, truth) for _ in range(ARMS)]
     return {rule: [decide(criterion(rule), *arm, POSES) for arm in arms] for rule in RULES}
 
 
-def predicted(decisions: list[Decision], truth: float) -> float:
+def predicted(decisions: list[CriterionEvaluation], truth: float) -> float:
     """Of the operating curve of a gate on an arm that is just at the limit."""
     curves = [np.array(one.operating_curve) for one in decisions[:50]]
     return float(np.mean([np.interp(truth, curve[:, 0], curve[:, 1]) for curve in curves]))

@@ -13,7 +13,7 @@ from robacc.accuracy.error_statistics import length_intervals, satterthwaite, se
 from robacc.gates.evaluate import (
     LEVELS,
     BoundCurve,
-    Decision,
+    CriterionEvaluation,
     decide,
     decide_largest,
     difference_curve,
@@ -199,7 +199,7 @@ def test_poses_to_decide_by_simulation_of_the_figure_alone() -> None:
     assert poses_to_decide(0.0, z, 10_000_000) is None
 
 
-def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Decision]:
+def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, CriterionEvaluation]:
     """Errors of n poses and a limit that they cannot decide."""
     while True:
         limit = RMS * math.exp(rng.uniform(-0.4, 0.4) * math.sqrt(30 / n))
@@ -255,7 +255,7 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
     rng = np.random.default_rng(11)
     quantile = float(np.quantile(np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0)), 0.95))
 
-    def decided(errors: Array, limit: float, seed: int) -> Decision:
+    def decided(errors: Array, limit: float, seed: int) -> CriterionEvaluation:
         curve = BoundCurve.through(
             [by_name["p95"] for by_name in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
         )

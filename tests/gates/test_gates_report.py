@@ -11,7 +11,7 @@ import pytest
 from commands import missing
 
 from robacc.documents.gate import gate_document
-from robacc.gates.evaluate import CriterionEvaluation, Decision, GateOutcome, Outcome
+from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, Outcome
 from robacc.gates.gate_file import Gate, GateCriterion
 from robacc.outcomes import FileOutcome
 from robacc.render.views.elements import draw
@@ -32,11 +32,11 @@ def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "becaus
     condition |= {"key": "position.rms", "confidence": 0.95, "share": 0.95, "paired": None}
     decision = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
     decision |= {"poses_to_decide": None, "poses_if_true": None}
-    given = {"value": 0.8e-3, "word": None, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
+    given = {"value": 0.8e-3, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
     for part in (condition, decision, given):
         part |= {key: more[key] for key in more if key in part}
     criterion = GateCriterion(name=name, reason=reason, **condition)
-    return CriterionEvaluation(criterion, Decision(outcome, **decision), condition["kind"], **given)
+    return CriterionEvaluation(criterion, outcome, dimension=condition["kind"], **decision, **given)
 
 
 def stored(*arguments: Any, **more: Any) -> dict[str, Any]:

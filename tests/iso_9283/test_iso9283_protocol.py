@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robacc.accuracy.estimation import Commanded
+from robacc.accuracy.estimation import commanded_poses
 from robacc.iso_9283.criteria import Condition, characteristic, drift, repeatability, visits_of
 from robacc.iso_9283.cube import five_points
 from robacc.iso_9283.evaluation import iso9283, protocol
@@ -32,7 +32,7 @@ def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Mea
 def condition(name: str, data: Measurements, rated_load: float | None = None) -> Condition:
     """One condition, without the criteria that it does not look at."""
     commanded = data.commanded_position
-    poses = visits_of(data, None if commanded is None else Commanded.at(commanded, None, "file"), "poses.csv", 0)
+    poses = visits_of(data, None if commanded is None else commanded_poses(data, None), "poses.csv", 0)
     repeated = repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else characteristic("RP", [], 0.95, "")
     shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else characteristic("shift", [], 0.95, "")
     return next(entry for entry in protocol([data], poses, None, repeated, shift, rated_load) if entry.name == name)
@@ -145,7 +145,7 @@ def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
     data = cycles(3, points=turn @ five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-"))
     assert "not parallel to the axes of the base" in condition("diagonal plane", data).why
     robot = Robot("turned", "standard", (), base=Frame((0.1, 0.2, 0.3), (0, 0, 0.3)))
-    poses = visits_of(data, Commanded.at(data.commanded_position, None, "file"), "poses.csv", 0)
+    poses = visits_of(data, commanded_poses(data, None), "poses.csv", 0)
     conditions = protocol(
         [data], poses, robot, characteristic("RP", [], 0.95, ""), characteristic("shift", [], 0.95, ""), None
     )

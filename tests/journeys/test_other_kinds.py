@@ -121,8 +121,8 @@ def test_exact_sockets_give_exact_zeros_and_planes_their_place(tmp_path: Path) -
         assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-9)
     for label, coordinate in zip("xyz", SOCKETS["b"], strict=True):
         assert values[f"base_frame.b.{label}"] == pytest.approx(-coordinate, abs=1e-8)
-    normal, height = PLANES["table"]
-    assert values["base_frame.table.z"] == pytest.approx(-height / 1.0, abs=1e-8)
+    _, height = PLANES["table"]
+    assert values["base_frame.table.z"] == pytest.approx(-height, abs=1e-8)
     assert result.after.held_out.position.rms < 1e-9
 
 

@@ -52,17 +52,18 @@ _MAX_NAME = 24
 
 def comparison_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``compare``."""
-    names, ranking = [result["name"] for result in document["results"]], document["ranking"]
-    summary, tiles = "", []
-    if ranking is not None:
-        summary = f"By {ranking['by']}: {'; '.join(ranking['text'])}."
-        tiles = [
+    names, ranking = [result["name"] for result in document["results"]], document["ranking"] or {}
+    return ReportHeadline(
+        f"Comparison of {len(names)} results",
+        f"By {ranking['by']}: {'; '.join(ranking['text'])}." if ranking else "",
+        [
             Tile(entry["name"], amount(entry["value"], ranking["unit"]), f"group {entry['letters']}")
-            for entry in ranking["order"][:3]
+            for entry in ranking.get("order", ())[:3]
             if ranking["unit"] in ("m", "rad")
-        ]
-    facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
-    return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
+        ],
+        (),
+        [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))],
+    )
 
 
 def comparison_view(document: Document, form: Form = "page") -> Iterator[Section]:
@@ -77,27 +78,30 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
     yield _ranking(document["ranking"])
     if document["grade"] is not None:
         yield _grade(document["grade"])
-    groups: dict[str, list[Document]] = {}
-    for row in rows:
-        owner = split_key(row["key"])[0]
-        if _stage(owner) is None and not owner.startswith(_ISO9283):
-            groups.setdefault(f"{owner.capitalize()} error", []).append(row)
+    owners = {row["key"]: split_key(row["key"])[0] for row in rows}
+    main = [row for row in rows if _stage(owners[row["key"]]) is None and not row["key"].startswith(_ISO9283)]
+    groups = {
+        f"{owner.capitalize()} error": [row for row in main if owners[row["key"]] == owner]
+        for owner in dict.fromkeys(owners[row["key"]] for row in main)
+    }
     for name, unit, *_ in QUANTITIES:
         groups[f"ISO 9283, {name}"] = [r for r in rows if r["key"].startswith(_ISO9283) and r["unit"] == unit]
     for name, *_ in QUANTITIES:
         own = [row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])]
         groups[f"{name.capitalize()} rms"] = own
-    for title, group in groups.items():
-        if group:
-            yield _block(document, title, group, complete)
+    yield from (_block(document, title, group, complete) for title, group in groups.items() if group)
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
     yield Section("Differences", [Listing(named_by_text(methods))])
     if not complete:
         yield Section("Limitations", [Listing(document["notes"])])
         return
-    keys = dict.fromkeys(key for result in results for key in result["made"])
-    made = [(key, *(str(result["made"].get(key, "–")) for result in results)) for key in keys]
-    made.append(("SHA-256", *(result["sha256"] for result in results)))
+    made = [
+        *(
+            (key, *(str(result["made"].get(key, "–")) for result in results))
+            for key in dict.fromkeys(key for result in results for key in result["made"])
+        ),
+        ("SHA-256", *(result["sha256"] for result in results)),
+    ]
     table = Grid(("", *(result["name"] for result in results)), made, is_text=True)
     yield Section("Compared results", [_results(document), table])
 
@@ -237,7 +241,7 @@ _LOADED = {
 
 def paired_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:
     """Return the text of the comparison of the files ``names``."""
-    yield Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction", [])
+    yield Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction")
     rows = [(stage, *statistics_cells(document[stage], "m", IN_MM)) for stage in ("before", "after")]
     gain, loaded, promise = document["gain"], document["loaded"], document["promise"]
     value, low, high = (three_digits(gain[f"{end}_m"] * IN_MM) for end in ("value", "lower", "upper"))

@@ -156,8 +156,9 @@ def _covered(result: Any) -> Document | None:
     if not result.coverage:
         return None
     first = result.coverage[0]
-    document: Document = {"probability": first.probability, "registered": first.registered, "orientation": None}
-    return document | {item.quantity: item for item in result.coverage}
+    return {"probability": first.probability, "registered": first.registered, "orientation": None} | {
+        item.quantity: item for item in result.coverage
+    }
 
 
 PREDICT = part(

@@ -835,27 +835,28 @@ def fit_document(
     """
     residuals, holdout, inliers = result.residuals, result.holdout, result.fit.inliers
     of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
-    inner = residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after
-    of_held_out: tuple[Array | None, ...] = (residuals.unregistered, *inner)
+    of_held_out: tuple[Array | None, ...] = (
+        residuals.unregistered,
+        *(residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after),
+    )
     fitted = held_out = (inliers, places(data))
     poses_apart = None
     if holdout is not None and apart is not None:
         of_held_out = holdout.unregistered, holdout.nominal, holdout.before, holdout.after
         held_out = np.ones(apart.n, dtype=bool), places(apart)
         poses_apart = pose_document(apart, apart.position - holdout.nominal[:3], holdout)
-    stages = {
-        name: _stage(
-            getattr(result, name),
-            {"fitted": (own, *fitted), "held_out": None if other is None else (other, *held_out)},
-            seed,
-        )
-        for name, own, other in zip(
-            ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
-        )
-    }
     return kind.write(
         result,
-        **stages,
+        **{
+            name: _stage(
+                getattr(result, name),
+                {"fitted": (own, *fitted), "held_out": None if other is None else (other, *held_out)},
+                seed,
+            )
+            for name, own, other in zip(
+                ("nominal_unregistered", "nominal", "before", "after"), of_fitted, of_held_out, strict=True
+            )
+        },
         n_poses=data.n,
         outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
         robot=robot_document(robot, data.q, result.fit.model.arm.robot),

@@ -193,8 +193,7 @@ CHECK = part(
 
 def gate_document(outcome: GateOutcome) -> Document:
     """Return the outcome of the gate and of each criterion."""
-    document: Document = significant_document(GATE_RESULT.write(outcome))
-    return document
+    return significant_document(GATE_RESULT.write(outcome))
 
 
 # Read a gate file and the baselines that it names.

@@ -134,8 +134,9 @@ class Kind:
         if self.items is None or not is_typed:
             return is_typed and self.words.keys() == {"type"}
         lengths = {self.words[name] for name in ("minItems", "maxItems") if name in self.words}
-        is_list = set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
-        return is_list and self.items.fits_all([*chain.from_iterable(values)])
+        return (
+            set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
+        ) and self.items.fits_all([*chain.from_iterable(values)])
 
     @property
     def _types(self) -> Sequence[str]:
@@ -164,8 +165,7 @@ class Kind:
         if self.null and "enum" in words:
             words["enum"] = [*words["enum"], None]
         elif self.null:
-            types = words["type"] if isinstance(words["type"], list) else [words["type"]]
-            words["type"] = [*types, "null"]
+            words["type"] = [*(words["type"] if isinstance(words["type"], list) else [words["type"]]), "null"]
         return words
 
 

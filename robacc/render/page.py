@@ -105,8 +105,10 @@ def notebook_text(document: Document) -> str:
 
 def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
     """Return label, value and interval of each figure, then the facts."""
-    tiles = ((tile.label, str(tile.value), tile.interval) for tile in headline.tiles)
-    return [*tiles, *((name, text, "") for name, text in headline.facts)]
+    return [
+        *((tile.label, str(tile.value), tile.interval) for tile in headline.tiles),
+        *((name, text, "") for name, text in headline.facts),
+    ]
 
 
 # Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
@@ -160,11 +162,12 @@ def command_line(document: Document) -> str:
         else:
             arguments += [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
     # The options that were stated on the names of the poses' file.
-    stated: Document = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
-    for name, value in stated.items():
+    for name, value in next((record["reading"] for record in document["inputs"] if "reading" in record), {}).items():
         if name != "commanded_sha256":
-            shown_value = [] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]
-            arguments += [f"--{name.replace('_', '-')}", *shown_value]
+            arguments += [
+                f"--{name.replace('_', '-')}",
+                *([] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]),
+            ]
     if document["seed"] is not None and document["command"] in _SEEDED:
         arguments += ["--seed", str(document["seed"])]
     return " ".join(shlex.quote(argument) for argument in arguments)
@@ -233,8 +236,9 @@ def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity
         scripts = [get_plotlyjs(), environment.get_template("scenes.js").render()]
     is_multiple = len(results) > 1
     # Only the page's own scripts run, and nothing comes from the network.
-    hashes = [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts]
-    allowed = " ".join(hashes or ["'none'"])
+    allowed = " ".join(
+        [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts] or ["'none'"]
+    )
     light, dark = (" ".join(f"--c-{role}: {value};" for role, value in colours.items()) for colours in (LIGHT, DARK))
     return environment.get_template("page.html").render(
         title=f"{len(results)} results side by side" if is_multiple else headlines[0].title,
@@ -279,7 +283,6 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         "files gives the same bytes."
     )
     inputs = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
-    call = Text(command_line(document), is_command=True)
     table = Grid(("input", "file", "SHA-256"), inputs, is_text=True)
     return {
         "id": number,
@@ -297,7 +300,9 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         ],
         "sections": [*shown(view(document))],
         "leading": [*shown(leading)],
-        "how": Section("How to reproduce this result", [Text(origin), call, table]),
+        "how": Section(
+            "How to reproduce this result", [Text(origin), Text(command_line(document), is_command=True), table]
+        ),
     }
 
 

@@ -115,12 +115,15 @@ def estimate_view(
     quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
     if form != "page":
         frame = [_FRAMES[document["frame"]]] * (form == "full")
-        heading = f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}"
-        yield Section(heading, [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)])
+        yield Section(
+            f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
+            [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
+        )
     yield _grade(document["grade"], form == "short")
     if form == "short":
-        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-        yield from _short_view(document, quantities, ahead)
+        yield from _short_view(
+            document, quantities, f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+        )
         return
     for part, name, unit, sign, factor in quantities:
         yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, part, name, sign, unit, factor))
@@ -167,11 +170,13 @@ def _grade(grade: Document, is_short: bool) -> Section:
         if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
     known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
-    steps = [
-        [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
-        for step in grade["steps"]
-    ]
-    table = Grid((f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"), steps)
+    table = Grid(
+        (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"),
+        [
+            [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
+            for step in grade["steps"]
+        ],
+    )
     # The last sentence says why a grade is not confirmed.
     unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
     return Section(
@@ -202,10 +207,11 @@ def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
 def _statistics(document: Document, part: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
     """Yield all tables of the position or of the orientation error."""
     before, head = (document["unaligned"] or {}).get(name), percent(part["confidence"])
-    unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
     lengths = [
         (label, *_measured(part, f"{key}_{unit}", factor), own)
-        for (label, key), own in zip(STATISTICS, unregistered, strict=True)
+        for (label, key), own in zip(
+            STATISTICS, [""] * 4 if before is None else statistics_cells(before, unit, factor), strict=True
+        )
     ]
     radii = [
         (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
@@ -214,23 +220,27 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
     yield grid(("length", "", head, "unregistered" if document["unaligned"] else None), [*lengths, *radii])
     # A mean without an interval may be zero up to rounding, so the digits follow the rms.
     places, bounds = decimals(part[f"rms_{unit}"] * factor, None, None), part["intervals"][f"mean_{unit}"]
-    means = [
-        (axis, Number(fixed(value * factor, places), value) if own["lower"] is None else mean, ends)
-        for axis, value, own in zip("xyz", part[f"mean_{unit}"], bounds, strict=True)
-        for mean, ends in [measured_cells(value, factor, own)]
-    ]
-    yield Grid(("mean vector", "", head), means)
+    yield Grid(
+        ("mean vector", "", head),
+        [
+            (axis, Number(fixed(value * factor, places), value) if own["lower"] is None else mean, ends)
+            for axis, value, own in zip("xyz", part[f"mean_{unit}"], bounds, strict=True)
+            for mean, ends in [measured_cells(value, factor, own)]
+        ],
+    )
     yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
-    axes = [
-        (
-            str(place),
-            *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
-            # Adding zero after rounding removes the sign of "-0.00".
-            *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
-        )
-        for place, axis in enumerate(part["ellipsoid"], 1)
-    ]
-    yield Grid(("principal axis, standard deviation", "", head, "x", "y", "z"), axes)
+    yield Grid(
+        ("principal axis, standard deviation", "", head, "x", "y", "z"),
+        [
+            (
+                str(place),
+                *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
+                # Adding zero after rounding removes the sign of "-0.00".
+                *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
+            )
+            for place, axis in enumerate(part["ellipsoid"], 1)
+        ],
+    )
     tests = [
         (label, number(test["statistic"]), test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]))
         for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
@@ -238,16 +248,20 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
     yield Grid(("test of an assumption", "statistic", "result"), tests)
     worst = document["worst_poses"][f"by_{name}"]
     heads = {"pose": "pose", "target": "target"} | {f"error_{own}": f"{of}, {mark}" for of, own, mark, _ in QUANTITIES}
-    known = [head if any(pose[key] is not None for pose in worst) else None for key, head in heads.items()]
-    largest = [
+    yield grid(
         (
-            _place(pose),
-            *(pose[key] or "" for key in ("pose", "target")),
-            *(number(pose[f"error_{own}"], scale) for _, own, _, scale in QUANTITIES),
-        )
-        for pose in worst
-    ]
-    yield grid((f"largest {name} errors", *known), largest)
+            f"largest {name} errors",
+            *[head if any(pose[key] is not None for pose in worst) else None for key, head in heads.items()],
+        ),
+        [
+            (
+                _place(pose),
+                *(pose[key] or "" for key in ("pose", "target")),
+                *(number(pose[f"error_{own}"], scale) for _, own, _, scale in QUANTITIES),
+            )
+            for pose in worst
+        ],
+    )
 
 
 def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
@@ -256,8 +270,10 @@ def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[
         bounds = part["intervals"][f"{key}_{unit}2"]
         ends = (unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper"))
         for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True):
-            cells = zip(*rows, strict=True)
-            yield f"{label}, {axis}", *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in cells)
+            yield (
+                f"{label}, {axis}",
+                *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
+            )
 
 
 def _place(pose: Document) -> str:
@@ -295,8 +311,10 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
     alignment = "registered where the frames do not agree" if aligned is None else alignment
-    reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
-    yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
+    yield Section(
+        f"Pose errors in {len(outcomes)} files, {alignment}",
+        [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
+    )
     turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
     gate = "gate" if any(own.gate is not None for own in outcomes) else None
     rows = [
@@ -313,8 +331,9 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         )
         for outcome in outcomes
     ]
-    heads = ("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate)
-    yield Section("", [grid(heads, rows)])
+    yield Section(
+        "", [grid(("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate), rows)]
+    )
     notes = [
         f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
         for outcome in outcomes
@@ -322,8 +341,10 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         if criterion["outcome"] != "pass"
     ]
     failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    count = f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)
-    yield Section("", [Listing([*notes, *failed, count])])
+    yield Section(
+        "",
+        [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)])],
+    )
 
 
 def _reason(outcome: FileOutcome) -> str:
@@ -401,7 +422,6 @@ def iso9283_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``iso9283``."""
     labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
     met = sum(condition["status"] == "met" for condition in document["protocol"])
-    registration = _registered((document["alignment"] or [None])[0], "{}") or "none"
     return ReportHeadline(
         f"ISO 9283 pose criteria{of_robot(document)}",
         f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
@@ -413,7 +433,10 @@ def iso9283_headline(document: Document) -> ReportHeadline:
             if part["max_m"] is not None
         ],
         (),
-        [("Files", ", ".join(document["files"])), ("Registration", registration)],
+        [
+            ("Files", ", ".join(document["files"])),
+            ("Registration", _registered((document["alignment"] or [None])[0], "{}") or "none"),
+        ],
     )
 
 
@@ -441,8 +464,9 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
     for symbol, heading, head, key in _TABLES:
         yield _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
     rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
-    table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
-    yield Section("Conditions of the standard's protocol", [table])
+    yield Section(
+        "Conditions of the standard's protocol", [Grid(("condition", "clause", "status", "reason"), rows, is_text=True)]
+    )
     yield Section("Confidence intervals", [Listing([*_interval_methods(parts)])])
     yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
 
@@ -455,11 +479,12 @@ def _facts(document: Document, robot: str | None) -> list[str]:
     each = f"{visits} visit{'s' * (counts != [1])}{' of each' * (len(document['visits']) > 1)}"
     several = ", robot by robot" * (len(document["files"]) > 1)
     poses = f"{' and '.join(map(str, files))} commanded pose{'s' * ([*files] != [1])}{several}"
-    sources = {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}
     before = [three_digits(float(value) * IN_MM) for value in (document["unaligned"] or {}).get("AP_max_m", ())]
     return [
         f"{', '.join(document['files'])}: {poses}, {each}",
-        sources.get(document["commanded"], "commanded poses from cmd_ columns"),
+        {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}.get(
+            document["commanded"], "commanded poses from cmd_ columns"
+        ),
         f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered",
         *([f"largest AP before registration: {', '.join(before)} mm"] if before else []),
     ]
@@ -518,8 +543,10 @@ def _beside(place: Document, key: str) -> list[Cell]:
         return [place.get("between") or ""]
     if key == "distance":
         return [number(place.get(f"{own}_distance_m"), IN_MM, bounds["position_m"]) for own in ("mean", "sd")]
-    pairs = zip(place[key] or (), bounds[key] or (), strict=True)
-    return [number(value, IN_MM if key == "xyz_m" else IN_DEGREES, own) for value, own in pairs]
+    return [
+        number(value, IN_MM if key == "xyz_m" else IN_DEGREES, own)
+        for value, own in zip(place[key] or (), bounds[key] or (), strict=True)
+    ]
 
 
 def _interval_methods(criteria: Sequence[Document]) -> list[str]:

@@ -87,8 +87,9 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
     for name, unit, *_ in QUANTITIES:
         groups[f"ISO 9283, {name}"] = [r for r in rows if r["key"].startswith(_ISO9283) and r["unit"] == unit]
     for name, *_ in QUANTITIES:
-        own = [row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])]
-        groups[f"{name.capitalize()} rms"] = own
+        groups[f"{name.capitalize()} rms"] = [
+            row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])
+        ]
     yield from (_block(document, title, group, complete) for title, group in groups.items() if group)
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
     yield Section("Differences", [Listing(named_by_text(methods))])
@@ -102,8 +103,10 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
         ),
         ("SHA-256", *(result["sha256"] for result in results)),
     ]
-    table = Grid(("", *(result["name"] for result in results)), made, is_text=True)
-    yield Section("Compared results", [_results(document), table])
+    yield Section(
+        "Compared results",
+        [_results(document), Grid(("", *(result["name"] for result in results)), made, is_text=True)],
+    )
 
 
 def _short(name: str) -> str:
@@ -112,14 +115,16 @@ def _short(name: str) -> str:
 
 def _results(document: Document) -> Grid:
     paired = {match["second"]: "same poses" if match["paired"] else "different poses" for match in document["pairing"]}
-    rows = [
-        (
-            *(_short(str(result[key] or "–")) for key in ("name", "command", "robot", "n_poses", "grade")),
-            "" if result["command"] in ("iso9283", "predict") else paired.get(result["name"], ""),
-        )
-        for result in document["results"]
-    ]
-    return Grid(("result", "command", "robot", "poses", "grade", ""), rows)
+    return Grid(
+        ("result", "command", "robot", "poses", "grade", ""),
+        [
+            (
+                *(_short(str(result[key] or "–")) for key in ("name", "command", "robot", "n_poses", "grade")),
+                "" if result["command"] in ("iso9283", "predict") else paired.get(result["name"], ""),
+            )
+            for result in document["results"]
+        ],
+    )
 
 
 def _ranking(ranking: Document) -> Section:
@@ -136,8 +141,10 @@ def _ranking(ranking: Document) -> Section:
     is_grouped = any(entry["letters"] for entry in order)
     header = ("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs")
     of_stage = "" if stage is None else f" ({stage})"
-    title = f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}"
-    return Section(title, [Grid(header, rows), Listing(ranking["text"])])
+    return Section(
+        f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}",
+        [Grid(header, rows), Listing(ranking["text"])],
+    )
 
 
 def _grade(grade: Document) -> Section:
@@ -186,16 +193,17 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
         grid = Grid(("", *names), [[label, *own] for label, own in zip(labels, figures, strict=True)])
     else:
         shown = [i for i in every if complete or statistics[i] in (*_LISTED, "max")] or every[:4]
-        by_result = zip(names, *(figures[i] for i in shown), strict=True)
-        grid = Grid(("", *(labels[i] for i in shown)), [*by_result])
+        grid = Grid(("", *(labels[i] for i in shown)), [*zip(names, *(figures[i] for i in shown), strict=True)])
         listed = listed if complete else shown[:1]
     differences: list[Sequence[Cell]] = [
         [f"{labels[i]}, {_short(difference['name'])}", *_difference(difference, unit)]
         for i in listed
         for difference in rows[i]["differences"]
     ]
-    head = f"difference from {_short(document['baseline'])}"
-    return Section(title, [grid, Grid((head, "difference", interval_head, ""), differences)])
+    return Section(
+        title,
+        [grid, Grid((f"difference from {_short(document['baseline'])}", "difference", interval_head, ""), differences)],
+    )
 
 
 def _stage(key: str) -> str | None:
@@ -208,8 +216,7 @@ def _label(key: str) -> str:
     if not key.startswith(_ISO9283):
         name = split_key(key)[1]
         return _STATISTICS.get(name, name)
-    symbol = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation")
-    kind, _, base = symbol.partition(".")
+    kind, _, base = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation").partition(".")
     return f"{kind} of {base}" if base else kind
 
 

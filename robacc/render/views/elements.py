@@ -80,8 +80,7 @@ class Grid:
                 label = " " * len(label)
         if self.is_ruled and lines:
             rule = " " + "─" * max(len(text) for text, _ in lines)
-            indented: list[Line] = [(f" {text}", "") for text, _ in lines[1:]]
-            lines = [("", ""), (f" {lines[0][0]}", "bold"), (rule, ""), *indented]
+            lines = [("", ""), (f" {lines[0][0]}", "bold"), (rule, ""), *[(f" {text}", "") for text, _ in lines[1:]]]
         yield from lines
 
 
@@ -202,8 +201,9 @@ def number(value: float | None, factor: float = 1.0, bounds: Document = UNBOUNDE
         return Number("–", None)
     if bounds["lower"] is None or bounds["upper"] is None:
         return Number(three_digits(value * factor), value)
-    places = decimals(value * factor, bounds["lower"] * factor, bounds["upper"] * factor)
-    return Number(fixed(value * factor, places), value)
+    return Number(
+        fixed(value * factor, decimals(value * factor, bounds["lower"] * factor, bounds["upper"] * factor)), value
+    )
 
 
 def interval(value: float | None, factor: float, bounds: Document) -> str:

@@ -93,8 +93,10 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
     parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
     if not is_page:
         origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-        facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-        yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
+        yield Section(
+            f"Expected accuracy of {document['robot']['name']}, from {origin}",
+            [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])],
+        )
     limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
     texts = [
@@ -105,8 +107,10 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
     yield Section("Predicted error", _errors(document))
     yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])])
     if not is_page:
-        title = "Error budget: share of the variance (parameters sorted by both shares)"
-        yield Section(title, _budgets(document, "parameter" if parameters else "source"))
+        yield Section(
+            "Error budget: share of the variance (parameters sorted by both shares)",
+            _budgets(document, "parameter" if parameters else "source"),
+        )
         for label in ("joint", "kind"):
             yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
     if document["allocation"] is not None:
@@ -128,7 +132,6 @@ def _errors(document: Document) -> list[Block]:
         (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
         for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
     ]
-    keys = document["position"]["percentiles_over_poses"]["rms_m"]
     columns = [
         {**part["percentiles_over_poses"][f"{name}_{unit}"], "largest": largest, "factor": factor}
         for part, unit, factor in errors
@@ -136,10 +139,12 @@ def _errors(document: Document) -> list[Block]:
     ]
     percentiles = [
         (key.removeprefix("p"), *(number(column[key], column["factor"]) for column in columns))
-        for key in (*keys, "largest")
+        for key in (*document["position"]["percentiles_over_poses"]["rms_m"], "largest")
     ]
-    heads = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
-    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(heads, percentiles)]
+    return [
+        Grid(("over robots and poses", "mm", "°"), rows),
+        Grid(("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"), percentiles),
+    ]
 
 
 def _worst(document: Document, name: str, unit: str) -> str:
@@ -164,12 +169,16 @@ def _budgets(document: Document, label: str) -> list[Block]:
         return float(part["share_position"] + part["share_orientation"])
 
     # Scatter that the fit did not separate and poses within its ranges have no share of their own.
-    present = [part for part in document["budget"] if part["sd"] is not None or both(part)]
-    budget = sorted(present, key=lambda part: -round(both(part), 9))
+    budget = sorted(
+        [part for part in document["budget"] if part["sd"] is not None or both(part)],
+        key=lambda part: -round(both(part), 9),
+    )
     unlisted = budget[_LISTED:]
     position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, *_ in QUANTITIES)
-    more = f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)
-    return [_budget(label, "parameter", budget[:_LISTED]), Text(more)]
+    return [
+        _budget(label, "parameter", budget[:_LISTED]),
+        Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)),
+    ]
 
 
 def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:
@@ -179,19 +188,21 @@ def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:
     width = max(2, min(_BAR, (44 - longest) // 2)) if is_toleranced else _BAR
     names = ("share_position", "share_orientation")
     most = {name: max((part[name] for part in parts), default=0.0) or 1.0 for name in names}
-    rows = [
-        (
-            part[key],
-            with_unit(part["sd"], part["unit"]) if is_toleranced else "",
-            *(
-                text
-                for name in names
-                for text in (_percent(part[name]), ("█" * round(width * part[name] / most[name])).ljust(width))
-            ),
-        )
-        for part in parts
-    ]
-    return grid((label, "1 sd" if is_toleranced else None, "position", "", "orientation", ""), rows)
+    return grid(
+        (label, "1 sd" if is_toleranced else None, "position", "", "orientation", ""),
+        [
+            (
+                part[key],
+                with_unit(part["sd"], part["unit"]) if is_toleranced else "",
+                *(
+                    text
+                    for name in names
+                    for text in (_percent(part[name]), ("█" * round(width * part[name] / most[name])).ljust(width))
+                ),
+            )
+            for part in parts
+        ],
+    )
 
 
 def _allocation(allocation: Document, statistic: str) -> Section:
@@ -214,21 +225,16 @@ def _allocation(allocation: Document, statistic: str) -> Section:
         f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
         f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
     )
-    table = Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
     others = f"the other {len(tolerances) - len(rows)} tolerances need no change"
-    return Section(title, [table, Text(others), Text(text)])
+    return Section(
+        title, [Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows), Text(others), Text(text)]
+    )
 
 
 def _against(comparison: Document, source: str) -> Iterator[Section]:
     """Yield the comparison of predicted and measured errors."""
     measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
-    sizes = [
-        (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
-        for name, unit, *_ in QUANTITIES
-        for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
-        if rms is not None and sigma is not None
-    ]
     tests = [
         (
             label,
@@ -246,7 +252,15 @@ def _against(comparison: Document, source: str) -> Iterator[Section]:
     blocks: list[Block] = [
         Text(comparison["verdict"]),
         Text(f"measured, {registered}"),
-        Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
+        Grid(
+            ("", "rms error", "noise per axis (sd)", ""),
+            [
+                (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
+                for name, unit, *_ in QUANTITIES
+                for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
+                if rms is not None and sigma is not None
+            ],
+        ),
         Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
     ]
     if (scaled := comparison["likelihood_ratio"]) is not None:
@@ -259,8 +273,10 @@ def _against(comparison: Document, source: str) -> Iterator[Section]:
     yield Section(f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}", blocks)
     if (components := comparison["variance_components"]) is not None:
         heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-        notes = ["dof: effective number of independent parameter errors in the estimate", *components["notes"]]
-        blocks = [Grid(heads, [*map(_component, components["components"])]), Listing(notes)]
+        blocks = [
+            Grid(heads, [*map(_component, components["components"])]),
+            Listing(["dof: effective number of independent parameter errors in the estimate", *components["notes"]]),
+        ]
         yield Section("Variance components (one standard deviation)", blocks)
     yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
 
@@ -285,9 +301,10 @@ def _coverage(coverage: Document) -> Section:
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
     registered = " and ".join(coverage["registered"])
     halves = f"{registered} fitted to one half of the poses for the errors of the other" * bool(registered)
-    notes = Listing([f"the bound contains the measurement noise, {sources}", halves])
-    title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
-    return Section(title, [Grid(("", "poses", "share"), rows), notes])
+    return Section(
+        f"Measured poses within the {100 * coverage['probability']:g} % bound of their error",
+        [Grid(("", "poses", "share"), rows), Listing([f"the bound contains the measurement noise, {sources}", halves])],
+    )
 
 
 # A plan of a measurement: route, feasible poses, what to expect of the fit or a trace; and the comments of its CSV.
@@ -374,10 +391,14 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     title = f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {count}"
     yield Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))])
     if (sufficiency := document["sufficiency"]) is not None:
-        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
-        yield Section(verdict, [Listing(_sufficiency(sufficiency))])
-    excluded = () if is_short else document["candidates"]["excluded"]
-    rows = [(each["reason"], str(each["count"]), str(each["alone"])) for each in excluded]
+        yield Section(
+            "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}",
+            [Listing(_sufficiency(sufficiency))],
+        )
+    rows = [
+        (each["reason"], str(each["count"]), str(each["alone"]))
+        for each in (() if is_short else document["candidates"]["excluded"])
+    ]
     yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
@@ -402,13 +423,17 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     ]
     note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
     yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
-    correlations = document["correlations"] if purpose == "calibrate" else ()
-    pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in correlations]
+    pairs = [
+        f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})"
+        for pair in (document["correlations"] if purpose == "calibrate" else ())
+    ]
     yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
     if document["detection_limits"] is not None:
         yield Section("Effects that a trace of these poses can find", _detectability(document, most))
-    others = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
-    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), others])
+    yield Section(
+        "Pairs that are not distinguishable at the usual size",
+        [Listing(texts[:most]), Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)],
+    )
     if form == "page":
         yield _visits(document)
 
@@ -505,8 +530,10 @@ def _needed(entries: Sequence[Document]) -> Section:
         for entry in entries
     ]
     hint = "the nearer the true value to the limit, the more poses; `expected` states the value that you expect"
-    title = "Poses to decide with a probability of 90 %, by true value in % of the limit"
-    return Section(title, [Grid(heads, rows), Listing([*texts, hint])])
+    return Section(
+        "Poses to decide with a probability of 90 %, by true value in % of the limit",
+        [Grid(heads, rows), Listing([*texts, hint])],
+    )
 
 
 def _accuracy(document: Document, is_curve: bool) -> list[Block]:
@@ -537,8 +564,10 @@ def _accuracy(document: Document, is_curve: bool) -> list[Block]:
         "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
         "at its worst pose and fitted to random poses"
     )
-    advised = Listing([meaning, advice * (planned is None or not is_addition)])
-    return [Grid(("more poses" if is_addition else "poses", *heads), rows), advised]
+    return [
+        Grid(("more poses" if is_addition else "poses", *heads), rows),
+        Listing([meaning, advice * (planned is None or not is_addition)]),
+    ]
 
 
 def _detectability(document: Document, most: int) -> list[Block]:
@@ -678,11 +707,14 @@ def correction_text(
             f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
         )
     else:
-        same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
-        yield Section(f"{title}: nothing to correct", [Text(same)])
+        yield Section(
+            f"{title}: nothing to correct",
+            [Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}.")],
+        )
         ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
-    notes = dict.fromkeys(note for part in parts for note in part["notes"])
-    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
+    yield Section(
+        "", [Listing([*dict.fromkeys(note for part in parts for note in part["notes"])]), Text(f"next: {ahead}")]
+    )
 
 
 def correction_view(document: Document) -> Iterator[Section]:
@@ -716,8 +748,10 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
         kind = (
             f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (document['n_corrected'] > 1)}"
         )
-        table = Grid(heads[:columns], [row[:columns] for row in rows])
-        yield Section(f"Errors to expect at {document['n_corrected']} corrected {kind}", [table, Listing(texts)])
+        yield Section(
+            f"Errors to expect at {document['n_corrected']} corrected {kind}",
+            [Grid(heads[:columns], [row[:columns] for row in rows]), Listing(texts)],
+        )
     refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
     yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
 
@@ -764,5 +798,7 @@ def export_view(document: Document) -> Iterator[Section]:
         ("tool to set", f"x, y, z {place} mm"),
         ("", f"roll, pitch, yaw {angles}°"),
     ]
-    title = f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}"
-    yield Section(title, [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)])
+    yield Section(
+        f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}",
+        [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)],
+    )

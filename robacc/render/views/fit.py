@@ -27,7 +27,6 @@ from robacc.render.text import (
 from robacc.render.views.elements import (
     UNBOUNDED,
     Block,
-    Cell,
     Form,
     Grid,
     Listing,
@@ -283,11 +282,10 @@ _OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
 def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], list[str]]:
     """Return the parameters that are not of uncertain masses, and a text for those of each effect and joint."""
     matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
-    counts = Counter(match["effect"] for _, match in matches if match)
     return [each for each, match in matches if not match], [
         f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
         "(the JSON result has each)"
-        for effect, count in counts.items()
+        for effect, count in Counter(match["effect"] for _, match in matches if match).items()
     ]
 
 
@@ -310,22 +308,24 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
     if not shown:
         return [size]
     hidden, is_mixed = len(causes) - len(shown), len({cause["declared"] for cause in causes}) > 1
-    rows = [
-        (
-            f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
-            _coefficient(document, cause),
-            number(cause["size_at_tool_m"], IN_MM),
-            " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
-            number(cause["error_without_m"], IN_MM),
-            "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
-        )
-        for cause in shown
-    ]
     without_it = None if short else "without it, mm"
     without = "" if short else "without it: rms error that no other effect can describe; "
     return [
         size,
-        grid(("effect", "coefficient", "moves, mm", "95 % interval", without_it, "share"), rows),
+        grid(
+            ("effect", "coefficient", "moves, mm", "95 % interval", without_it, "share"),
+            [
+                (
+                    f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
+                    _coefficient(document, cause),
+                    number(cause["size_at_tool_m"], IN_MM),
+                    " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
+                    number(cause["error_without_m"], IN_MM),
+                    "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
+                )
+                for cause in shown
+            ],
+        ),
         Text(f"and {hidden} of a smaller share; the JSON result has all of them" * (hidden > 0), is_note=True),
         Text(
             f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "
@@ -350,19 +350,23 @@ def _stage_blocks(document: Document) -> Iterator[Block]:
     for pose_set, title in _POSE_SETS.items():
         figures = {label: document[stage].get(pose_set) for stage, label, _ in fit_stages(document)}
         for quantity, unit, sign, factor in QUANTITIES if None not in figures.values() else ():
-            rows: list[Sequence[Cell]] = [
-                (label, *statistics_cells(part[quantity], unit, factor))
-                for label, part in figures.items()
-                if part[quantity] is not None
-            ]
-            yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
+            yield Grid(
+                (f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"),
+                [
+                    (label, *statistics_cells(part[quantity], unit, factor))
+                    for label, part in figures.items()
+                    if part[quantity] is not None
+                ],
+            )
     if (gain := document["gain_m"]) is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
         interval = f"{percent(gain['confidence'])} {low} to {high} mm"
         yield Text(f"rms reduction on held-out poses: {value} mm ({interval})", wraps=False)
     if "findings" in document:
-        note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
-        yield Text(note, is_note=True)
+        yield Text(
+            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
+            is_note=True,
+        )
 
 
 def _repeatability(document: Document) -> list[str]:
@@ -407,19 +411,18 @@ def _quality(document: Document) -> list[str]:
         f"correlation {p['correlation']:+.3f} between {p['first']} and {p['second']}" for p in document["correlations"]
     ]
     # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
-    of_fit = (
-        []
-        if p_fit is None
-        else [
-            f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test {p_value(p_fit)}",
-            f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
-            "freedom",
-        ]
-    )
     return [
         f"measurement noise {sizes} mm along {'each axis' if axes is None else 'x, y, z'} (standard deviation), "
         f"{_NOISE_SOURCES.get(noise['source'], 'estimated from the residual')}",
-        *of_fit,
+        *(
+            []
+            if p_fit is None
+            else [
+                f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test {p_value(p_fit)}",
+                f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
+                "freedom",
+            ]
+        ),
         f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}",
         *_repeatability(document),
         *map(_shrinkage, document["shrinkage"]),
@@ -550,7 +553,6 @@ def _details(finding: Document) -> list[str]:
     errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
     turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
     parameters, masses = _without_masses(finding["parameters"])
-    coefficients = [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]
     return [
         # A result may name an effect of another package, which is not loaded here.
         REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
@@ -559,7 +561,7 @@ def _details(finding: Document) -> list[str]:
         ""
         if None in errors
         else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
-        *([] if finding["harmonics"] else coefficients),
+        *([] if finding["harmonics"] else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]),
         *map(_alternative, finding["alternatives"]),
     ]
 

@@ -92,8 +92,9 @@ def _bounds(criterion: Document) -> str | None:
     ends = (criterion["lower_bound"], criterion["upper_bound"])
     if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
         return None
-    suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
-    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + suffix
+    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + (
+        "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
+    )
     return f"({interval}, each bound at {100 * criterion['confidence']:g} % confidence)"
 
 
@@ -196,8 +197,9 @@ def gate_section(gate: Document) -> Section:
     """Return each criterion with outcome, value, limit and bounds, and the reasons."""
     rows = [(each["name"], LOOKS[each["outcome"]].label, *_cells(each)[1:]) for each in gate["criteria"]]
     reasons = Listing([f"{each['name']}: {_explained(each)}" for each in gate["criteria"]])
-    table = Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows)
-    return Section(title(gate), [table, reasons, Listing(gate["warnings"], "warning")])
+    return Section(
+        title(gate), [Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows), reasons, Listing(gate["warnings"], "warning")]
+    )
 
 
 # Gate outcomes as JUnit XML: one suite per gate, one case per criterion.

@@ -80,8 +80,10 @@ def _geometry(robot: Robot) -> Iterator[Section]:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = {"joint": [joint.name for joint in robot.joints]}
     lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
-    angles = {head: cells for head, cells in columns.items() if head not in lengths}
-    tables = {"Geometry: lengths": lengths, "Geometry: angles": angles}
+    tables = {
+        "Geometry: lengths": lengths,
+        "Geometry: angles": {head: cells for head, cells in columns.items() if head not in lengths},
+    }
     if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
         tables = {"Geometry": columns}
     for title, own in tables.items():
@@ -90,8 +92,10 @@ def _geometry(robot: Robot) -> Iterator[Section]:
 
 def _axis(axis: Sequence[float]) -> str:
     """Return ``z`` or ``-y`` for an axis of the frame, else its components."""
-    named = (f"{'-' * (value < 0)}{name}" for name, value in zip("xyz", axis, strict=True) if abs(value) == 1.0)
-    return next(named, _numbers(axis, 1.0))
+    return next(
+        (f"{'-' * (value < 0)}{name}" for name, value in zip("xyz", axis, strict=True) if abs(value) == 1.0),
+        _numbers(axis, 1.0),
+    )
 
 
 def _drive_rule(joint: Joint) -> str:
@@ -150,8 +154,10 @@ def _reach(reach: Reach) -> str:
 
 def _parameter(joint: Joint, name: str) -> str:
     """Return a parameter's value, for the joint variable's offset as ``q + offset``."""
-    is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
-    value = _number(joint.parameters.get(name, 0.0) * (IN_MM if is_length else IN_DEGREES))
+    value = _number(
+        joint.parameters.get(name, 0.0)
+        * (IN_MM if (name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")) else IN_DEGREES)
+    )
     if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
         return value
     variable = "q" if joint.sign > 0 else "-q"
@@ -207,10 +213,10 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
 def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
     about = entry.effect.about
     names = [f"{name} ({unit})" for name, unit in entry.coefficients]
-    more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
     of_robot = {
         "this robot": f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}",
-        "coefficients": ", ".join(names[:_COEFFICIENTS_SHOWN]) + more,
+        "coefficients": ", ".join(names[:_COEFFICIENTS_SHOWN])
+        + (f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""),
     }
     if entry.why is not None:
         of_robot = {"this robot": f"not applicable: {entry.why}"}

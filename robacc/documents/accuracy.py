@@ -322,14 +322,12 @@ def many_pieces(head: Mapping[str, Any], outcomes: Iterable[tuple[FileOutcome, s
     yield json_text(head).removesuffix("\n}\n") + ',\n  "results": ['
     separator = "\n    "
     for outcome, path in outcomes:
-        yield separator + json_text(significant_document(_ENTRY.write(outcome))).removesuffix("\n}\n").replace(
-            "\n", "\n    "
-        )
+        text = json_text(significant_document(_ENTRY.write(outcome))).removesuffix("\n}\n")
+        yield separator + text.replace("\n", "\n    ")
         separator = ",\n    "
         if path is not None:
-            yield ',\n      "result": ' + Path(path).read_text(encoding="utf-8").removesuffix("\n").replace(
-                "\n", "\n      "
-            )
+            result = Path(path).read_text(encoding="utf-8").removesuffix("\n")
+            yield ',\n      "result": ' + result.replace("\n", "\n      ")
         yield "\n    }"
     yield "\n  ]\n}\n"
 

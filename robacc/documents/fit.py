@@ -837,7 +837,9 @@ def fit_document(
     of_fitted = (residuals.unregistered, residuals.nominal, residuals.before, residuals.after)
     of_held_out: tuple[Array | None, ...] = (
         residuals.unregistered,
-        *(residuals.held_out_nominal, residuals.held_out_before, residuals.held_out_after),
+        residuals.held_out_nominal,
+        residuals.held_out_before,
+        residuals.held_out_after,
     )
     fitted = held_out = (inliers, places(data))
     poses_apart = None

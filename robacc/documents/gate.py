@@ -193,7 +193,8 @@ CHECK = part(
 
 def gate_document(outcome: GateOutcome) -> Document:
     """Return the outcome of the gate and of each criterion."""
-    return significant_document(GATE_RESULT.write(outcome))
+    document: Document = significant_document(GATE_RESULT.write(outcome))
+    return document
 
 
 # Read a gate file and the baselines that it names.

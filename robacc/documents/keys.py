@@ -134,9 +134,8 @@ class Kind:
         if self.items is None or not is_typed:
             return is_typed and self.words.keys() == {"type"}
         lengths = {self.words[name] for name in ("minItems", "maxItems") if name in self.words}
-        return (
-            set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
-        ) and self.items.fits_all([*chain.from_iterable(values)])
+        is_list = set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
+        return is_list and self.items.fits_all([*chain.from_iterable(values)])
 
     @property
     def _types(self) -> Sequence[str]:

@@ -51,8 +51,11 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command, with its robot, data and gate."""
     view = _VIEWS.get(document["command"])
-    title = f"Result of robacc {document['command']}{of_robot(document)}"
-    headline = ReportHeadline(title, "", ()) if view is None else view[0](document)
+    headline = (
+        ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
+        if view is None
+        else view[0](document)
+    )
     badges, facts = [*headline.badges], [fact for fact in (*_facts(document), *headline.facts) if fact[1]]
     if gate := document.get("gate"):
         badges.append((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone))
@@ -275,15 +278,22 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    notes = [*document.get("notes", ()), *document.get("input_notes", ())]
     leading = [gate_section(document["gate"])] if document.get("gate") else []
-    leading.append(Section("Warnings and notes", [Listing(warnings, "warning"), Listing(notes)]))
+    leading.append(
+        Section(
+            "Warnings and notes",
+            [Listing(warnings, "warning"), Listing([*document.get("notes", ()), *document.get("input_notes", ())])],
+        )
+    )
     origin = (
         f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
         "files gives the same bytes."
     )
-    inputs = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
-    table = Grid(("input", "file", "SHA-256"), inputs, is_text=True)
+    table = Grid(
+        ("input", "file", "SHA-256"),
+        [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]],
+        is_text=True,
+    )
     return {
         "id": number,
         "document": document,

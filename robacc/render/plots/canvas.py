@@ -325,7 +325,6 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     traces = []
     for one in series:
         points, colour = np.array(one.at, dtype=np.float64), f"role:{one.role}"
-        columns = (np.round(points, 4) if unit == "m" else points).tolist()
         # plotly interprets some tags and entities.
         texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
         traces.append(
@@ -334,7 +333,9 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
                 "name": one.label or "route",
                 **{
                     name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
-                    for name, column in zip("xyz", columns, strict=True)
+                    for name, column in zip(
+                        "xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True
+                    )
                 },
                 "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
                 "line": {"color": colour, "width": 3 * one.width},

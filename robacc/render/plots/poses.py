@@ -72,9 +72,11 @@ def stages_of(document: Document, unit: str) -> Stages | None:
     if (columns := poses[f"errors_{unit}"]) is None:
         return None
     held_out = columns["held_out_after"] is not None
-    stages = [(role, label, vectors(columns["held_out_" * held_out + role])) for role, _, label in fit_stages(document)]
     return Stages(
-        poses, np.array(poses["used"] or [True] * len(columns["nominal"]), dtype=bool), stages, held_out or is_apart
+        poses,
+        np.array(poses["used"] or [True] * len(columns["nominal"]), dtype=bool),
+        [(role, label, vectors(columns["held_out_" * held_out + role])) for role, _, label in fit_stages(document)],
+        held_out or is_apart,
     )
 
 
@@ -92,7 +94,7 @@ def ellipsoid_charts(document: Document) -> Iterator[Chart]:
     """Return a chart for each frame; for a prediction, the mean covariance in the tool frame."""
     for frame, part in (document.get("position_by_frame") or {}).items():
         yield _ellipsoids_chart(
-            frame, part, *(vectors(part["errors_m"]), numbers(part["mean_m"])), "centred_covariance_m2"
+            frame, part, vectors(part["errors_m"]), numbers(part["mean_m"]), "centred_covariance_m2"
         )
     if document["command"] == "predict":
         yield _ellipsoids_chart("tool", document["position"], np.zeros((0, 3)), np.zeros(3), "mean_covariance_m2")

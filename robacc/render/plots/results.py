@@ -206,22 +206,6 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
     runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
     added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
     outcome = "No effect was added." if chosen is None else f"{added} was added to the model."
-    bars = [
-        Series(
-            ([max(evidence[i], 0.0) for i in own], own),
-            role,
-            label,
-            kind="bars",
-            size=0.62,
-            texts=[fixed(evidence[i], 1) for i in own],
-        )
-        for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
-        for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
-    ]
-    axes = (
-        Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
-        Axis("", names=[short(name, 34) for name in names[:count]]),
-    )
     return Chart(
         "candidates",
         f"Step {number}: candidates" if chosen is not None else "Last step: remaining candidates",
@@ -229,7 +213,26 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
         f"{evidence[0]:.1f}, {p_value(ranked[names[0]]['p_value'])}{runner_up}. {outcome}",
         "Bars of evidence (log Bayes factor): "
         + "; ".join(f"{name} {value:.1f}" for name, value in zip(names[:_BARS], evidence, strict=False)),
-        [Panel(axes, bars)],
+        [
+            Panel(
+                (
+                    Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
+                    Axis("", names=[short(name, 34) for name in names[:count]]),
+                ),
+                [
+                    Series(
+                        ([max(evidence[i], 0.0) for i in own], own),
+                        role,
+                        label,
+                        kind="bars",
+                        size=0.62,
+                        texts=[fixed(evidence[i], 1) for i in own],
+                    )
+                    for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
+                    for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
+                ],
+            )
+        ],
         Grid(
             ("effect", "evidence", "significance"),
             [[name, f"{c['evidence']:.1f}", p_value(c["p_value"])] for name, c in ranked.items()][:_CANDIDATE_ROWS],
@@ -334,13 +337,6 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
     baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
     figures = [unit.factor * numbers(value[name] for value in values) for name in ("value", "lower", "upper")]
     is_baseline = np.array([value["name"] == baseline for value in values])
-    series = [
-        one
-        for role, mask in (("after", ~is_baseline), ("before", is_baseline))
-        for one in _intervals(
-            [column[mask] for column in figures], np.flatnonzero(mask), role, vertical=False, hollow=role == "before"
-        )
-    ]
     return Chart(
         "comparison",
         f"{key} of each result",
@@ -356,7 +352,17 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
                     Axis(f"{key}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
                     Axis("", names=[short(str(value["name"])) for value in values]),
                 ),
-                series,
+                [
+                    one
+                    for role, mask in (("after", ~is_baseline), ("before", is_baseline))
+                    for one in _intervals(
+                        [column[mask] for column in figures],
+                        np.flatnonzero(mask),
+                        role,
+                        vertical=False,
+                        hollow=role == "before",
+                    )
+                ],
             )
         ],
         Grid(
@@ -476,8 +482,13 @@ def _overview(criteria: Mapping[str, Document]) -> Chart:
         ticks = [short(name, 10) * is_last for name in names]
         at = np.array([names.index(str(place["pose"])) for place in part["poses"]])
         columns = [unit.factor * column for column in figures[key]]
-        axes = (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0))
-        panels.append(Panel(axes, _intervals(columns, at, role, vertical=True, marker=marker, size=5), title))
+        panels.append(
+            Panel(
+                (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
+                _intervals(columns, at, role, vertical=True, marker=marker, size=5),
+                title,
+            )
+        )
     return Chart(
         "iso9283",
         "Accuracy (AP) and repeatability (RP) by commanded pose",

@@ -114,10 +114,12 @@ def estimate_view(
     alignment, notes = document["alignment"], document["notes"] if form == "full" else ()
     quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
     if form != "page":
-        frame = [_FRAMES[document["frame"]]] * (form == "full")
         yield Section(
             f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
-            [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
+            [
+                Text(text, wraps=False)
+                for text in (*_opening(document, poses, robot), *([_FRAMES[document["frame"]]] * (form == "full")))
+            ],
         )
     yield _grade(document["grade"], form == "short")
     if form == "short":
@@ -241,11 +243,17 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
             for place, axis in enumerate(part["ellipsoid"], 1)
         ],
     )
-    tests = [
-        (label, number(test["statistic"]), test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]))
-        for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
-    ]
-    yield Grid(("test of an assumption", "statistic", "result"), tests)
+    yield Grid(
+        ("test of an assumption", "statistic", "result"),
+        [
+            (
+                label,
+                number(test["statistic"]),
+                test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]),
+            )
+            for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
+        ],
+    )
     worst = document["worst_poses"][f"by_{name}"]
     heads = {"pose": "pose", "target": "target"} | {f"error_{own}": f"{of}, {mark}" for of, own, mark, _ in QUANTITIES}
     yield grid(
@@ -283,11 +291,18 @@ def _place(pose: Document) -> str:
 
 def _targets(document: Document) -> Section:
     """Return the position errors of each target; nothing without several."""
-    rows = [
-        (target["target"], str(target["n_poses"]), *statistics_cells(target, "m", IN_MM))
-        for target in document["targets"]
-    ]
-    return Section("Position error by target, mm", [Grid(("target", "poses", *(name for name, _ in STATISTICS)), rows)])
+    return Section(
+        "Position error by target, mm",
+        [
+            Grid(
+                ("target", "poses", *(name for name, _ in STATISTICS)),
+                [
+                    (target["target"], str(target["n_poses"]), *statistics_cells(target, "m", IN_MM))
+                    for target in document["targets"]
+                ],
+            )
+        ],
+    )
 
 
 def _methods(part: Document, unit: str) -> tuple[str, ...]:
@@ -463,9 +478,15 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
     for symbol, heading, head, key in _TABLES:
         yield _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
-    rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
     yield Section(
-        "Conditions of the standard's protocol", [Grid(("condition", "clause", "status", "reason"), rows, is_text=True)]
+        "Conditions of the standard's protocol",
+        [
+            Grid(
+                ("condition", "clause", "status", "reason"),
+                [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol],
+                is_text=True,
+            )
+        ],
     )
     yield Section("Confidence intervals", [Listing([*_interval_methods(parts)])])
     yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])

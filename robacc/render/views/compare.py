@@ -96,16 +96,22 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
     if not complete:
         yield Section("Limitations", [Listing(document["notes"])])
         return
-    made = [
-        *(
-            (key, *(str(result["made"].get(key, "–")) for result in results))
-            for key in dict.fromkeys(key for result in results for key in result["made"])
-        ),
-        ("SHA-256", *(result["sha256"] for result in results)),
-    ]
     yield Section(
         "Compared results",
-        [_results(document), Grid(("", *(result["name"] for result in results)), made, is_text=True)],
+        [
+            _results(document),
+            Grid(
+                ("", *(result["name"] for result in results)),
+                [
+                    *(
+                        (key, *(str(result["made"].get(key, "–")) for result in results))
+                        for key in dict.fromkeys(key for result in results for key in result["made"])
+                    ),
+                    ("SHA-256", *(result["sha256"] for result in results)),
+                ],
+                is_text=True,
+            ),
+        ],
     )
 
 
@@ -139,11 +145,13 @@ def _ranking(ranking: Document) -> Section:
             cells[3:] = _difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])
         rows.append(cells)
     is_grouped = any(entry["letters"] for entry in order)
-    header = ("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs")
     of_stage = "" if stage is None else f" ({stage})"
     return Section(
         f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}",
-        [Grid(header, rows), Listing(ranking["text"])],
+        [
+            Grid(("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs"), rows),
+            Listing(ranking["text"]),
+        ],
     )
 
 
@@ -170,8 +178,13 @@ def _grade(grade: Document) -> Section:
         for each in results
         if each["poses_to_demonstrate"] is not None
     ]
-    header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
-    return Section(f"Grade {grade['wanted']} (scale: {grade['scale']})", [Grid(header, rows), Listing(reasons + later)])
+    return Section(
+        f"Grade {grade['wanted']} (scale: {grade['scale']})",
+        [
+            Grid(("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °"), rows),
+            Listing(reasons + later),
+        ],
+    )
 
 
 def _block(document: Document, title: str, rows: Sequence[Document], complete: bool) -> Section:
@@ -182,11 +195,18 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
     labels = [_stage(row["key"]) or _label(row["key"]) for row in rows]
     figures = [[_amount(figure["value"], unit) for figure in row["values"]] for row in rows]
     if len(names) == 2:
-        table: list[Sequence[Cell]] = [
-            [label, *own, *_difference(row["differences"][0], unit)]
-            for label, own, row in zip(labels, figures, rows, strict=True)
-        ]
-        return Section(title, [Grid(("", *names, "difference", interval_head, ""), table)])
+        return Section(
+            title,
+            [
+                Grid(
+                    ("", *names, "difference", interval_head, ""),
+                    [
+                        [label, *own, *_difference(row["differences"][0], unit)]
+                        for label, own, row in zip(labels, figures, rows, strict=True)
+                    ],
+                )
+            ],
+        )
     statistics, every = [split_key(row["key"])[1] for row in rows], range(len(rows))
     listed: Sequence[int] = [i for i in every if complete or statistics[i] in _LISTED] or every
     if len(names) <= 4:
@@ -195,14 +215,19 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
         shown = [i for i in every if complete or statistics[i] in (*_LISTED, "max")] or every[:4]
         grid = Grid(("", *(labels[i] for i in shown)), [*zip(names, *(figures[i] for i in shown), strict=True)])
         listed = listed if complete else shown[:1]
-    differences: list[Sequence[Cell]] = [
-        [f"{labels[i]}, {_short(difference['name'])}", *_difference(difference, unit)]
-        for i in listed
-        for difference in rows[i]["differences"]
-    ]
     return Section(
         title,
-        [grid, Grid((f"difference from {_short(document['baseline'])}", "difference", interval_head, ""), differences)],
+        [
+            grid,
+            Grid(
+                (f"difference from {_short(document['baseline'])}", "difference", interval_head, ""),
+                [
+                    [f"{labels[i]}, {_short(difference['name'])}", *_difference(difference, unit)]
+                    for i in listed
+                    for difference in rows[i]["differences"]
+                ],
+            ),
+        ],
     )
 
 

@@ -250,8 +250,14 @@ def coefficients(parameters: Iterable[Document]) -> Grid:
 
 def parameter_tables(parameters: Sequence[Document]) -> list[Block]:
     """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
-    reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
-    return [coefficients(parameters), Grid(("not identifiable", "reason"), reasons, is_text=True)]
+    return [
+        coefficients(parameters),
+        Grid(
+            ("not identifiable", "reason"),
+            [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None],
+            is_text=True,
+        ),
+    ]
 
 
 def with_unit(value: float, unit: str = "m") -> Number:

@@ -99,11 +99,17 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
         )
     limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
-    texts = [
-        f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
-        f"share of poses that meet each grade individually: {shares}",
-    ]
-    yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
+    yield Section(
+        f"Grade {grade['grade']} predicted (scale: {grade['scale']})",
+        [
+            Listing(
+                [
+                    f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
+                    f"share of poses that meet each grade individually: {shares}",
+                ]
+            )
+        ],
+    )
     yield Section("Predicted error", _errors(document))
     yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])])
     if not is_page:
@@ -137,13 +143,15 @@ def _errors(document: Document) -> list[Block]:
         for part, unit, factor in errors
         for name, largest in (("rms", part["worst"][f"rms_{unit}"]), ("radius95", part[f"max_radius95_{unit}"]))
     ]
-    percentiles = [
-        (key.removeprefix("p"), *(number(column[key], column["factor"]) for column in columns))
-        for key in (*document["position"]["percentiles_over_poses"]["rms_m"], "largest")
-    ]
     return [
         Grid(("over robots and poses", "mm", "°"), rows),
-        Grid(("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"), percentiles),
+        Grid(
+            ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"),
+            [
+                (key.removeprefix("p"), *(number(column[key], column["factor"]) for column in columns))
+                for key in (*document["position"]["percentiles_over_poses"]["rms_m"], "largest")
+            ],
+        ),
     ]
 
 
@@ -225,9 +233,13 @@ def _allocation(allocation: Document, statistic: str) -> Section:
         f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
         f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
     )
-    others = f"the other {len(tolerances) - len(rows)} tolerances need no change"
     return Section(
-        title, [Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows), Text(others), Text(text)]
+        title,
+        [
+            Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows),
+            Text(f"the other {len(tolerances) - len(rows)} tolerances need no change"),
+            Text(text),
+        ],
     )
 
 
@@ -395,11 +407,18 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
             "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}",
             [Listing(_sufficiency(sufficiency))],
         )
-    rows = [
-        (each["reason"], str(each["count"]), str(each["alone"]))
-        for each in (() if is_short else document["candidates"]["excluded"])
-    ]
-    yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
+    yield Section(
+        "Feasible poses",
+        [
+            Grid(
+                ("candidates excluded by", "count", "by this alone"),
+                [
+                    (each["reason"], str(each["count"]), str(each["alone"]))
+                    for each in (() if is_short else document["candidates"]["excluded"])
+                ],
+            )
+        ],
+    )
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
@@ -585,13 +604,17 @@ def _detectability(document: Document, most: int) -> list[Block]:
     )
     more = f" and {len(hidden) - most} more" * (len(hidden) > most)
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
-    notes = [
-        *_found(document["power"]),
-        "limit: size found with probability 1/2; power: probability that the usual size is found",
-        f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
-        *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+    return [
+        Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+        Listing(
+            [
+                *_found(document["power"]),
+                "limit: size found with probability 1/2; power: probability that the usual size is found",
+                f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
+                *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+            ]
+        ),
     ]
-    return [Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows), Listing(notes)]
 
 
 def _found(power: Document | None) -> list[str]:
@@ -752,8 +775,15 @@ def _errors_to_expect(document: Document) -> Iterator[Section]:
             f"Errors to expect at {document['n_corrected']} corrected {kind}",
             [Grid(heads[:columns], [row[:columns] for row in rows]), Listing(texts)],
         )
-    refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-    yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
+    yield Section(
+        "",
+        [
+            Grid(
+                ("not corrected, kept as given", "targets"),
+                [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()],
+            )
+        ],
+    )
 
 
 def _row(label: str, part: Document, *keys: str) -> Sequence[Cell]:

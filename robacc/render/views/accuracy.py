@@ -209,11 +209,10 @@ def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
 def _statistics(document: Document, part: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
     """Yield all tables of the position or of the orientation error."""
     before, head = (document["unaligned"] or {}).get(name), percent(part["confidence"])
+    unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
     lengths = [
         (label, *_measured(part, f"{key}_{unit}", factor), own)
-        for (label, key), own in zip(
-            STATISTICS, [""] * 4 if before is None else statistics_cells(before, unit, factor), strict=True
-        )
+        for (label, key), own in zip(STATISTICS, unregistered, strict=True)
     ]
     radii = [
         (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")

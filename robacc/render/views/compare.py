@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from robacc.comparison.stored_results import split_key
 from robacc.render.text import IN_MM, QUANTITIES, Document, chance, decimals, fixed, p_value, three_digits, unit_of
 from robacc.render.views.elements import (
-    Cell,
     Form,
     Grid,
     Listing,
@@ -137,13 +136,19 @@ def _ranking(ranking: Document) -> Section:
     key, unit, order = ranking["by"], ranking["unit"], ranking["order"]
     is_iso, stage = key.startswith(_ISO9283), _stage(key)
     of_quantity = "" if is_iso else f" of the {split_key(key)[0].rpartition('.')[2]} error"
-    pairs = {(pair["better"], pair["worse"]): pair for pair in ranking["pairs"]}
-    rows = []
-    for entry, following in zip(order, [*order[1:], {"name": ""}], strict=True):
-        cells: list[Cell] = [_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], "", ""]
-        if (pair := pairs.get((entry["name"], following["name"]))) is not None:
-            cells[3:] = _difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])
-        rows.append(cells)
+    pairs = {
+        (pair["better"], pair["worse"]): (_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"]))
+        for pair in ranking["pairs"]
+    }
+    rows = [
+        (
+            _short(entry["name"]),
+            _amount(entry["value"], unit),
+            entry["letters"],
+            *pairs.get((entry["name"], following["name"]), ("", "")),
+        )
+        for entry, following in zip(order, [*order[1:], {"name": ""}], strict=True)
+    ]
     is_grouped = any(entry["letters"] for entry in order)
     of_stage = "" if stage is None else f" ({stage})"
     return Section(
@@ -271,25 +276,46 @@ _LOADED = {
 }
 
 
-def paired_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:
+def paired_view(document: Document, names: tuple[str, str]) -> list[Section]:
     """Return the text of the comparison of the files ``names``."""
-    yield Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction")
-    rows = [(stage, *statistics_cells(document[stage], "m", IN_MM)) for stage in ("before", "after")]
-    gain, loaded, promise = document["gain"], document["loaded"], document["promise"]
+    gain, loaded = document["gain"], document["loaded"]
     value, low, high = (three_digits(gain[f"{end}_m"] * IN_MM) for end in ("value", "lower", "upper"))
-    texts = [
-        f"gain {value} mm of the rms error, 95 % interval {low} to {high} mm",
-        f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the planned displacement "
-        f"of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % interval {100 * loaded['lower']:.0f} to "
-        f"{100 * loaded['upper']:.0f} %",
+    return [
+        Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction"),
+        Section(
+            "",
+            [
+                Grid(
+                    ("error, mm", "rms", "mean", "95th pct.", "largest"),
+                    [(stage, *statistics_cells(document[stage], "m", IN_MM)) for stage in ("before", "after")],
+                )
+            ],
+        ),
+        Section(
+            "",
+            [
+                Listing(
+                    [
+                        f"gain {value} mm of the rms error, 95 % interval {low} to {high} mm",
+                        f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the "
+                        f"planned displacement of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % "
+                        f"interval {100 * loaded['lower']:.0f} to {100 * loaded['upper']:.0f} %",
+                        _promise(document["promise"], document["after"]["rms_m"]),
+                        *document["notes"],
+                    ]
+                )
+            ],
+        ),
     ]
-    if promise is not None:
-        kept = "agrees with the model" if promise["kept"] else "does not agree with the model"
-        texts.append(
-            f"the error after {kept}: {three_digits(document['after']['rms_m'] * IN_MM)} mm rms measured, "
-            f"{three_digits(promise['promised_rms_m'] * IN_MM)} mm rms predicted with measurement noise; chi-square "
-            f"{promise['chi_square']:.4g} on {promise['degrees_of_freedom']} degrees of freedom, "
-            f"{p_value(promise['p_value'])}"
-        )
-    yield Section("", [Grid(("error, mm", "rms", "mean", "95th pct.", "largest"), rows)])
-    yield Section("", [Listing([*texts, *document["notes"]])])
+
+
+def _promise(promise: Document | None, rms: float) -> str:
+    """Return whether the error after a correction is that of the model; empty without a model."""
+    if promise is None:
+        return ""
+    return (
+        f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
+        f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
+        f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
+        f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
+    )

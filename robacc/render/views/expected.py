@@ -134,17 +134,19 @@ def _percent(share: float) -> str:
 
 def _errors(document: Document) -> list[Block]:
     errors = [(document[name], unit, factor) for name, unit, _, factor in QUANTITIES]
-    rows = [
-        (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
-        for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
-    ]
     columns = [
         {**part["percentiles_over_poses"][f"{name}_{unit}"], "largest": largest, "factor": factor}
         for part, unit, factor in errors
         for name, largest in (("rms", part["worst"][f"rms_{unit}"]), ("radius95", part[f"max_radius95_{unit}"]))
     ]
     return [
-        Grid(("over robots and poses", "mm", "°"), rows),
+        Grid(
+            ("over robots and poses", "mm", "°"),
+            [
+                (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
+                for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+            ],
+        ),
         Grid(
             ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"),
             [
@@ -243,10 +245,17 @@ def _allocation(allocation: Document, statistic: str) -> Section:
     )
 
 
-def _against(comparison: Document, source: str) -> Iterator[Section]:
-    """Yield the comparison of predicted and measured errors."""
+def _against(comparison: Document, source: str) -> list[Section]:
+    """Return the comparison of predicted and measured errors."""
     measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
+    components = comparison["variance_components"] or {"confidence": 0.95, "components": (), "notes": ()}
+    sizes = [
+        (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
+        for name, unit, *_ in QUANTITIES
+        for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
+        if rms is not None and sigma is not None
+    ]
     tests = [
         (
             label,
@@ -261,36 +270,35 @@ def _against(comparison: Document, source: str) -> Iterator[Section]:
         )
         if (test := comparison["normalised_squared_error"][key]) is not None
     ]
-    blocks: list[Block] = [
-        Text(comparison["verdict"]),
-        Text(f"measured, {registered}"),
-        Grid(
-            ("", "rms error", "noise per axis (sd)", ""),
+    scaled = [
+        "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
+        f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, from "
+        f"{scaled['draws']} simulated data sets."
+        for scaled in [comparison["likelihood_ratio"]]
+        if scaled is not None
+    ]
+    heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
+    dof = "dof: effective number of independent parameter errors in the estimate"
+    return [
+        Section(
+            f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}",
             [
-                (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
-                for name, unit, *_ in QUANTITIES
-                for rms, sigma in [(measured[f"{name}_rms_{unit}"], noise[f"{name}_{unit}"])]
-                if rms is not None and sigma is not None
+                Text(comparison["verdict"]),
+                Text(f"measured, {registered}"),
+                Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
+                Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+                *map(Text, scaled),
             ],
         ),
-        Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+        Section(
+            "Variance components (one standard deviation)",
+            [
+                Grid(heads, [*map(_component, components["components"])]),
+                Listing([dof * bool(components["components"]), *components["notes"]]),
+            ],
+        ),
+        Section("Limits of data from one robot", [Text(comparison["one_draw"])]),
     ]
-    if (scaled := comparison["likelihood_ratio"]) is not None:
-        text = (
-            "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
-            f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, "
-            f"from {scaled['draws']} simulated data sets."
-        )
-        blocks.append(Text(text))
-    yield Section(f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}", blocks)
-    if (components := comparison["variance_components"]) is not None:
-        heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-        blocks = [
-            Grid(heads, [*map(_component, components["components"])]),
-            Listing(["dof: effective number of independent parameter errors in the estimate", *components["notes"]]),
-        ]
-        yield Section("Variance components (one standard deviation)", blocks)
-    yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
 
 
 def _component(component: Document) -> Sequence[Cell]:
@@ -534,24 +542,32 @@ def _payloads(blocks: Sequence[tuple[float, ...]], payloads: Sequence[float]) ->
 
 
 def _needed(entries: Sequence[Document]) -> Section:
-    heads = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
-    rows = [
-        (
-            f"{entry['name']} ({entry['statistic']})",
-            number(entry["limit_m"], IN_MM),
-            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
-        )
-        for entry in entries
-    ]
-    texts = [
-        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
-        f"{100 * entry['true_over_limit']:.2g} % of the limit"
-        for entry in entries
-    ]
-    hint = "the nearer the true value to the limit, the more poses; `expected` states the value that you expect"
     return Section(
         "Poses to decide with a probability of 90 %, by true value in % of the limit",
-        [Grid(heads, rows), Listing([*texts, hint])],
+        [
+            Grid(
+                ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"])),
+                [
+                    (
+                        f"{entry['name']} ({entry['statistic']})",
+                        number(entry["limit_m"], IN_MM),
+                        *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+                    )
+                    for entry in entries
+                ],
+            ),
+            Listing(
+                [
+                    *(
+                        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+                        f"{100 * entry['true_over_limit']:.2g} % of the limit"
+                        for entry in entries
+                    ),
+                    "the nearer the true value to the limit, the more poses; `expected` states the value that you "
+                    "expect",
+                ]
+            ),
+        ],
     )
 
 
@@ -561,7 +577,7 @@ def _accuracy(document: Document, is_curve: bool) -> list[Block]:
     planned, knee = accuracy["planned"], accuracy["knee"]
     enough = next((p["n_poses"] for p in accuracy["curve"] if knee is not None and p["n_poses"] >= knee), None)
     marks = {"planned": planned and planned["n_poses"], "enough": None if is_addition else enough}
-    rows = [
+    rows: list[Sequence[Cell]] = [
         (str(n), *(number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms")), mark)
         for point in accuracy["curve"]
         for n in [point["n_poses"]]
@@ -715,75 +731,63 @@ def correction_text(
     ``names`` are those of targets and model, ``output`` that of the file that was written.
     """
     targets, model = names
-    title = f"Correction of {targets} by {model}"
-    if any(
+    is_corrected = any(
         part["correction"][name] and part["correction"][name][f"max_{unit}"] * factor >= _LEAST[name]
         for part in parts
         for name, unit, _, factor in QUANTITIES
-    ):
-        title += f": {sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
-        yield Section(title, [Text(f"The commands are in {output}.", wraps=False)])
-        for part in parts:
-            yield from _errors_to_expect(part)
-        ahead = (
-            f"load {output}, measure the same targets again, and compare with the measurement before: "
-            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
-        )
-    else:
-        yield Section(
-            f"{title}: nothing to correct",
-            [Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}.")],
-        )
-        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
-    yield Section(
-        "", [Listing([*dict.fromkeys(note for part in parts for note in part["notes"])]), Text(f"next: {ahead}")]
     )
+    end, what, ahead = (
+        "nothing to correct",
+        Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}."),
+        "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL",
+    )
+    if is_corrected:
+        end, what, ahead = (
+            f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected",
+            Text(f"The commands are in {output}.", wraps=False),
+            f"load {output}, measure the same targets again, and compare with the measurement before: "
+            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}",
+        )
+    yield Section(f"Correction of {targets} by {model}: {end}", [what])
+    yield from (section for part in parts if is_corrected for section in _errors_to_expect(part))
+    notes = dict.fromkeys(note for part in parts for note in part["notes"])
+    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
 
 
-def correction_view(document: Document) -> Iterator[Section]:
+def correction_view(document: Document) -> list[Section]:
     """Return the sections of a page, which lists the targets that are not corrected."""
-    yield from _errors_to_expect(document)
     targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
     rows = [(str(line), reason) for line, reason in targets if reason is not None]
     more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
-    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
+    table = Grid(("line", "reason"), rows[:_ROWS], is_text=True)
+    return [*_errors_to_expect(document), Section("Targets not corrected", [table, more])]
 
 
-def _errors_to_expect(document: Document) -> Iterator[Section]:
+def _errors_to_expect(document: Document) -> list[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
-    correction, expected = document["correction"], document["expected"]
-    if document["n_corrected"]:
-        rows = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
-        rows.append(_row("change of the command", correction, "rms", "max"))
-        columns = 5 if correction["orientation"] is not None else 3
-        heads = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
-        grades = [
-            f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
-            for stage, part in expected.items()
-            if part["grades"]
-        ]
-        frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
-        texts = [
-            *([f"targets by grade: {'; '.join(grades)}", "at most: 95 % limit of the worst target"] if grades else []),
-            f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
-            "nominal arm best, which robacc calibrate and a registered estimate take",
-        ]
-        kind = (
-            f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (document['n_corrected'] > 1)}"
-        )
-        yield Section(
-            f"Errors to expect at {document['n_corrected']} corrected {kind}",
-            [Grid(heads[:columns], [row[:columns] for row in rows]), Listing(texts)],
-        )
-    yield Section(
-        "",
-        [
-            Grid(
-                ("not corrected, kept as given", "targets"),
-                [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()],
-            )
-        ],
+    correction, expected, count = document["correction"], document["expected"], document["n_corrected"]
+    stages = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
+    turns = ("rms, °", "at most, °") if correction["orientation"] is not None else (None, None)
+    grades = "; ".join(
+        f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
+        for stage, part in expected.items()
+        if part["grades"]
     )
+    frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
+    texts = [
+        f"targets by grade: {grades}" * bool(grades),
+        "at most: 95 % limit of the worst target" * bool(grades),
+        f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
+        "nominal arm best, which robacc calibrate and a registered estimate take",
+    ]
+    changes = [*stages, _row("change of the command", correction, "rms", "max")]
+    refused = [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()]
+    kind = f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (count > 1)}"
+    table = grid(("", "rms, mm", "at most, mm", *turns), changes)
+    return [
+        Section(f"Errors to expect at {count} corrected {kind}", [table, Listing(texts)] if count else []),
+        Section("", [Grid(("not corrected, kept as given", "targets"), refused)]),
+    ]
 
 
 def _row(label: str, part: Document, *keys: str) -> Sequence[Cell]:

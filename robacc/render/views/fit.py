@@ -121,56 +121,70 @@ def fit_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``calibrate`` or ``trace``."""
     poses, options, noise = _pose_set(document), document["options"], document["noise"]
     nominal, before, after = (amount(_rms(document, stage)) for stage in ("nominal", "before", "after"))
-    tiles = [
-        tile(f"{label}, rms", part["rms_m"], "m", bounds.get("rms_m") or UNBOUNDED, _POSE_SETS[poses])
-        for stage, _, label in fit_stages(document)
-        for part in [document[stage][poses]["position"]]
-        for bounds in [part.get("intervals") or {}]
-    ]
-    if (gain := document["gain_m"]) is not None and document.get("findings") != []:
-        tiles.append(tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]}))
     is_trace, source = "findings" in document, _NOISE_SOURCES.get(noise["source"], "from the remaining error")
     structured = is_trace and document["unexplained"]["structured"]
-    facts = [
-        ("Declared effects", (options.get("declared") or "none").replace(",", ", "))
-        if is_trace
-        else ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])),
-        ("Measurement noise", f"{amount(noise['position_m'])} along each axis, {source}"),
-        ("Remaining error", f"{amount(document['unexplained']['rms_m'])}, structured" if structured else ""),
-        ("Next", next_step(document)),
-    ]
+    gains = [document["gain_m"]] if document["gain_m"] is not None and document.get("findings") != [] else []
     # A model changes no arm until it is used.
     arm = (
         f"The arm itself keeps its error of {nominal} rms, base and tool registered, until its controller uses the "
         "model."
     )
-    if not is_trace:
+    title, badges = f"Calibration{of_robot(document)}", []
+    summary = (
+        f"With {options.get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses to {after} "
+        f"rms ({_POSE_SETS[poses]}); with only base and tool fitted, to {before}. {arm}"
+    )
+    if is_trace:
+        label, tone, _ = _VERDICTS[document["verdict"]]
+        title, badges = f"Trace{of_robot(document)}: {label}", [(label, tone)]
         summary = (
-            f"With {options.get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses to "
-            f"{after} rms ({_POSE_SETS[poses]}); with only base and tool fitted, to {before}. {arm}"
+            f"With the declared effects fitted, the model predicts the measured poses to {before} rms "
+            f"({_POSE_SETS[poses]}). {_found(document['findings'], structured, str(after))} {arm}"
         )
-        return ReportHeadline(f"Calibration{of_robot(document)}", summary, tiles, (), facts)
-    label, tone, _ = _VERDICTS[document["verdict"]]
-    # The text does not say noise: the size of the noise may be unknown.
-    end = f"the remaining error has {'a structure that no candidate explains' if structured else 'no structure'}"
+    return ReportHeadline(
+        title,
+        summary,
+        [
+            *(
+                tile(f"{label}, rms", part["rms_m"], "m", bounds.get("rms_m") or UNBOUNDED, _POSE_SETS[poses])
+                for stage, _, label in fit_stages(document)
+                for part in [document[stage][poses]["position"]]
+                for bounds in [part.get("intervals") or {}]
+            ),
+            *(
+                tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]})
+                for gain in gains
+            ),
+        ],
+        badges,
+        [
+            ("Declared effects", (options.get("declared") or "none").replace(",", ", "))
+            if is_trace
+            else ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])),
+            ("Measurement noise", f"{amount(noise['position_m'])} along each axis, {source}"),
+            ("Remaining error", f"{amount(document['unexplained']['rms_m'])}, structured" if structured else ""),
+            ("Next", next_step(document)),
+        ],
+    )
+
+
+def _found(findings: Sequence[Document], structured: bool, after: str) -> str:
+    """Return what a trace found and what remains, in a sentence."""
     names = [
         f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
-        for finding in document["findings"]
+        for finding in findings
     ]
+    if not names and structured:
+        return "No effect was found; the remaining error is structured, but no effect of the catalogue explains it."
+    # The text does not say noise: the size of the noise may be unknown.
+    end = f"the remaining error has {'a structure that no candidate explains' if structured else 'no structure'}"
     if not names:
-        unknown = "the remaining error is structured, but no effect of the catalogue explains it"
-        found = f"No effect was found; {unknown if structured else end}."
-    else:
-        causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
-        found = (
-            f"The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the "
-            f"measured poses to {after} rms; {end}."
-        )
-    summary = (
-        f"With the declared effects fitted, the model predicts the measured poses to {before} rms "
-        f"({_POSE_SETS[poses]}). {found} {arm}"
+        return f"No effect was found; {end}."
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    return (
+        f"The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the measured "
+        f"poses to {after} rms; {end}."
     )
-    return ReportHeadline(f"Trace{of_robot(document)}: {label}", summary, tiles, [(label, tone)], facts)
 
 
 def _is_worth_it(document: Document) -> bool:
@@ -572,9 +586,8 @@ def _at_tool(finding: Document, baseline_rms: float | None) -> str:
     rms, largest, turn, without, with_it = (finding[key] for key in keys)
     if rms is None or largest is None:
         return "cannot be evaluated alone"
-    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms)"
-    if turn is not None:
-        text += f" and turns it by up to {with_unit(turn, 'rad')}"
+    turned = "" if turn is None else f" and turns it by up to {with_unit(turn, 'rad')}"
+    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms){turned}"
     if without is None or with_it is None or not baseline_rms:
         return text
     share = (without**2 - with_it**2) / baseline_rms**2
